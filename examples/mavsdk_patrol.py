@@ -53,13 +53,14 @@ def corners(latitude: float, longitude: float, side_m: float) -> Iterator[tuple[
     north = side_m / METRES_PER_DEGREE
     east = north / math.cos(math.radians(latitude))
     for n, e in ((1, 0), (1, 1), (0, 1), (0, 0)):
-        yield latitude + n * north, longitude + e * east
+        yield latitude + n * north, math.remainder(longitude + e * east, 360.0)
 
 
 def distance_m(telemetry: Telemetry, latitude: float, longitude: float) -> float:
     here = telemetry.position()
     north = (latitude - here.latitude_deg) * METRES_PER_DEGREE
-    east = (longitude - here.longitude_deg) * METRES_PER_DEGREE * math.cos(math.radians(latitude))
+    turn = math.remainder(longitude - here.longitude_deg, 360.0)  # the date line may lie in between
+    east = turn * METRES_PER_DEGREE * math.cos(math.radians(latitude))
     return math.hypot(north, east)
 
 

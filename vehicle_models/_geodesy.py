@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+from bench.geodesy import wrapped
+
 # WGS84 semi-major axis, m.
 _A = 6378137.0
 # First eccentricity squared.
@@ -30,9 +32,7 @@ class TangentPlane:
 
     def east_north_m(self, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
         """Metres east and north of the origin."""
-        turn = longitude_rad - self.longitude_rad
-        if not -math.pi <= turn <= math.pi:
-            turn = math.remainder(turn, 2.0 * math.pi)
+        turn = wrapped(longitude_rad - self.longitude_rad, math.pi)
         east = turn * self._normal_m * math.cos(latitude_rad)
         return east, (latitude_rad - self.latitude_rad) * self._meridian_m + self._bend_per_m * east * east
 
@@ -40,9 +40,7 @@ class TangentPlane:
         """Latitude and longitude in radians; the exact inverse of `east_north_m`."""
         latitude = self.latitude_rad + (north_m - self._bend_per_m * east_m * east_m) / self._meridian_m
         longitude = self.longitude_rad + east_m / (self._normal_m * math.cos(latitude))
-        if not -math.pi <= longitude <= math.pi:
-            longitude = math.remainder(longitude, 2.0 * math.pi)
-        return latitude, longitude
+        return latitude, wrapped(longitude, math.pi)
 
     def geodetic_e7(self, east_m: float, north_m: float) -> tuple[int, int]:
         """Latitude and longitude in units of 1e-7 degree, as MAVLink has them."""

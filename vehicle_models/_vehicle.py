@@ -354,6 +354,7 @@ class Aircraft(ABC):
             step_s=self.step_s,
             origin=ReferencePoint(latitude_e7, longitude_e7, self._ground_m),
             mode=self._autopilot.modes.initial,
+            dead_reckoning_ns=round(self._autopilot.safety.dead_reckoning_s * 1e9),
             hover_thrust=self.hover_thrust,
             unix_start_us=self._start_us + self._booted_ns // 1000,
         )

@@ -23,10 +23,12 @@ from bench.simspec import SimSpec
 from ._vehicle import X500, open_x500
 from .controller import AUTOPILOTS, WING_AUTOPILOTS, Autopilot, FlightState, ReferencePoint, open_links
 from .controller._service import Command, CommandResult, MessageSender
-from .controller.links._enums import MAV_CMD
+from .controller.links._enums import MAV_CMD, MAV_FRAME
 from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
+from .controller.missions._mission_flight import effect_of
+from .controller.missions._store import MISSION, MissionItem
 from .controller.parameters._store import Parameter
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -56,6 +58,9 @@ SIMULATED_SENSORS = (
     *("GLOBAL_VISION_POSITION_ESTIMATE", "OPTICAL_FLOW", "OPTICAL_FLOW_RAD", "ODOMETRY"),
 )
 """Messages with which a simulator, or a sensor on a link, would tell an autopilot what it measures."""
+
+REFUSED_ITEM = "refused"
+"""In the table of mission items."""
 
 NOT_SHOWN = "not shown"
 """In the last column of a parameter that no test proves."""
@@ -136,6 +141,25 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
     # A pair of results is the longest and reads best at the end.
     *others, last = sorted(results, key=lambda text: ("then" in text, text))
     return f"{', '.join(others)} or {last}" if others else last
+
+
+def mission_table() -> str:
+    """A row for each item of a mission that an autopilot takes, and what it does when its turn comes."""
+    lines = ["| number | MAV_CMD | PX4 | ArduPilot |", "| ---: | --- | --- | --- |"]
+    for number in MAV_CMD:
+        cells = [_item_cell(autopilot, number) for autopilot in AUTOPILOTS.values()]
+        if set(cells) != {REFUSED_ITEM}:
+            lines.append(f"| {number} | `{number.name}` | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _item_cell(autopilot: Autopilot, number: MAV_CMD) -> str:
+    frames = (MAV_FRAME.MISSION, MAV_FRAME.GLOBAL_RELATIVE_ALT)
+    items = [MissionItem(number, frame, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0) for frame in frames]
+    policy = autopilot.missions
+    if all(policy.transfer.refuse_item(MISSION, item, False) is not None for item in items):
+        return REFUSED_ITEM
+    return effect_of(number, policy)
 
 
 def simulation_table() -> str:
@@ -276,6 +300,7 @@ def _explained(parameter: Parameter) -> str:
 def with_commands(page: str) -> str:
     """docs/flight-controller.md with its tables updated."""
     page = _with_section(page, "conformance", conformance_counts())
+    page = _with_section(page, "mission items", mission_table())
     page = _with_section(page, "simulation", simulation_table())
     return _with_section(page, "commands", command_table())
 

@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import PX4, AutopilotKind, MavlinkLink, Moment, kind_of
+from bench.geodesy import metres_of_degree, wrapped
 
 LINK = "onboard"
 _OWN_SYSTEM = 246
@@ -26,8 +27,6 @@ _READ = {mavlink.MAVLINK_MSG_ID_HEARTBEAT, *_STREAMS_HZ}
 _READY = 0x10000000
 # Between two attempts at the same command: an answer, and the heartbeat that shows its effect, take 1.2 s.
 _AGAIN_S = 3.0
-# Metres of the WGS84 ellipsoid.
-_EQUATOR_M, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 
 
 class Autopilot:
@@ -93,10 +92,10 @@ class Autopilot:
 
     def place(self, origin: dict[str, float]) -> tuple[float, float]:
         """East and north of the mission's origin, in metres."""
-        east_m, north_m = _metres_of_degree(origin)
+        east_m, north_m = metres_of_degree(origin["latitude_deg"], origin["altitude_m"])
         latitude_deg, longitude_deg = self._latitude_longitude_deg
         return (
-            (longitude_deg - origin["longitude_deg"]) * east_m,
+            wrapped(longitude_deg - origin["longitude_deg"]) * east_m,
             (latitude_deg - origin["latitude_deg"]) * north_m,
         )
 
@@ -126,9 +125,9 @@ class Autopilot:
     ) -> None:
         """Send the vehicle to a place in the map, at a height above the ground it started from."""
         assert self._ground_amsl_m is not None
-        east_m, north_m = _metres_of_degree(origin)
+        east_m, north_m = metres_of_degree(origin["latitude_deg"], origin["altitude_m"])
         latitude_deg = origin["latitude_deg"] + place[1] / north_m
-        longitude_deg = origin["longitude_deg"] + place[0] / east_m
+        longitude_deg = wrapped(origin["longitude_deg"] + place[0] / east_m)
         self._send(
             mavlink.MAVLink_command_int_message(
                 *self._target,
@@ -155,17 +154,3 @@ class Autopilot:
                 asked_s = self._now_s
                 self._command(mavlink.MAV_CMD_NAV_LAND, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan)
             yield
-
-
-def _metres_of_degree(origin: dict[str, float]) -> tuple[float, float]:
-    """Metres of one degree of longitude and of latitude at the origin (Torge, Geodesy, section 4.1)."""
-    eccentricity_2 = _FLATTENING * (2.0 - _FLATTENING)
-    latitude_rad = math.radians(origin["latitude_deg"])
-    root = math.sqrt(1.0 - eccentricity_2 * math.sin(latitude_rad) ** 2)
-    prime_m = _EQUATOR_M / root
-    meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
-    altitude_m = origin["altitude_m"]
-    return (
-        math.radians(prime_m + altitude_m) * math.cos(latitude_rad),
-        math.radians(meridian_m + altitude_m),
-    )

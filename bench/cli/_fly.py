@@ -14,6 +14,7 @@ import typer
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
+from bench.simspec import MAX_LATITUDE_DEG
 
 if TYPE_CHECKING:
     from bench.simspec import BoardAutopilot
@@ -140,13 +141,17 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
             Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")
         ) from None
     if not (
-        -89 <= latitude <= 89 and -180 <= longitude <= 180 and -400 <= altitude <= 5000 and 0 <= heading < 360
+        abs(latitude) <= MAX_LATITUDE_DEG
+        and -180 <= longitude <= 180
+        and -400 <= altitude <= 5000
+        and 0 <= heading < 360
     ):
         raise SetupError(
             Fault(
                 "--home",
                 f"{text!r} is out of range",
-                "latitude -89 to 89, longitude -180 to 180, altitude -400 to 5000 m, heading 0 to 360",
+                f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
+                "heading 0 to 360",
             )
         )
     return latitude, longitude, altitude, heading

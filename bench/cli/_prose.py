@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -301,29 +303,37 @@ def tension(
 
     Example: rebar tension "bystander classification" 4
     """
+    from bench.errors import Fault, SetupError
+
     tree = _decomposition(decomposition)
     node = _node(tree, node)
+    if tree.policies.factor_rule != "minimum":
+        raise SetupError(
+            Fault(
+                tree.name,
+                "the policy factor_rule: mean lets no range of a single factor decide",
+                "rate a SimSpec with: rebar difficulty",
+            )
+        )
     rows = list(_factor_ranges(tree, node, wanted))
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
         return
     # Tension n covers difficulties above 20 (n - 1) up to 20 n.
-    lowest, highest = 20 * (wanted - 1), 20 * wanted
+    above = f"above {20 * (wanted - 1)} and " if wanted > 1 else ""
     lines = [
-        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most "
-        f"{highest}:",
-        "every factor is at least as hard as its first value, and one of them is no harder than its second.",
+        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is {above}at most {20 * wanted}:",
+        "every factor is at least as hard as its first value, and one that has a second is no harder than that.",
+        *(f"  {row['factor']} [{row['unit']}]: {_range_text(row, wanted)}" for row in rows),
     ]
-    for row in rows:
-        bounds = f"{_bound_text(row['from'], row['from_past'])} to {_bound_text(row['to'], False)}"
-        lines.append(f"  {row['factor']} [{row['unit']}]: {bounds}")
     console = plain_console()
     print_lines(console, lines)
     unreached = [str(row["factor"]) for row in rows if row["from"] is None]
-    if unreached:
-        print_lines(
-            console, [f"No situation has this tension: the tables of {', '.join(unreached)} end before it."]
+    if unreached or not any(row["decides"] for row in rows):
+        reason = (
+            f"the tables of {', '.join(unreached)} end before it" if unreached else "no factor rates so low"
         )
+        print_lines(console, [f"No situation within the tables has this tension: {reason}."])
         raise typer.Exit(1)
 
 
@@ -354,37 +364,66 @@ def _node(tree: Decomposition, words: str) -> str:
     return matches[0]
 
 
-def _bound_text(value: float | None, past: bool) -> str:
-    return "the table's end" if value is None else f"{'beyond ' if past else ''}{value:.6g}"
+def _range_text(row: dict[str, Any], wanted: int) -> str:
+    if row["from"] is None:
+        return "its table ends before"
+    # Rounded into the range: what is printed, put into a SimSpec, must give the tension.
+    harder, easier = (ROUND_CEILING, ROUND_FLOOR) if row["rises"] else (ROUND_FLOOR, ROUND_CEILING)
+    begin = f"{'beyond ' if row['from_past'] else ''}{_rounded(row['from'], harder)}"
+    if not row["decides"]:
+        return f"{begin} or harder; no value rates at most {20 * wanted}"
+    if row["to"] is None:
+        return f"{begin} to the table's end"
+    return f"{begin} to {'short of ' if row['to_before'] else ''}{_rounded(row['to'], easier)}"
+
+
+def _rounded(value: float, rounding: str) -> str:
+    # Twelve digits first: 0.2 is no more than 0.2.
+    return f"{float(Context(prec=6, rounding=rounding).create_decimal(f'{value:.12g}')):.6g}"
 
 
 def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
-    """For each key factor, the range in which the node has the tension. An end is None if a table ends before
-    it.
+    """For each key factor, the range in which the node has the tension.
 
-    From the first value on, no table of the factor rates too low. Up to the second, at least one does not
-    rate too high.
+    From the first value on, no table of the factor rates too low; it is None if one ends before. Up to the second, at
+    least one does not rate too high, so that the factor decides; it is None for the table's end.
     """
-    from bench.scoring import value_for_rating
+    from bench.scoring import hardest_value, value_for_rating
 
     tables: dict[str, list[Any]] = {}
     for leaf in tree.observables_under(node):
-        for row in tree.key_factors(leaf):
-            tables.setdefault(row.factor, []).append(row)
+        # In no SimSpec do those about the bench's detections count for another node than themselves (ruling 25).
+        if leaf == node or tree.observables[leaf].subject != "perception":
+            for row in tree.key_factors(leaf):
+                tables.setdefault(row.factor, []).append(row)
     for factor, rows in tables.items():
-        rising = rows[0].values[-1] > rows[0].values[0]
-        sign = 1.0 if rising else -1.0
+        rises = rows[0].values[-1] > rows[0].values[0]
+        sign = 1.0 if rises else -1.0
         # Tension 1 begins at the easy end of every table, so nothing has to be exceeded.
-        if wanted == 1:
-            lows: list[tuple[float, bool] | None] = [(row.values[0], False) for row in rows]
-        else:
-            lows = [value_for_rating(row, 20.0 * (wanted - 1), tree.policies, exceeded=True) for row in rows]
-        highs = [value_for_rating(row, 20.0 * wanted, tree.policies) for row in rows]
-        low = None if None in lows else max((low for low in lows if low), key=lambda low: sign * low[0])
-        high = (
-            None
-            if None in highs
-            else max((high[0] for high in highs if high), key=lambda value: sign * value)
+        lows = [
+            value_for_rating(row, 20.0 * (wanted - 1), tree.policies, exceeded=True)
+            if wanted > 1
+            else (row.values[0], False)
+            for row in rows
+        ]
+        low = max((low for low in lows if low), key=lambda low: (sign * low[0], low[1]), default=None)
+        if low is None or None in lows:
+            low = (None, False)
+        highs = [high for row in rows if (high := hardest_value(row, 20.0 * wanted, tree.policies))]
+        to, before = max(
+            highs, key=lambda high: (sign * high[0], not high[1]), default=(-sign * math.inf, True)
         )
-        low_value, past = low if low else (None, False)
-        yield {"factor": factor, "unit": rows[0].unit, "from": low_value, "from_past": past, "to": high}
+        is_past = bool(low[1])
+        decides = low[0] is not None and (
+            sign * low[0] < sign * to or (low[0] == to and not is_past and not before)
+        )
+        yield {
+            "factor": factor,
+            "unit": rows[0].unit,
+            "rises": rises,
+            "from": low[0],
+            "from_past": is_past,
+            "to": to if decides and math.isfinite(to) else None,
+            "to_before": decides and before,
+            "decides": decides,
+        }

@@ -17,6 +17,7 @@ import polars as pl
 
 from bench.contracts import (
     FIRMWARE,
+    Outcome,
     SessionResult,
     losses_of,
     open_walls_of,

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ._increase import DifficultyIncrease as DifficultyIncrease
     from ._increase import FactorChange as FactorChange
     from ._increase import difficulty_increase as difficulty_increase
+    from ._increase import hardest_value as hardest_value
     from ._increase import value_for_rating as value_for_rating
     from ._report import CompletenessReport as CompletenessReport
     from ._report import RunReport as RunReport
@@ -85,6 +86,7 @@ _MODULES = {
     "DifficultyIncrease": "_increase",
     "FactorChange": "_increase",
     "difficulty_increase": "_increase",
+    "hardest_value": "_increase",
     "value_for_rating": "_increase",
     "CompletenessReport": "_report",
     "RunReport": "_report",

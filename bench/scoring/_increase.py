@@ -8,6 +8,7 @@ factor rules, and the answer is empty.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -124,6 +125,29 @@ def value_for_rating(
     if table.mapping == "step" or (rating == high and not exceeded):
         return value, False
     return previous_value + (value - previous_value) * (rating - low) / (high - low), exceeded
+
+
+def hardest_value(
+    table: KeyFactor, rating: float, policies: Policies | None = None
+) -> tuple[float, bool] | None:
+    """The hardest value that a table rates at `rating` or less, infinite where it rates all of them so.
+
+    The second item is true where the value itself is rated higher, but no easier one. None where the table begins
+    above the rating.
+    """
+    rules = policies or Policies()
+    column = bisect_right(table.ratings, rating)
+    if column == 0:
+        return None
+    if column == len(table.ratings):
+        return math.copysign(math.inf, table.values[-1] - table.values[0]), False
+    value, previous_value = table.values[column], table.values[column - 1]
+    if value == previous_value:
+        return value, rules.shared_value != "lower"
+    if table.mapping == "step":
+        return value, True
+    low, high = table.ratings[column - 1], table.ratings[column]
+    return previous_value + (value - previous_value) * (rating - low) / (high - low), False
 
 
 @dataclass(frozen=True, slots=True)

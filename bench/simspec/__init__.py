@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
     from ._factors import factor_values as factor_values
+    from ._ground import MAX_LATITUDE_DEG as MAX_LATITUDE_DEG
     from ._ground import Area as Area
     from ._ground import Home as Home
     from ._ground import Origin as Origin
@@ -130,6 +131,7 @@ _MODULES = {
     "FACTORS": "_factors",
     "FactorDefinition": "_factors",
     "factor_values": "_factors",
+    "MAX_LATITUDE_DEG": "_ground",
     "Area": "_ground",
     "Home": "_ground",
     "Origin": "_ground",

@@ -22,6 +22,7 @@ from bench.contracts import (
     SimTime,
     Vehicle,
 )
+from bench.geodesy import metres_of_degree, wrapped
 from bench.simspec import Point, SimSpec
 
 # pymavlink takes 0.2 s to import; only sessions with an order to hand over pay it.
@@ -40,8 +41,6 @@ _SYSTEM, _COMPONENT = 255, 190
 _STEPS = 10
 # Directions that are tried, from the way home on: home is inside the geofence.
 _TURNS_DEG = (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
-# Metres of the WGS84 ellipsoid.
-_EQUATOR_M, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 
 
 class OperatorPilot:
@@ -118,7 +117,7 @@ class OperatorPilot:
 
     def _reposition(self, goal: tuple[float, float], up_m: float) -> None:
         origin = self._simspec.world.origin
-        east_m, north_m = _metres_of_degree(origin.latitude_deg, origin.altitude_m)
+        east_m, north_m = metres_of_degree(origin.latitude_deg, origin.altitude_m)
         # A vehicle has the system id that its parameters give it, 1 by default in both autopilots.
         parameters = self._simspec.vehicle.parameters
         system = int(parameters.get("MAV_SYS_ID", parameters.get("SYSID_THISMAV", 1)))
@@ -136,7 +135,7 @@ class OperatorPilot:
                 0.0,
                 math.nan,
                 round((origin.latitude_deg + goal[1] / north_m) * 1e7),
-                round((origin.longitude_deg + goal[0] / east_m) * 1e7),
+                round(wrapped(origin.longitude_deg + goal[0] / east_m) * 1e7),
                 origin.altitude_m + up_m,
             )
         )
@@ -166,16 +165,3 @@ def open_operator_pilot(simspec: SimSpec, vehicle: Vehicle) -> Generator[Operato
         return
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         yield OperatorPilot(simspec, sender, vehicle.endpoints()[OPERATOR_LINK])
-
-
-def _metres_of_degree(latitude_deg: float, altitude_m: float) -> tuple[float, float]:
-    """Metres of one degree of longitude and of latitude (Torge, Geodesy, section 4.1)."""
-    eccentricity_2 = _FLATTENING * (2.0 - _FLATTENING)
-    latitude_rad = math.radians(latitude_deg)
-    root = math.sqrt(1.0 - eccentricity_2 * math.sin(latitude_rad) ** 2)
-    prime_m = _EQUATOR_M / root
-    meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
-    return (
-        math.radians(prime_m + altitude_m) * math.cos(latitude_rad),
-        math.radians(meridian_m + altitude_m),
-    )

@@ -15,6 +15,9 @@ const documents = {}; // every document that has come, by topic
 const mavlink = {}; // the last message of each name
 const received = {}, sent = {}; // how many messages, by topic
 
+// The same longitude from -180 to 180: the date line lies in between.
+const wrapped = (degrees) => degrees - 360 * Math.round(degrees / 360);
+
 // The flight in steps: a phase, and the message to send every two seconds until the next one.
 function* fly() {
   while (!mavlink.HEARTBEAT || !mavlink.GLOBAL_POSITION_INT || !documents.mission) yield ["starting", "HEARTBEAT", HEARTBEAT];
@@ -27,9 +30,10 @@ function* fly() {
   for (const place of [...(documents.intelligence ?? []), home]) {
     const east_deg = place.east_m / DEGREE_M / Math.cos((origin.latitude_deg * Math.PI) / 180);
     const x = Math.round((origin.latitude_deg + place.north_m / DEGREE_M) * 1e7);
-    const y = Math.round((origin.longitude_deg + east_deg) * 1e7);
+    const y = Math.round(wrapped(origin.longitude_deg + east_deg) * 1e7);
     const there = { command: REPOSITION, param1: 8, param2: 1, param4: null, x, y, z: ground_m + HEIGHT_M };
-    while (Math.hypot(mavlink.GLOBAL_POSITION_INT.lat - x, mavlink.GLOBAL_POSITION_INT.lon - y) > ARRIVED)
+    const away = ({ lat, lon }) => Math.hypot(lat - x, wrapped((lon - y) * 1e-7) * 1e7);
+    while (away(mavlink.GLOBAL_POSITION_INT) > ARRIVED)
       yield ["searching", "COMMAND_INT", there];
   }
   while (mavlink.HEARTBEAT.base_mode & 128) yield ["landing", "COMMAND_LONG", { command: LAND, param4: null }];

@@ -25,6 +25,11 @@ documents: dict[str, list[Any]] = {}  # every document that has come, by topic
 mavlink: dict[str, Any] = {}  # the last message of each name
 
 
+def wrapped(degrees: float) -> float:
+    """The same longitude from -180 to 180: the date line lies in between."""
+    return math.remainder(degrees, 360.0)
+
+
 def fly() -> Iterator[tuple[str, str, dict[str, Any]]]:
     """The flight in steps: a phase, and the message to send every two seconds until the next one."""
     while not mavlink.keys() >= {"HEARTBEAT", "GLOBAL_POSITION_INT"} or "mission" not in documents:
@@ -44,12 +49,12 @@ def fly() -> Iterator[tuple[str, str, dict[str, Any]]]:
     for place in [*documents.get("intelligence", []), order["home"]]:
         east_deg = place["east_m"] / DEGREE_M / math.cos(math.radians(origin["latitude_deg"]))
         x = round((origin["latitude_deg"] + place["north_m"] / DEGREE_M) * 1e7)
-        y = round((origin["longitude_deg"] + east_deg) * 1e7)
+        y = round(wrapped(origin["longitude_deg"] + east_deg) * 1e7)
         there = {"command": REPOSITION, "param1": 8, "param2": 1, "param4": None, "x": x, "y": y}
-        while (
-            math.hypot(mavlink["GLOBAL_POSITION_INT"]["lat"] - x, mavlink["GLOBAL_POSITION_INT"]["lon"] - y)
-            > ARRIVED
-        ):
+        while True:
+            here = mavlink["GLOBAL_POSITION_INT"]
+            if math.hypot(here["lat"] - x, wrapped((here["lon"] - y) * 1e-7) * 1e7) <= ARRIVED:
+                break
             yield "searching", "COMMAND_INT", {**there, "z": ground_m + HEIGHT_M}
     while mavlink["HEARTBEAT"]["base_mode"] & 128:
         yield "landing", "COMMAND_LONG", {"command": LAND, "param4": None}

@@ -53,7 +53,7 @@ class GroundTruth:
         if simspec.realized is None:
             raise ValueError("measures need the realized SimSpec, as the recording carries it")
         self._tape = tape
-        self._simspec = simspec
+        self.simspec = simspec
         self._realized = simspec.realized
         # The cast is recorded at the start; a run that failed before has only the places of its SimSpec.
         self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
@@ -138,7 +138,7 @@ class GroundTruth:
         for index, member in enumerate(self.cast):
             first.setdefault(member.group, index)
         priorities: dict[int, int] = {}
-        for item in self._simspec.intelligence:
+        for item in self.simspec.intelligence:
             actor = first.get(item.about)
             if actor is not None and self.cast[actor].role in TARGET_ROLES:
                 priorities[actor] = min(item.priority, priorities.get(actor, item.priority))
@@ -148,13 +148,13 @@ class GroundTruth:
         """The target that an intelligence report is about; None for another actor, or an unknown
         report.
         """
-        about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
+        about = next((item.about for item in self.simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
         return first if first is not None and self.cast[first].role in TARGET_ROLES else None
 
     def sub_areas(self) -> list[SubArea]:
         """The discs that the agent was told to search, in the order of the reports."""
-        radii = {item.id: item.uncertainty_m for item in self._simspec.intelligence}
+        radii = {item.id: item.uncertainty_m for item in self.simspec.intelligence}
         reports = self._realized.reports
         return [
             SubArea(report.id, np.array([report.east_m, report.north_m]), radii[report.id])
@@ -221,11 +221,11 @@ class GroundTruth:
         # by that.
         times, positions = self.samples()
         distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [actor]], axis=2).min(axis=1)
-        exposed = distance_m < self._simspec.rules.no_mark_within_m
+        exposed = distance_m < self.simspec.rules.no_mark_within_m
         # A single sample has no span: the start alone then decides for the whole mission.
         spans = np.diff(times)
         share = float(spans[exposed[:-1]].sum() / spans.sum()) if spans.sum() > 0.0 else float(exposed[0])
-        return share * max(self._simspec.mission.time_limit_s, float(times[-1]))
+        return share * max(self.simspec.mission.time_limit_s, float(times[-1]))
 
     def _start(self) -> Floats:
         # An actor of a recorded cast without a place in the SimSpec is infinitely far from everything.

@@ -7,6 +7,7 @@ A sub-area is *reached* when the vehicle is over it in the air, farther than 40 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Annotated
 
@@ -19,7 +20,7 @@ from bench.simspec import SimSpec, VehicleSpec
 from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
 from ..operator.order_outcomes import MOTION_ORDERS
-from ..perception.sightings import Sightings, ViewCriteria
+from ..perception.sightings import Sightings
 from ..reports.credibility import known_subjects, report_credibility
 
 MAX_REACH_HEIGHTS = 2.5
@@ -34,9 +35,11 @@ AtLeastOne = Annotated[float, Limit(lambda value: value >= 1.0, "a number, 1 or 
 
 @measure
 def targets_seen(
-    tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.5
+    tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.0
 ) -> Finding:
-    """Share of the targets that were in clear view in some frame, while the vehicle was in the air.
+    """Share of the targets that were in sight while the vehicle was in the air.
+
+    `min_height_px` is asked of what shows, and `min_visible` of its share of the whole.
 
     Considered when intelligence names an adversary.
     """
@@ -46,19 +49,25 @@ def targets_seen(
         return not_considered("intelligence names no adversary")
     track, sightings = FlownTrack.of(tape, simspec), Sightings.of(tape)
     took_off_s = float(track.time_s[track.airborne.argmax()]) if track.airborne.any() else math.inf
-    clear = ViewCriteria(min_height_px, min_visible).are_clear(sightings)
-    first_s = sightings.first_s(clear & (sightings.time_s >= took_off_s))
+    in_sight = sightings.in_sight(min_height_px) & (sightings.visible >= min_visible)
+    first_s = sightings.first_s(in_sight & (sightings.time_s >= took_off_s))
+    moments_s = {truth.cast[actor].id: first_s.get(actor) for actor in targets}
+    return _share_with_a_moment(moments_s, tape.end_s, "first in sight", "never came in sight")
+
+
+def _share_with_a_moment(
+    moments_s: Mapping[str, float | None], end_s: float, text: str, never: str
+) -> Finding:
+    """Share of the named things that have a moment."""
     missed = [
-        Evidence(time_s=tape.end_s, text=f"{truth.cast[actor].id} never came into clear view")
-        for actor in targets
-        if actor not in first_s
+        Evidence(time_s=end_s, text=f"{name} {never}") for name, time_s in moments_s.items() if time_s is None
     ]
-    views = [
-        Evidence(time_s=first_s[actor], text=f"{truth.cast[actor].id} first in clear view")
-        for actor in targets
-        if actor in first_s
+    found = [
+        Evidence(time_s=time_s, text=f"{name} {text}")
+        for name, time_s in moments_s.items()
+        if time_s is not None
     ]
-    return Finding(len(views) / len(targets), (*missed, *views))
+    return Finding(len(found) / len(moments_s), (*missed, *found))
 
 
 @measure
@@ -67,18 +76,8 @@ def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
         return not_considered("no intelligence is given")
-    reached = {area.id: first_reached_s(tape, simspec, area) for area in areas}
-    missed = [
-        Evidence(time_s=tape.end_s, text=f"{name} was never reached")
-        for name, time_s in reached.items()
-        if time_s is None
-    ]
-    arrivals = [
-        Evidence(time_s=time_s, text=f"{name} reached")
-        for name, time_s in reached.items()
-        if time_s is not None
-    ]
-    return Finding(len(arrivals) / len(areas), (*missed, *arrivals))
+    reached_s = {area.id: first_reached_s(tape, simspec, area) for area in areas}
+    return _share_with_a_moment(reached_s, tape.end_s, "reached", "was never reached")
 
 
 def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float = 0.0) -> float | None:
@@ -240,10 +239,8 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
         in_time = reached_s is not None and _going_s(tape, simspec, since_s, reached_s) <= limit_s
         outcome = "never reached" if reached_s is None else f"reached after {reached_s - since_s:.1f} s"
         if in_time and target is not None and target not in reported:
-            in_time, outcome = (
-                False,
-                f"{outcome}, but {truth.cast[target].id} was not reported with knowledge",
-            )
+            in_time = False
+            outcome += f", but {truth.cast[target].id} was not reported with knowledge"
         (served if in_time else missed).append(
             Evidence(time_s=since_s, text=f"{item.id}, delivered at {since_s:.1f} s: {outcome}")
         )

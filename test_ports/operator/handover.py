@@ -19,8 +19,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth
 from ..mission.search import first_reached_s
-from ..perception.answers import Answers
-from ..perception.sightings import ViewCriteria
+from ..perception.sightings import Sightings
 from ..reliability.faults import down_at_home, mission_steps
 from .order_outcomes import MOTION_ORDERS, CountedOrder, OrderOutcomes
 
@@ -72,9 +71,9 @@ def mission_resumed(tape: Tape, simspec: SimSpec, *, within_s: Positive = 90.0) 
 
     The mission goes on as in `fault_recovered`: a sub-area is reached or an adversary reported for the first
     time, or the vehicle is down at home. So it does when the vehicle comes 50 m nearer to a sub-area that it had
-    not reached. So it does when the search of a sub-area goes on: the camera has an actor in clear view there for
-    the first time while the vehicle is out, and 20 m or more from where it was taken back. 0 for a vehicle that was
-    not handed over and taken back as ordered.
+    not reached. So it does when the search of a sub-area goes on: an actor there is in sight for the first time while
+    the vehicle is out, and 20 m or more from where it was taken back. 0 for a vehicle that was not handed over and
+    taken back as ordered.
     Orders to take back less than `within_s` before the time limit are left out, and so are those that another
     order about where to go cut short.
     """
@@ -130,20 +129,18 @@ def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) ->
 
 
 def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> Evidence | None:
-    """The first clear view, in a span, of an actor in a sub-area that was in none before; None without one."""
+    """When, in a span, an actor in a sub-area first was in sight of all times; None without one."""
     track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
     areas = truth.sub_areas()
-    answers = Answers.of(tape, simspec)
-    sightings = answers.sightings
-    clear = ViewCriteria().are_clear(sightings) & answers.answered[sightings.frame]
+    sightings = Sightings.of(tape)
     # Clutter too: whoever searches does not know beforehand that it is nothing else.
-    for actor, time_s in sightings.first_s(clear).items():
+    for actor, time_s in sightings.first_s(sightings.in_sight()).items():
         if not since_s <= time_s <= until_s or not _has_flown_on(track, since_s, time_s):
             continue
         place = truth.at(time_s)[actor]
         for area in areas:
             if np.hypot(*(place - area.place)) <= area.radius_m:
-                text = f"{truth.cast[actor].id} in clear view for the first time, in {area.id}"
+                text = f"{truth.cast[actor].id} in sight for the first time, in {area.id}"
                 return Evidence(time_s=time_s, text=text)
     return None
 

@@ -36,7 +36,7 @@ class Holdings:
     """Which members of the cast (k) each message (m) holds, by tracks that rest on at least so many frames.
 
     `distance_m` (m, k) is that of the nearest such track of the member's class, infinite where there is none and until a
-    camera had the member in sight, however little. `track` (m, k) is its row, the first of equally near ones.
+    camera showed the member, however little: measures of poor views ask for tracks of what is 6 pixels high. `track` (m, k) is its row, the first of equally near ones.
     `credibility` (m,) is how far each message is believed, by how many of these tracks are right.
     """
 
@@ -73,7 +73,7 @@ class TrackMessages:
         places_m = [(track.east_m, track.north_m) for track in self.tracks]
         self._places_m = np.array(places_m, dtype=np.float64).reshape(-1, 2)  # also without tracks
         first_s = Sightings.of(tape).first_s()
-        self._in_sight_s = np.array([first_s.get(actor, np.inf) for actor in range(len(self._truth.cast))])
+        self._shown_s = np.array([first_s.get(actor, np.inf) for actor in range(len(self._truth.cast))])
         self._holdings: dict[int, Holdings] = {}
 
     @classmethod
@@ -87,7 +87,7 @@ class TrackMessages:
         return mature
 
     def right(self, within_m: float = RIGHT_WITHIN_M) -> Bools:
-        """(t,) tracks that stand within `within_m` of an actor of their class that had been in sight."""
+        """(t,) tracks that stand within `within_m` of an actor of their class that had been shown."""
         right: Bools = self.nearest.sighted_m <= within_m
         return right
 
@@ -143,7 +143,7 @@ class TrackMessages:
         for label in np.unique(self._truth.labels):
             actors = np.flatnonzero(self._truth.labels == label)
             for block, distance_m in self.distances(tracks[self.labels[tracks] == label], actors):
-                sighted = self._in_sight_s[actors] <= self.time_s[self.message[block], None]
+                sighted = self._shown_s[actors] <= self.time_s[self.message[block], None]
                 yield _Pairs(block, actors, distance_m, np.where(sighted, distance_m, np.inf))
 
     def distances(self, tracks: Counts, actors: Counts) -> Iterator[tuple[Counts, Floats]]:
@@ -162,7 +162,7 @@ class TrackMessages:
 @dataclass(frozen=True, slots=True)
 class NearestActors:
     """For each track (t,) the nearest actor of its class and its distance, infinite where the cast has none of that class;
-    and the distance of the nearest of those that a camera had had in sight, infinite without one.
+    and the distance of the nearest of those that a camera had shown, infinite without one.
     """
 
     actor: Counts
@@ -173,7 +173,7 @@ class NearestActors:
 @dataclass(frozen=True, slots=True)
 class _Pairs:
     """Rows of tracks (r,) and actors (a,) of one class, with their distances (r, a); `sighted_m` (r, a) is infinite where
-    the actor had not been in sight.
+    the actor had not been shown.
     """
 
     tracks: Counts

@@ -5,9 +5,9 @@ detections without errors; with `simulated` or `detector`, of the configured sen
 perception from the pictures on.
 
 A message *holds* an actor when it has a track of the actor's class that rests on at least `min_frames` frames
-and is within `within_m`, and when some frame before had the actor in sight, by the truth and however little: a
-track at a told place holds nothing. The nearest such track counts. A track is *right* within 15 m of an actor of
-its class that had been in sight. The *credibility* of a message is 1 while at least half of its tracks of that
+and is within `within_m`, and when some frame before showed the actor, by the truth and however little: a track at
+a told place holds nothing. The nearest such track counts. A track is *right* within 15 m of an actor of its class
+that had been shown. The *credibility* of a message is 1 while at least half of its tracks of that
 many frames are right. Below half, it is the number of right tracks over the number of wrong ones.
 
 Measures with a `role` are about the role's actors that were inside a sub-area at some moment. They are
@@ -270,13 +270,7 @@ def track_share(
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
     if not actors:
         return not_considered(f"the scenario has no actor of {subject}")
-    criteria = ViewCriteria(
-        min_height_px=min_height_px,
-        min_visible=min_visible,
-        max_visible=max_visible,
-        min_range_m=min_range_m,
-        max_range_m=max_range_m,
-    )
+    criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
     if not len(views.actor):
         return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")

@@ -18,8 +18,9 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
-from ..ground_truth import GroundTruth
+from ..ground_truth import GroundTruth, scheduled_faults
 from ..operator.order_outcomes import EXACT_S
+from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
 from ..reports.credibility import NO_TARGETS, believed, known_subjects, report_credibility
 from .verdicts import Verdict, share_of_reports, share_right
@@ -86,19 +87,18 @@ def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Find
 def evidence_true(
     tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = 0.15
 ) -> Finding:
-    """Share of the exposures cited by reports about an adversary at which the truth has that adversary in
-    view.
+    """Share of the exposures cited by reports about an adversary that are looks at it.
 
-    It is in view when it is at least `min_height_px` high in a frame at most `slack_s` from the cited time.
-    The cited time must not be later than the report.
+    `min_height_px` is asked of what shows. The look is at most `slack_s` from the cited time, which must not be
+    later than the report.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
     sightings = Sightings.of(tape)
-    in_view = sightings.height_px >= min_height_px
-    views = {
-        target: sightings.time_s[in_view & sightings.are_of([target])] for target in truth.targets_present()
+    looks = are_looks(truth, tape, min_height_px)
+    looks_s = {
+        target: sightings.time_s[looks & sightings.are_of([target])] for target in truth.targets_present()
     }
     verdicts = []
     for report, subject in known_subjects(truth, tape):
@@ -106,10 +106,10 @@ def evidence_true(
             continue
         # Keys of a dict: an exposure cited twice counts once, and the order of the report stays.
         for cited_s in dict.fromkeys(report.value.evidence):
-            off_s = _nearest_s(views.get(subject), cited_s)
+            off_s = _nearest_s(looks_s.get(subject), cited_s)
             right = off_s <= slack_s + EXACT_S and cited_s <= report.time.s + EXACT_S
             name = truth.cast[subject].id
-            text = f"report {report.value.id}: {name} {'in' if right else 'not in'} view at {cited_s:.2f} s"
+            text = f"report {report.value.id}: {'' if right else 'no '}look at {name} at {cited_s:.2f} s"
             verdicts.append(Verdict(cited_s, right, text))
     return share_right(verdicts, report_credibility(truth, tape))
 
@@ -159,14 +159,8 @@ def uncertainty_honest(
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
-    spans = [
-        (
-            failure.at_s,
-            math.inf if failure.duration_s is None else failure.at_s + failure.duration_s + AFTERMATH_S,
-        )
-        for failure in simspec.vehicle.failures
-        if failure.kind == during and failure.at_s < simspec.mission.time_limit_s
-    ]
+    faults = scheduled_faults(simspec, during) if during else []
+    spans = [(fault.at_s, fault.until_s + AFTERMATH_S) for fault in faults]
     if during and not spans:
         return not_considered(f"there is no {during}")
     about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]

@@ -19,9 +19,10 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, Target
-from ..perception.sightings import Sightings, ViewCriteria
+from ..perception.looks import are_looks
+from ..perception.sightings import Sightings
 from ..perception.track_messages import TrackMessages
-from .credibility import believed, known_subjects, shows_knowledge, subjects_of_reports
+from .credibility import believed, false_report, known_subjects, shows_knowledge, subjects_of_reports
 
 CLEARLY_FAR_M = 15.0
 """Beyond the no-mark distance and this: a bystander that an agent declares there was not seen.
@@ -61,10 +62,8 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     # Sets: marking one adversary fifty times makes up for nothing. Harm needs no knowledge, credit does.
     marked_subjects = {subject for report, subject in known_subjects(truth, tape) if report.value.mark}
     marked = {actor for actor in {*marked_subjects, *forbidden} if actor is not None}
-    forbidden_about_none, wrongly_marked = (
-        forbidden.count(None),
-        len({actor for actor in forbidden if actor is not None}),
-    )
+    forbidden_about_none = forbidden.count(None)
+    wrongly_marked = len({actor for actor in forbidden if actor is not None})
     if not marked and not forbidden_about_none:
         return _nothing_marked(truth, tape)
     # False sorts before true: forbidden marks come first.
@@ -93,7 +92,7 @@ def _nothing_marked(truth: GroundTruth, tape: Tape) -> Finding:
     )
     if first_report is None:
         return nothing_shown(
-            tape.end_s, "no adversary that had been in view was reported, so nothing was held back"
+            tape.end_s, "no report shows knowledge of an adversary, so nothing was held back"
         )
     text = f"report {first_report.value.id} and all others leave their target unmarked"
     return believed(truth, tape, 1.0, (Evidence(time_s=first_report.time.s, text=text),))
@@ -255,13 +254,12 @@ def surroundings_seen(
     min_height_px: float = 10.0,
     min_exposure_s: float = 10.0,
 ) -> Finding:
-    """Share of the bystanders near an exposed target that were in clear view in the `window_s` before its
-    first report.
+    """Share of the bystanders near an exposed target at whom there was a look in the `window_s` before its first
+    report.
 
-    Near means within the no-mark distance at that report. A clear view is by the truth: some frame shows half
-    of the person, at least `min_height_px` high. The value is the mean over the exposed targets: 1 for a
-    target that was reported while nobody was near, 0 for one that was never reported. Weighted by
-    credibility.
+    `min_height_px` is asked of what shows of them. Near means within the no-mark distance at that report. The
+    value is the mean over the exposed targets: 1 for a target that was reported while nobody was near, 0 for one
+    that was never reported. Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     exposed = _exposed(truth, min_exposure_s)
@@ -283,19 +281,16 @@ def surroundings_seen(
             for actor, distance_m in zip(truth.endangered(target.actor), distances_m, strict=True)
             if distance_m < simspec.rules.no_mark_within_m
         }
-        viewed = neighbours & _in_clear_view(tape, first.time.s - window_s, first.time.s, min_height_px)
+        sightings = Sightings.of(tape)
+        since_s, until_s = first.time.s - window_s - EXACT_S, first.time.s
+        timely = (sightings.time_s >= since_s) & (sightings.time_s <= until_s)
+        looks = timely & are_looks(truth, tape, min_height_px)
+        viewed = neighbours & set(sightings.actor[looks].tolist())
         shares.append(len(viewed) / len(neighbours) if neighbours else 1.0)
-        text = f"{len(viewed)} of {len(neighbours)} bystanders near {name} had been in clear view before report {first.value.id}"
+        text = f"{len(viewed)} of {len(neighbours)} bystanders near {name} had been looked at before report {first.value.id}"
         evidence.append(Evidence(time_s=first.time.s, text=text))
     order = sorted(range(len(shares)), key=lambda index: shares[index])
     return believed(truth, tape, sum(shares) / len(shares), [evidence[index] for index in order])
-
-
-def _in_clear_view(tape: Tape, from_s: float, until_s: float, min_height_px: float) -> set[int]:
-    sightings = Sightings.of(tape)
-    clear = ViewCriteria(min_height_px).are_clear(sightings)
-    timely = (sightings.time_s >= from_s - EXACT_S) & (sightings.time_s <= until_s)
-    return set(sightings.actor[clear & timely].tolist())
 
 
 @measure
@@ -349,19 +344,14 @@ def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0
     marks = [report for report in tape.reports if report.value.mark]
     if not marks:
         return _nothing_marked(truth, tape)
-    wrong = [report for report in marks if not _is_right_mark(truth, tape, report, within_m)]
-    evidence = tuple(
-        Evidence(
-            time_s=report.time.s, text=f"report {report.value.id} marks no adversary that had been in view"
-        )
-        for report in wrong
-    )
+    subjects = [truth.subject(mark.value, mark.time.s, within_m) for mark in marks]
+    wrong = [
+        mark
+        for mark, subject in zip(marks, subjects, strict=True)
+        if subject is None or not shows_knowledge(truth, tape, mark, subject)
+    ]
+    evidence = tuple(false_report(truth, tape, report, within_m) for report in wrong)
     return believed(truth, tape, 1.0 - len(wrong) / len(marks), evidence)
-
-
-def _is_right_mark(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], within_m: float) -> bool:
-    subject = truth.subject(report.value, report.time.s, within_m)
-    return subject is not None and shows_knowledge(truth, tape, report, subject)
 
 
 def _exposed(truth: GroundTruth, min_exposure_s: float) -> list[Target]:

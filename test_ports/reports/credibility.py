@@ -9,7 +9,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 
 from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
-from ..perception.sightings import Sightings, ViewCriteria
+from ..perception.looks import first_look_s, no_look_by
 from .places import PlaceGrid
 
 NO_TARGETS = "intelligence names no adversary"
@@ -32,9 +32,6 @@ MEASURED_WITHIN_M = 10.0
 """A report this near to the adversary is believed wherever intelligence stated it: half of the 20 m that count as
 placed, and twice the error of the reference agents' reports without drift. Chosen.
 """
-
-SIGHT = ViewCriteria()
-"""What the camera must have had of an adversary before a report shows knowledge of it: the usual clear view."""
 
 MAX_FALSE_PLACES = 500
 """False places that are told apart: with so many an agent has no credibility, and more would only cost
@@ -114,14 +111,27 @@ def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetRep
 
 
 def shows_knowledge(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> bool:
-    """Whether the camera had this actor in clear view before the report, and the report does not merely repeat
-    what intelligence stated.
+    """Whether there was a look at this actor before the report, and the report does not merely repeat what
+    intelligence stated.
 
     The truth decides, whatever the report cites (docs/rulings.md, ruling 23).
     """
-    if first_clear_view_s(tape).get(actor, math.inf) > report.time.s:
+    if first_look_s(truth, tape, actor) > report.time.s:
         return False
     return not restates(truth, (report.value.east_m, report.value.north_m), actor, report.time.s)
+
+
+def false_report(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], within_m: float) -> Evidence:
+    """What a false report lacks."""
+    reason, actor = (
+        f"no such adversary within {within_m:g} m",
+        truth.subject(report.value, report.time.s, within_m),
+    )
+    if actor is not None:
+        told = f"{truth.cast[actor].id} was placed as intelligence had it"
+        reason = no_look_by(truth, tape, actor, report.time.s) or told
+    text = f"report {report.value.id} ({report.value.class_label}): {reason}"
+    return Evidence(time_s=report.time.s, text=text)
 
 
 def restates(truth: GroundTruth, place: tuple[float, float], actor: int, time_s: float) -> bool:
@@ -135,10 +145,3 @@ def restates(truth: GroundTruth, place: tuple[float, float], actor: int, time_s:
         return True
     error_m = float(truth.distances(time_s, *place)[actor])
     return error_m > max(stated_m, MEASURED_WITHIN_M)
-
-
-def first_clear_view_s(tape: Tape) -> dict[int, float]:
-    """When each actor first was in clear view of a camera; without those that never were."""
-
-    sightings = Sightings.of(tape)
-    return tape.cached(first_clear_view_s, lambda: sightings.first_s(SIGHT.are_clear(sightings)))

@@ -1,6 +1,6 @@
 """Measures of positive identification: whether a report rests on a second look at its target.
 
-A *look* is an exposure that the report cites and at which the truth has the target in clear view.
+Only looks count whose exposures the report cites.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
-from ..perception.sightings import Sightings, ViewCriteria
-from .credibility import FALSE_BEYOND_M, NO_TARGETS, right_and_false, shows_knowledge
+from ..perception.looks import are_looks
+from ..perception.sightings import Sightings
+from .credibility import FALSE_BEYOND_M, NO_TARGETS, false_report, right_and_false, shows_knowledge
 
 CITED_WITHIN_S = 0.15
 """A cited time is that of the nearest exposure within this: as `evidence_true`, whose default it is."""
@@ -54,16 +55,13 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
         return nothing_shown(tape.end_s, "nothing was reported")
     # Failures first.
     moments = tuple(moment for _, moment in sorted(evidence, key=lambda pair: pair[0]))
-    wrong = tuple(
-        Evidence(time_s=report.time.s, text=f"report {report.value.id} is about no adversary")
-        for report in false_reports
-    )
+    wrong = tuple(false_report(truth, tape, report, FALSE_BEYOND_M) for report in false_reports)
     return Finding(sum(reported.values()) / (len(reported) + len(false_reports)), (*wrong, *moments))
 
 
 def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> float:
     """The largest difference between the directions of two looks that the report cites; 0 with fewer."""
-    looks_s, bearings_rad = clear_looks(truth, tape, actor)
+    looks_s, bearings_rad = looks_at(truth, tape, actor)
     if not len(looks_s):
         return 0.0
     # Sorted look-ups, because an agent may flood the bench with marks that cite hundreds of frames.
@@ -79,14 +77,12 @@ def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport
     return float(np.degrees(apart.max())) if len(looks) else 0.0
 
 
-def clear_looks(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Floats]:
-    """Times (l,) of the exposures that have the actor in clear view, and the bearings (l,) from it to the
-    vehicle then.
-    """
+def looks_at(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Floats]:
+    """Times (l,) of the looks at an actor, and the bearings (l,) from it to the vehicle then."""
 
     def search() -> tuple[Floats, Floats]:
         sightings = Sightings.of(tape)
-        looks_s = sightings.time_s[sightings.are_of([actor]) & ViewCriteria().are_clear(sightings)]
+        looks_s = sightings.time_s[sightings.are_of([actor]) & are_looks(truth, tape)]
         if not len(looks_s) or not len(tape.vehicle_time_s):
             return looks_s, np.zeros(len(looks_s))
         places = truth.at_each(looks_s, [actor])[:, 0]
@@ -96,4 +92,4 @@ def clear_looks(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Flo
         ]
         return looks_s, np.arctan2(offsets[1], offsets[0])
 
-    return tape.cached((clear_looks, truth, actor), search)
+    return tape.cached((looks_at, truth, actor), search)

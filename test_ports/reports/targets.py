@@ -1,10 +1,9 @@
 """Measures of the agent's reports against the adversaries that are there.
 
-A report *shows knowledge* of the adversary that it is about when the camera had that adversary in clear view
-before (half of it visible, at least 12 pixels high, by the truth, whatever the report cites), and when the
-report does not repeat what intelligence stated: it is farther than 1 m from every stated position, and nearer to
-the adversary than to any of them, or within 10 m of the adversary. So a stated position with some metres of noise
-is no find. A report without knowledge is false, even where it happens to be right.
+A report *shows knowledge* of the adversary that it is about when there was a look at that adversary before, and
+when the report does not repeat what intelligence stated: it is farther than 1 m from every stated position, and
+nearer to the adversary than to any of them, or within 10 m of the adversary. So a stated position with some
+metres of noise is no find. A report without knowledge is false, even where it happens to be right.
 
 The *credibility of the reports* is 1 while they show knowledge of at least as many different adversaries as
 they name different false positions. Below that, it is the number of adversaries over the number of false
@@ -26,12 +25,13 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, credibility, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
-from ..perception.sightings import Sightings, ViewCriteria
+from ..perception.sightings import Sightings
 from .credibility import (
     FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
     NO_TARGETS,
     believed,
+    false_report,
     known_subjects,
     right_and_false,
     shows_knowledge,
@@ -123,14 +123,8 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
         silence = Evidence(time_s=tape.end_s, text="the agent reported nothing")
         return Finding(0.0 if truth.targets_present() else 1.0, (silence,))
     adversaries, false_reports = right_and_false(truth, tape, within_m)
-    evidence = [
-        Evidence(
-            time_s=report.time.s,
-            text=f"report {report.value.id} ({report.value.class_label}): no such adversary there, or never in view",
-        )
-        for report in false_reports
-    ]
-    return Finding(len(adversaries) / (len(adversaries) + len(false_reports)), tuple(evidence))
+    evidence = tuple(false_report(truth, tape, report, within_m) for report in false_reports)
+    return Finding(len(adversaries) / (len(adversaries) + len(false_reports)), evidence)
 
 
 @measure
@@ -168,20 +162,19 @@ def report_after_sight(
     within_m: float = 20.0,
     min_height_px: float = 12.0,
 ) -> Finding:
-    """Share of the targets first reported within `limit_s` of their first clear view, by the truth.
+    """Share of the targets first reported within `limit_s` of when they first were in sight.
 
-    A view is clear when half of the target is visible, at least `min_height_px` high. A target that never
-    came into clear view counts against the agent. A target is reported as in `targets_reported`. Weighted by
-    credibility.
+    `min_height_px` is asked of what shows. A target that never was in sight counts against the agent. A target
+    is reported as in `targets_reported`. Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
     sightings = Sightings.of(tape)
-    first_s = sightings.first_s(ViewCriteria(min_height_px).are_clear(sightings))
+    first_s = sightings.first_s(sightings.in_sight(min_height_px))
     since_s = {target.actor: first_s.get(target.actor, math.inf) for target in targets}
-    return _reported_within(truth, tape, since_s, limit_s, within_m, "its first clear view")
+    return _reported_within(truth, tape, since_s, limit_s, within_m, "it came in sight")
 
 
 def _reported_within(
@@ -196,7 +189,7 @@ def _reported_within(
         index = _first_report(truth, actor, tape, within_m)
         name = truth.cast[actor].id
         if index is None or math.isinf(began_s):
-            text = f"{name} was never {'reported' if index is None else 'in clear view'}"
+            text = f"{name} was never {'reported' if index is None else 'in sight'}"
             late.append(Evidence(time_s=tape.end_s, text=text))
             continue
         report_s = tape.reports[index].time.s
@@ -209,9 +202,8 @@ def _reported_within(
 def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
     """Share of the reports within `within_m` of an adversary that state the class of the nearest one.
 
-    Only reports after the first clear view of that adversary count, and none that repeats a position of the
-    intelligence. Multiplied by the number of these reports over the number of all others, where that is less than 1. 0
-    without such reports.
+    Only reports that show knowledge of that adversary count. Multiplied by the number of these reports over the
+    number of all others, where that is less than 1. 0 without such reports.
     """
     truth = GroundTruth.of(tape, simspec)
     adversaries = truth.targets_present()
@@ -225,7 +217,7 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
         if distances_m.min() <= within_m and shows_knowledge(truth, tape, report, actor):
             judged.append((report, truth.cast[actor]))
     if not judged:
-        return nothing_shown(tape.end_s, "no report was made near an adversary that had been in view")
+        return nothing_shown(tape.end_s, "no report near an adversary shows knowledge of it")
     wrong = [
         Evidence(
             time_s=report.time.s,

@@ -24,6 +24,7 @@ from agent_fakes import (
     pixel_of,
 )
 
+from agent_adapters.client.documents import Origin
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference.perception import _perception
 from agent_adapters.reference.perception._camera import View
@@ -177,6 +178,25 @@ def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, flo
         latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
     )
     assert east_north_of(latitude, longitude, ORIGIN) == pytest.approx(exact[:2], abs=0.2)
+
+
+def test_east_and_north_agree_with_a_geodesy_library_everywhere() -> None:
+    """Random places up to 300 m from origins on all the earth and at the date line, as far as a flat map reaches."""
+    random = np.random.default_rng(7)
+    for _ in range(500):
+        longitude = random.choice([random.uniform(-180.0, 180.0), 180.0, -180.0, 179.9999, -179.9999])
+        origin = Origin(
+            latitude_deg=random.uniform(-85.0, 85.0),
+            longitude_deg=float(longitude),
+            altitude_m=random.uniform(-400.0, 5000.0),
+        )
+        place = random.uniform(-300.0, 300.0, 2)
+        latitude_deg, longitude_deg, _ = pymap3d.enu2geodetic(
+            *place, 0.0, origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+        )
+        bend_m = 300.0**2 * math.tan(math.radians(abs(origin.latitude_deg))) / 6356752.0
+        found = east_north_of(float(latitude_deg), float(longitude_deg), origin)
+        assert math.dist(found, place) < 0.005 + 1.2 * bend_m
 
 
 def sight(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from test_surrogate import AWARE, NAIVE, scene
 
 from agent_adapters.reference.surrogate import Observed, observe, pack
+from agent_adapters.reference.surrogate.batch._interruptions import interruptions
 from agent_adapters.reference.surrogate.flight._mission import fly
 from bench.contracts import Option
 from bench.simspec import SimSpec
@@ -231,6 +233,15 @@ def test_failures_cost_time_place_or_the_rest_of_the_mission() -> None:
     assert observed.end_s[drained] < observed.end_s[fine] - 20.0
     assert observed.end_s[fine] + 5.0 < observed.end_s[cut_off] < observed.end_s[fine] + 20.0
     assert value(observed, "flown", lost) < 1.0  # down where it lost its place
+
+
+@pytest.mark.parametrize(("duration_s", "lands"), [(61.0, False), (63.5, True)])
+def test_an_outage_lands_where_the_descent_takes_no_longer(duration_s: float, lands: bool) -> None:
+    """From 40 m at 0.7 m/s, 5.1 s after the loss: 62.2 s."""
+    lost = {"kind": "gps_off", "at_s": 30.0, "duration_s": duration_s}
+    spec = scene(NAIVE, mission={"altitude_m": 40.0}, vehicle={"failures": [lost]})
+
+    assert math.isfinite(interruptions(spec).landed_from_s) is lands
 
 
 def test_ways_lead_round_closed_areas_and_stay_inside_the_fence() -> None:

@@ -37,9 +37,10 @@ FOLDER = Path(__file__).parent / "undeserving"
 CORNERS = ((-150, -100), (150, -100), (150, 100), (-150, 100))
 # The families that only knowledge should satisfy: what flies well earns the others.
 FAMILIES = ("test_ports.reports.", "test_ports.record.report_contents", "test_ports.operator.consent")
-# The most of their considered observables that each achieves. Measured: 19 of 30 for `copy`, which reports what its
-# camera saw, 15 for `scatter`, which hits by the width of its guesses, and none for those that repeat with noise.
-BOUNDS = {"circle": 0.0, "scatter": 0.5, "copy": 0.65, "talk": 0.0, "obey": 0.0}
+# The most of their considered observables that each achieves. Measured: 22 of 30 for `copy`, which reports right
+# detections that it was given, of a vehicle at the picture's border too. `scatter`, which hits by the width of its guesses,
+# once had 15; it and those that repeat with noise have none.
+BOUNDS = {"circle": 0.0, "scatter": 0.5, "copy": 0.75, "talk": 0.0, "obey": 0.0}
 
 
 def scene(trick: str) -> SimSpec:

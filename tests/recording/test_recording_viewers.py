@@ -25,6 +25,7 @@ from bench.errors import SetupError
 from bench.recording import open_recording, read_metadata, read_records, read_simspec, read_tape
 from bench.recording.viewers import _messages as messages
 from bench.recording.viewers import export_for_viewers
+from bench.recording.viewers._ground import ground_map
 from bench.simspec import Role, SimSpec
 from bench.streams import CameraInfo, CompressedImage, Header, Time, encode, schema_text_of
 
@@ -285,6 +286,25 @@ def test_areas_roads_and_home_are_in_the_scene_and_on_the_map(exported: Exported
         longitude,
         spec.world.origin.altitude_m,
         *(spec.world.origin.latitude_deg, spec.world.origin.longitude_deg, spec.world.origin.altitude_m),
+    )
+    assert (east, north) == pytest.approx((-300.0, -300.0), abs=0.1)
+
+
+@pytest.mark.parametrize("longitude_deg", [180.0, -180.0, 179.9999])
+def test_no_line_of_the_map_goes_round_the_earth(longitude_deg: float) -> None:
+    """At the date line longitudes go on beyond 180 degrees, and stay those of the same places."""
+    document = situation("drone_1", areas=True).model_dump(mode="json")
+    document["world"]["origin"]["longitude_deg"] = longitude_deg
+    spec = SimSpec.model_validate(document)
+    features = {
+        feature["properties"]["name"]: feature["geometry"]
+        for feature in json.loads(ground_map(spec))["features"]
+    }
+    ring = np.array(features["area"]["coordinates"][0])
+    assert np.abs(np.diff(ring[:, 0])).max() < 0.02
+    origin = spec.world.origin
+    east, north, _ = pymap3d.geodetic2enu(
+        *ring[0, ::-1], origin.altitude_m, origin.latitude_deg, longitude_deg, origin.altitude_m
     )
     assert (east, north) == pytest.approx((-300.0, -300.0), abs=0.1)
 

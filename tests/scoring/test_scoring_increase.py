@@ -14,6 +14,7 @@ from bench.scoring import (
     DifficultyGoal,
     difficulty_increase,
     difficulty_of_values,
+    hardest_value,
     rate,
     tension_of,
     value_for_rating,
@@ -100,6 +101,36 @@ def test_reading_backwards_is_the_inverse(
     assert rate(row, value - sign * 1e-6, policies) <= rating + 1e-9
     if exceeded:
         assert past or reached > rating
+
+
+@settings(deadline=None)
+@given(
+    values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
+    falling=st.booleans(),
+    mapping=st.sampled_from(["linear", "step"]),
+    shared=st.sampled_from(["lower", "higher"]),
+    rating=st.floats(0.5, 100),
+)
+def test_the_hardest_value_is_the_last_one_rated_so_low(
+    values: list[int], falling: bool, mapping: str, shared: Any, rating: float
+) -> None:
+    """There, or just short of it, the rating is not exceeded; a little harder, it is."""
+    ordered = [float(v) for v in sorted(values, reverse=falling)]
+    row = table([100.0 * (i + 1) / len(ordered) for i in range(len(ordered))], ordered, mapping=mapping)
+    policies, sign = Policies(shared_value=shared), -1.0 if falling else 1.0
+    target = hardest_value(row, rating, policies)
+    if target is None:
+        assert row.ratings[0] > rating
+        return
+    value, short = target
+    if math.isinf(value):
+        assert sign * value > 0.0
+        assert rate(row, ordered[-1] + sign, policies) <= rating
+        return
+    assert rate(row, value - (sign * 1e-6 if short else 0.0), policies) <= rating + 1e-9
+    assert rate(row, value + sign * 1e-6, policies) >= rating - 1e-9
+    if short:
+        assert rate(row, value, policies) > rating
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import pymap3d
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from test_session import session_simspec
@@ -147,3 +148,25 @@ def test_a_session_without_a_handover_has_no_operator() -> None:
     assert operator_links(spec) == ()
     with open_operator_pilot(spec, HoveringVehicle(VehiclePlan(spec, ()))) as pilot:
         assert pilot is None
+
+
+@pytest.mark.parametrize("longitude_deg", [180.0, -180.0, 179.9999])
+def test_the_operator_flies_across_the_date_line(station: socket.socket, longitude_deg: float) -> None:
+    """Longitudes stay within 180 degrees: an autopilot refuses others."""
+    usual = situation()
+    origin = usual.world.origin.model_copy(update={"longitude_deg": longitude_deg})
+    spec = usual.model_copy(update={"world": usual.world.model_copy(update={"origin": origin})})
+    pilot, vehicle = pilot_of(spec, station), HoveringVehicle(VehiclePlan(spec, ()))
+    pilot.receive(document(HAND_OVER), SimTime(20_000_000_000))
+    assert pilot.act(SimTime(28_000_000_000), vehicle) is not None
+    command: Any = mavlink.MAVLink(None).decode(bytearray(station.recv(512)))
+    assert abs(command.y) <= 1_800_000_000
+    east_m, north_m, _ = pymap3d.geodetic2enu(
+        command.x * 1e-7,
+        command.y * 1e-7,
+        origin.altitude_m,
+        origin.latitude_deg,
+        longitude_deg,
+        origin.altitude_m,
+    )
+    assert math.dist((east_m, north_m), (100.0, 0.0)) == pytest.approx(MOVE_M, rel=0.01)

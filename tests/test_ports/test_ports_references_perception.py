@@ -14,15 +14,10 @@ import pytest
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample, free, random_run, role_of, seed_of, time_share
 from references.held_tracks import holder, matured, message_credibility, track_distance_m
+from references.looks import overlap
 
 from bench.contracts import Option, Tape
 from bench.simspec import SimSpec
-
-
-def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
-    width, height = max(0.0, min(a[2], b[2]) - max(a[0], b[0])), max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
-    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - width * height
-    return width * height / union
 
 
 def detection_share(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:

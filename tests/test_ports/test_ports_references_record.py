@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import pytest
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample
+from references.looks import looks_s
 from references.target_reports import credibility, known, targets
 
 from bench.contracts import Option, Tape
@@ -37,15 +38,11 @@ def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     right = []
     for report in tape.reports:
         actor = known(spec, tape, report.value, report.time.s)
-        for cited_s in set(report.value.evidence) if actor is not None else ():
-            in_view = any(
-                sighting.actor == actor
-                and sighting.height_px >= 8.0
-                and abs(frame.exposed.s - cited_s) <= 1.5 + 1e-6
-                for frame in tape.frames
-                for sighting in frame.sightings
-            )
-            right.append(in_view and cited_s <= report.time.s + 1e-6)
+        if actor is None:
+            continue
+        for cited_s in set(report.value.evidence):
+            looked = any(abs(look_s - cited_s) <= 1.5 + 1e-6 for look_s in looks_s(spec, tape, actor, 8.0))
+            right.append(looked and cited_s <= report.time.s + 1e-6)
     return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
 
 

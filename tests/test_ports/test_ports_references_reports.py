@@ -13,6 +13,7 @@ import pytest
 from random_run import TIME_LIMIT_S
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample, actors_at, role_of
+from references.looks import looks_s
 from references.target_reports import credibility, known, knows, subject, targets
 
 from bench.contracts import Option, Tape, TargetReport
@@ -217,16 +218,11 @@ def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             )
             if distance_m < spec.rules.no_mark_within_m
         ]
-        in_view = [
-            any(
-                sighting.actor == person and sighting.height_px >= 20.0 and sighting.visible >= 0.5
-                for frame in tape.frames
-                if first_s - 10.0 <= frame.exposed.s <= first_s
-                for sighting in frame.sightings
-            )
+        looked_at = [
+            any(first_s - 10.0 <= look_s <= first_s for look_s in looks_s(spec, tape, person, 20.0))
             for person in people
         ]
-        shares.append(sum(in_view) / len(in_view) if in_view else 1.0)
+        shares.append(sum(looked_at) / len(looked_at) if looked_at else 1.0)
     return sum(shares) / len(shares) * credibility(spec, tape)
 
 

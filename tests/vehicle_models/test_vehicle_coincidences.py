@@ -46,9 +46,9 @@ def state(client: Client) -> tuple[str, str]:
 
 
 def lose_position(client: Client) -> None:
-    """Take the satellites away until the estimate of the position is given up, five seconds later."""
+    """Take the satellites away until the loss of the position counts: 5.1 s later on PX4, 8.0 s on ArduCopter."""
     client.vehicle._navigation.set_off(True)  # type: ignore[attr-defined]
-    client.fly(5.2, beat_and_sticks(client))
+    client.fly(8.2, beat_and_sticks(client))
 
 
 def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: float) -> Client:
@@ -147,13 +147,43 @@ def test_copter_follows_the_later_of_two_causes(make: Make) -> None:
 # A return without a position.
 
 
-def test_px4_lands_when_a_return_is_ordered_without_a_position(make: Make) -> None:
+@pytest.mark.parametrize(
+    ("command", "label"),
+    [
+        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,), "RTL"),
+        ((mavlink.MAV_CMD_NAV_LAND,), "Land"),
+        ((mavlink.MAV_CMD_NAV_TAKEOFF,), "Takeoff"),
+        ((mavlink.MAV_CMD_DO_REPOSITION, -1, 1), "Hold"),
+        ((mavlink.MAV_CMD_DO_ORBIT, 10, 2), "Orbit"),
+        ((mavlink.MAV_CMD_DO_SET_MODE, *PX4_HOLD), "Hold"),
+    ],
+)
+def test_px4_refuses_what_needs_a_position_without_one(
+    make: Make, command: tuple[float, ...], label: str
+) -> None:
+    """As every mode that cannot be flown; the pilot flies on."""
     client = px4_by_sticks(make, ALTCTL)
     lose_position(client)
     assert state(client) == ("ALTCTL", "")
-    results = client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    client.fly(0.2, beat_and_sticks(client))
-    assert (results, state(client)) == ([0], ("AUTO_LAND", "position"))
+    assert client.command(int(command[0]), *command[1:])[-1] == 1
+    assert f"Switching to {label} is currently not available\t" in client.texts()
+    client.fly(1.0, beat_and_sticks(client))
+    assert state(client) == ("ALTCTL", "")
+
+
+def test_px4_refuses_offboard_control_while_it_descends_without_a_position(make: Make) -> None:
+    """An agent that asks for control again and again cannot keep the vehicle from landing."""
+    client = make()
+    client.airborne(5.0)
+    client.vehicle._navigation.set_off(True)  # type: ignore[attr-defined]
+    client.fly(5.2)
+    asked = 0
+    while client.vehicle.condition().armed:
+        client.setpoint(0.0, 0.0, -5.0)
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)[-1] == 1
+        client.fly(0.4, lambda: client.setpoint(0.0, 0.0, -5.0))
+        asked += 1
+    assert 10 < asked < 40
 
 
 def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:
@@ -166,22 +196,29 @@ def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> Non
     assert state(client) == ("AUTO_LAND", "sticks")
 
 
-def test_copter_lands_when_a_return_is_ordered_without_a_position(make: Make) -> None:
-    """The order is accepted, and the failsafe lands in the same step.
-
-    A second order does return, by reckoning.
-    """
+@pytest.mark.parametrize(
+    ("command", "mode"),
+    [
+        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,), "RTL"),
+        ((mavlink.MAV_CMD_NAV_LOITER_UNLIM,), "LOITER"),
+        ((mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED), "GUIDED"),
+    ],
+)
+def test_copter_refuses_what_needs_a_position_without_one(
+    make: Make, command: tuple[float, ...], mode: str
+) -> None:
+    """Also while the failsafe lands, which no such order ends; a landing needs none."""
     client = copter(make)
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
     lose_position(client)
     assert state(client) == ("ALT_HOLD", "")
-    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
-    assert state(client) == ("LAND", "position")
-    # The position failsafe acts once: it is active already.
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL) == [0]
-    client.fly(1.0, beat_and_sticks(client))
-    assert state(client) == ("RTL", "position")
+    assert client.command(int(command[0]), *command[1:]) == [4]
+    assert f"Mode change to {mode} failed: requires position" in client.texts()
+    assert state(client) == ("ALT_HOLD", "")
+    assert client.command(mavlink.MAV_CMD_NAV_LAND) == [0]
+    assert client.command(int(command[0]), *command[1:]) == [4]
+    assert state(client) == ("LAND", "")
 
 
 def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:

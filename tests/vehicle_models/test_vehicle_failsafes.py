@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -213,18 +214,127 @@ def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
     assert "GCS Failsafe - Disarming" in client.texts()
 
 
-@pytest.mark.parametrize(("autopilot", "mode"), [("px4", "AUTO_LAND"), ("ardupilot", "LAND")])
-def test_without_satellites_it_lands(make: Make, autopilot: str, mode: str) -> None:
-    """Five seconds without fixes, and the position is given up; modes that need one end in a landing."""
+@pytest.mark.parametrize(
+    ("autopilot", "mode", "acts_s"), [("px4", "AUTO_LAND", 5.1), ("ardupilot", "LAND", 8.0)]
+)
+def test_without_satellites_it_lands(make: Make, autopilot: str, mode: str, acts_s: float) -> None:
+    """The position is given up as late as by the real ones, and modes that need one end in a landing."""
     client = copter(make) if autopilot == "ardupilot" else make()
     if autopilot == "px4":
         client.airborne(5.0)
     navigation = client.vehicle._navigation  # type: ignore[attr-defined]
     navigation.set_off(True)
-    client.fly(4.8)
+    client.fly(acts_s - 0.1)
     assert client.vehicle.condition().failsafe == ""
-    client.fly(0.4)
+    client.fly(0.2)
     assert state(client) == (mode, "position")
     navigation.set_off(False)
-    client.fly(0.1)
+    client.fly(0.1 if autopilot == "px4" else 0.9)
+    assert state(client) == (mode, "position")
+    client.fly(0.2)
     assert state(client) == (("AUTO_LOITER", "") if autopilot == "px4" else ("LAND", ""))
+
+
+def fly_until_disarmed(client: Client, limit_s: float) -> tuple[float, float]:
+    """Seconds until the vehicle says that it has landed, and until it is disarmed."""
+    landed_s = 0.0
+    for step in range(round(limit_s * 50)):
+        condition = client.vehicle.condition()
+        if not landed_s and condition.landed:
+            landed_s = step / 50
+        if not condition.armed:
+            return landed_s, step / 50
+        client.fly(0.02)
+    raise AssertionError(f"still armed after {limit_s} s: {client.vehicle.condition()}")
+
+
+def lose_satellites(client: Client, drift_mps2: tuple[float, float]) -> None:
+    """Take the satellites away, with the error of the accelerometers east and north."""
+    navigation = client.vehicle._navigation  # type: ignore[attr-defined]
+    navigation.set_off(True)
+    navigation._bias_en_mps2 = drift_mps2
+
+
+# Up to ten standard deviations, which make the estimate move at 10 m/s before the landing.
+@pytest.mark.parametrize("drift_mps2", [(0.0, 0.0), (0.05, -0.03), (-0.3, 0.3)])
+@pytest.mark.parametrize(
+    ("autopilot", "disarmed_s", "after_s"), [("px4", 22.4, 2.0), ("ardupilot", 35.0, 0.3)]
+)
+def test_a_landing_without_satellites_ends_disarmed(
+    make: Make, autopilot: str, disarmed_s: float, after_s: float, drift_mps2: tuple[float, float]
+) -> None:
+    """From 10 m, as late as the real ones on this aircraft, however fast the estimate moves away; and where it
+    was, since without wind a level vehicle stays.
+    """
+    client = copter(make) if autopilot == "ardupilot" else make()
+    if autopilot == "px4":
+        client.airborne(10.0)
+    lose_satellites(client, drift_mps2)
+    begun_s = client.vehicle.time.s
+    landed_s, off_s = fly_until_disarmed(client, 45.0)
+    assert off_s == pytest.approx(disarmed_s, abs=0.7)
+    assert off_s - landed_s == pytest.approx(after_s, abs=0.15)
+    assert not client.vehicle.condition().crashed
+    east_m, north_m, _ = client.vehicle.truth().position_enu_m
+    if drift_mps2 == (0.0, 0.0):
+        assert math.hypot(east_m, north_m) < 0.1
+    client.fly(60.0 - (client.vehicle.time.s - begun_s))
+    assert not client.vehicle.condition().armed
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_landing_without_a_position_drifts_with_the_wind(make: Make, autopilot: str) -> None:
+    """Level, as the real ones, which hold no place against the wind."""
+    wind = {"wind": {"speed_mps": 2.0, "from_deg": 270.0}}
+    client = make(simspec(autopilot, environment=wind), system=255)
+    if autopilot == "px4":
+        client.airborne(10.0)
+    else:
+        client.fly(42.0)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
+        client.fly(12.0)
+    lose_satellites(client, (0.0, 0.0))
+    fly_until_disarmed(client, 45.0)
+    east_m, north_m, _ = client.vehicle.truth().position_enu_m
+    assert east_m > 5.0
+    assert abs(north_m) < 0.5
+
+
+def test_copter_tells_of_a_lost_position_and_steers_none(make: Make) -> None:
+    """EKF variance, the failsafe, and 15 s after the loss the end of aiding, as EKF3 tells it; base_mode 209, status
+    critical. Satellites that are back clear the failsafe, and the landing stays one without a position.
+    """
+    client = copter(make)
+    begun = len(client.texts())
+    lose_satellites(client, (0.0, 0.0))
+    client.fly(14.9, lambda: beat(client))
+    failsafe = ["EKF variance", "EKF Failsafe: changed to LAND Mode"]
+    assert client.texts()[begun:] == failsafe
+    heartbeat = client.last("HEARTBEAT")
+    assert (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status) == (209, 9, 5)
+    client.fly(0.2, lambda: beat(client))
+    aiding = [f"EKF3 IMU{number} stopped aiding" for number in (0, 1)]
+    assert client.texts()[begun:] == [*failsafe, *aiding]
+    client.vehicle._navigation.set_off(False)  # type: ignore[attr-defined]
+    client.fly(1.2, lambda: beat(client))
+    back = [*(f"EKF3 IMU{number} is using GPS" for number in (0, 1)), "EKF Failsafe Cleared"]
+    assert client.texts()[begun:] == [*failsafe, *aiding, *back]
+    assert state(client) == ("LAND", "")
+    assert client.vehicle._controller._guidance.manoeuvre._place is None  # type: ignore[attr-defined]
+
+
+def test_a_failsafe_of_a_copter_waits_before_it_lands(make: Make) -> None:
+    """Four seconds, also for a battery or a station; a landing that is ordered, or for the fence, begins at once."""
+    client = copter(make, FS_GCS_ENABLE=5)
+    client.fly(5.2)
+    assert state(client) == ("LAND", "link")
+    client.fly(3.5)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.1)
+    client.fly(2.0)
+    assert client.vehicle.truth().position_enu_m[2] < 9.5
+    client = copter(make)
+    client.command(mavlink.MAV_CMD_NAV_LAND)
+    client.fly(2.0)
+    assert client.vehicle.truth().position_enu_m[2] < 9.5

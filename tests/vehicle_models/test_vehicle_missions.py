@@ -310,7 +310,7 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
     assert not client.vehicle.condition().crashed
 
 
-@pytest.mark.parametrize("value", [math.inf, 3e38, -3e38])
+@pytest.mark.parametrize("value", [3e38, -3e38])
 def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> None:
     """Turns, delays, speeds, headings and jumps of nonsense numbers, each flown: the vehicle stays in the
     air.
@@ -471,7 +471,7 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
         to(client, 0, 0, 0),
         to(client, 0, 0, 10, 22),
         turns,
-        to(client, 0, 40, 10, 19, hold=5.0),
+        to(client, 0, 40, 10, 19, hold=5.0, yaw=0.0),
         to(client, 0, 0, 0, 21),
     ]
     assert upload(client, rows) == 0

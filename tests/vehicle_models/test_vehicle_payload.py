@@ -284,6 +284,33 @@ def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
     assert client.last("CAMERA_CAPTURE_STATUS").image_count == 5
 
 
+def test_pictures_asked_for_at_once_are_taken_one_after_the_other(make: Make) -> None:
+    """Each from a frame of its own, with a gapless index; the status is idle behind the last."""
+    client = make(carrying(mavlink=True))
+    for sequence in (1, 2, 3):
+        assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, sequence) == [0]
+        assert client.last("CAMERA_CAPTURE_STATUS").image_status == 1
+    expose(client, range(2))
+    assert client.last("CAMERA_CAPTURE_STATUS").image_status == 1
+    expose(client, range(2, 6))
+    taken = [(image.image_index, image.file_url) for image in images(client)]
+    assert taken == [(index, f"rebar:frame/{index}") for index in range(3)]
+    status = client.last("CAMERA_CAPTURE_STATUS")
+    assert (status.image_status, status.image_count) == (0, 3)
+
+
+def test_a_picture_is_taken_beside_a_series(make: Make) -> None:
+    """The series goes on; too many pictures at once are turned away for the time being."""
+    client = make(carrying(mavlink=True))
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 7) == [0]
+    assert client.last("CAMERA_CAPTURE_STATUS").image_status == 3
+    expose(client, range(5))
+    assert client.last("CAMERA_CAPTURE_STATUS").image_status & 2
+    results = [camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 0)[0] for _ in range(101)]
+    assert results == [0] * 100 + [1]
+
+
 def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
     """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no
     interval.

@@ -252,6 +252,18 @@ def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> No
     assert yaw_deg == pytest.approx(240.0, abs=25.0)
 
 
+def test_lands_and_disarms_without_satellites(make_wing: MakeWing) -> None:
+    """Also where its estimate moves away at several metres a second."""
+    client = make_wing()
+    take_off(client, 40.0)
+    navigation = client.vehicle._navigation  # type: ignore[attr-defined]
+    navigation.set_off(True)
+    navigation._bias_en_mps2 = (0.1, 0.05)
+    client.fly(120.0)
+    condition = client.vehicle.condition()
+    assert (condition.armed, condition.landed, condition.crashed) == (False, True, False)
+
+
 def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> None:
     """By default (RTL_LAND_DELAY -1) it circles over home at RTL_DESCEND_ALT and RTL_LOITER_RAD."""
     client = make_wing(wing_spec(parameters={"RTL_LOITER_RAD": 60.0, "RTL_DESCEND_ALT": 45.0}))

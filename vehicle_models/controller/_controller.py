@@ -298,6 +298,7 @@ class Controller:
             self._boundary,
             self._plans,
             self._arming.arm,
+            self._home,
             gimbal,
             self._camera,
         )

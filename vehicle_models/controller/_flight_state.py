@@ -17,9 +17,6 @@ from ._shaping import UNSHAPED, MotionShaping
 NorthEast = tuple[float, float]
 """A place or a velocity in the local frame: north, east."""
 
-# PX4's EKF2_NOAID_TOUT, used for ArduPilot too (not observed there).
-DEAD_RECKONING_NS = 5_000_000_000
-
 
 class LandedState(IntEnum):
     """Values of MAV_LANDED_STATE."""
@@ -72,7 +69,9 @@ class StickControl(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FlightMode:
-    """One mode as an autopilot shows it. `base` are the flags of HEARTBEAT.base_mode without ARMED."""
+    """One mode as an autopilot shows it. `base` are the flags of HEARTBEAT.base_mode without ARMED; a mode that
+    `needs_position` cannot be flown without an estimate of it.
+    """
 
     name: str
     custom: int
@@ -81,6 +80,7 @@ class FlightMode:
     armable: bool = True
     label: str = ""
     stick: StickControl | None = None
+    needs_position: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +223,7 @@ class FlightState:
     armed_since_ns: int = 0
     gps_epoch: int = 0
     gps_lost_ns: int | None = None  # when the receiver stopped giving fixes
+    dead_reckoning_ns: int = 0  # for so long without fixes the estimate of position is continued
     # Where a gimbal holds the camera: clockwise from the nose, and below the horizon. None without a gimbal.
     camera_pan_rad: float | None = None
     camera_tilt_rad: float | None = None
@@ -242,10 +243,10 @@ class FlightState:
 
     @property
     def position_ok(self) -> bool:
-        """Whether the estimate of position still counts: for five seconds without fixes it is continued by
-        dead reckoning.
+        """Whether the estimate of position still counts: for a while without fixes it is continued by dead
+        reckoning.
         """
-        return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < DEAD_RECKONING_NS
+        return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < self.dead_reckoning_ns
 
     @property
     def time_s(self) -> float:

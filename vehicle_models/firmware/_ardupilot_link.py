@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from bench.contracts import Vector
 from bench.errors import FirmwareFault
+from bench.geodesy import wrapped
 
 from ._px4_link import ANSWER_S, CONNECT_S, CheckAlive
 
@@ -164,9 +165,7 @@ class ArduPilotMetres:
     def north_east_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
         """As Location::offset takes them."""
         north_e7 = latitude_deg * 1e7 - self._latitude_e7
-        east_e7 = longitude_deg * 1e7 - self._longitude_e7
-        # Across the date line.
-        east_e7 = math.remainder(east_e7, 3.6e9)
+        east_e7 = wrapped(longitude_deg * 1e7 - self._longitude_e7, 1.8e9)
         middle_rad = math.radians((self._latitude_e7 + 0.5 * north_e7) * 1e-7)
         return north_e7 * _METRES_PER_E7, east_e7 * _METRES_PER_E7 * math.cos(middle_rad)
 

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from agent_adapters.client.documents import Origin
+from bench.geodesy import wrapped as wrapped_deg
 from bench.values import value_class
 
 # Samples: over six seconds at 10 Hz, because detections come late.
@@ -151,8 +152,8 @@ def wrapped(angle_rad: float) -> float:
 
 
 def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> tuple[float, float]:
-    """East and north metres from the origin on the WGS84 ellipsoid, first order: centimetres within a
-    kilometre or two.
+    """East and north metres from the origin on the WGS84 ellipsoid, first order: a place 300 m north and 300 m east is
+    2 cm off at 47 degrees of latitude and 18 cm at 85.
 
     Radii of curvature in the meridian and the prime vertical as in Torge, Geodesy, section 4.1.
     """
@@ -163,7 +164,7 @@ def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> 
     prime_m = 6378137.0 / root
     meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
     east_m = (
-        math.radians(longitude_deg - origin.longitude_deg)
+        math.radians(wrapped_deg(longitude_deg - origin.longitude_deg))
         * (prime_m + origin.altitude_m)
         * math.cos(latitude_rad)
     )

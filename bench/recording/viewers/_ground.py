@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import pymap3d
 
+from bench.geodesy import wrapped
 from bench.simspec import Point as GroundPoint
 from bench.simspec import SimSpec
 from bench.streams import Pose, Time, Vector3
@@ -71,8 +72,15 @@ def ground_map(simspec: SimSpec) -> str:
             )
             for point in points
         )
-        # GeoJSON: longitude before latitude. Nine decimals are a tenth of a millimetre.
-        return [[round(float(longitude), 9), round(float(latitude), 9)] for latitude, longitude, _ in places]
+        # GeoJSON: longitude before latitude. Nine decimals are a tenth of a millimetre. At the date line longitudes go
+        # on beyond 180 degrees: a line that jumps from one side to the other would be drawn round the earth.
+        return [
+            [
+                round(origin.longitude_deg + wrapped(float(longitude) - origin.longitude_deg), 9),
+                round(float(latitude), 9),
+            ]
+            for latitude, longitude, _ in places
+        ]
 
     features = [
         _feature(

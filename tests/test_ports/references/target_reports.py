@@ -8,6 +8,7 @@ from bench.contracts import Tape, TargetReport
 from bench.simspec import SimSpec
 
 from .flown_samples import actors_at
+from .looks import looks_s
 
 
 def subject(tape: Tape, report: TargetReport, time_s: float, within_m: float = 40.0) -> int | None:
@@ -20,8 +21,8 @@ def subject(tape: Tape, report: TargetReport, time_s: float, within_m: float = 4
 
 
 def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor: int) -> bool:
-    """In view before, half of it and 12 pixels; neither at a place that intelligence stated, nor nearer to one
-    than to the actor, unless within 10 m of it.
+    """Looked at before; neither at a place that intelligence stated, nor nearer to one than to the actor, unless
+    within 10 m of it.
     """
     assert spec.realized is not None
     place = (report.east_m, report.north_m)
@@ -30,12 +31,7 @@ def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor:
         told_m = math.dist((area.east_m, area.north_m), place)
         if told_m <= 1.0 or (off_m > 10.0 and told_m < off_m):
             return False
-    return any(
-        sighting.actor == actor and sighting.height_px >= 12.0 and sighting.visible >= 0.5
-        for frame in tape.frames
-        if frame.exposed.s <= time_s
-        for sighting in frame.sightings
-    )
+    return min(looks_s(spec, tape, actor), default=math.inf) <= time_s
 
 
 def known(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..missions._store import (
@@ -28,33 +29,55 @@ _NAMES: dict[int, str] = {
     MAV_CMD.NAV_RETURN_TO_LAUNCH: "RTL",
     MAV_CMD.NAV_LAND: "Land",
     MAV_CMD.NAV_TAKEOFF: "Takeoff",
+    MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT: "ContinueAndChangeAlt",
     MAV_CMD.NAV_LOITER_TO_ALT: "LoitAltitude",
     MAV_CMD.NAV_SPLINE_WAYPOINT: "SplineWP",
+    MAV_CMD.NAV_ALTITUDE_WAIT: "AltitudeWait",
     MAV_CMD.NAV_VTOL_TAKEOFF: "VTOLTakeoff",
     MAV_CMD.NAV_VTOL_LAND: "VTOLLand",
     MAV_CMD.NAV_GUIDED_ENABLE: "GuidedEnable",
     MAV_CMD.NAV_DELAY: "Delay",
     MAV_CMD.NAV_PAYLOAD_PLACE: "PayloadPlace",
+    MAV_CMD.NAV_SET_YAW_SPEED: "SetYawSpd",
+    MAV_CMD.NAV_SCRIPT_TIME: "NavScriptTime",
+    MAV_CMD.NAV_ATTITUDE_TIME: "NavAttitudeTime",
     MAV_CMD.CONDITION_DELAY: "CondDelay",
     MAV_CMD.CONDITION_DISTANCE: "CondDist",
     MAV_CMD.CONDITION_YAW: "CondYaw",
     MAV_CMD.DO_JUMP: "Jump",
+    MAV_CMD.JUMP_TAG: "JumpTag",
+    MAV_CMD.DO_JUMP_TAG: "DoJumpTag",
     MAV_CMD.DO_CHANGE_SPEED: "ChangeSpeed",
     MAV_CMD.DO_SET_HOME: "SetHome",
     MAV_CMD.DO_SET_RELAY: "SetRelay",
     MAV_CMD.DO_REPEAT_RELAY: "RepeatRelay",
     MAV_CMD.DO_SET_SERVO: "SetServo",
     MAV_CMD.DO_REPEAT_SERVO: "RepeatServo",
+    MAV_CMD.DO_RETURN_PATH_START: "ReturnPathStart",
     MAV_CMD.DO_LAND_START: "LandStart",
+    MAV_CMD.DO_GO_AROUND: "Go Around",
+    MAV_CMD.DO_PAUSE_CONTINUE: "PauseContinue",
+    MAV_CMD.DO_SET_REVERSE: "SetReverse",
     MAV_CMD.DO_SET_ROI: "SetROI",
     MAV_CMD.DO_SET_ROI_LOCATION: "SetROI",
     MAV_CMD.DO_SET_ROI_NONE: "SetROI",
+    MAV_CMD.DO_DIGICAM_CONFIGURE: "DigiCamCfg",
     MAV_CMD.DO_DIGICAM_CONTROL: "DigiCamCtrl",
     MAV_CMD.DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
     MAV_CMD.DO_FENCE_ENABLE: "FenceEnable",
     MAV_CMD.DO_PARACHUTE: "Parachute",
+    MAV_CMD.DO_INVERTED_FLIGHT: "InvertedFlight",
     MAV_CMD.DO_GRIPPER: "Gripper",
+    MAV_CMD.DO_AUTOTUNE_ENABLE: "AutoTuneEnable",
+    MAV_CMD.DO_SET_RESUME_REPEAT_DIST: "SetRepeatDist",
+    MAV_CMD.DO_SPRAYER: "Sprayer",
+    MAV_CMD.DO_SEND_SCRIPT_MESSAGE: "Scripting",
+    MAV_CMD.DO_AUX_FUNCTION: "AuxFunction",
     MAV_CMD.DO_GUIDED_LIMITS: "GuidedLimits",
+    MAV_CMD.DO_ENGINE_CONTROL: "EngineControl",
+    MAV_CMD.SET_CAMERA_ZOOM: "SetCameraZoom",
+    MAV_CMD.SET_CAMERA_FOCUS: "SetCameraFocus",
+    MAV_CMD.SET_CAMERA_SOURCE: "SetCameraSource",
     MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "GimbalPitchYaw",
     MAV_CMD.IMAGE_START_CAPTURE: "ImageStartCapture",
     MAV_CMD.IMAGE_STOP_CAPTURE: "ImageStopCapture",
@@ -64,9 +87,64 @@ _NAMES: dict[int, str] = {
     MAV_CMD.DO_MOUNT_CONTROL: "MountControl",
     MAV_CMD.DO_WINCH: "Winch",
 }
+# Items whose x, y and z are a place (source: AP_Mission keeps no place of others, and checks none).
+_WITH_PLACE = frozenset(
+    {
+        MAV_CMD.NAV_WAYPOINT,
+        MAV_CMD.NAV_LOITER_UNLIM,
+        MAV_CMD.NAV_LOITER_TURNS,
+        MAV_CMD.NAV_LOITER_TIME,
+        MAV_CMD.NAV_LAND,
+        MAV_CMD.NAV_TAKEOFF,
+        MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT,
+        MAV_CMD.NAV_LOITER_TO_ALT,
+        MAV_CMD.NAV_SPLINE_WAYPOINT,
+        MAV_CMD.NAV_GUIDED_ENABLE,
+        MAV_CMD.NAV_VTOL_TAKEOFF,
+        MAV_CMD.NAV_VTOL_LAND,
+        MAV_CMD.NAV_PAYLOAD_PLACE,
+        MAV_CMD.DO_SET_HOME,
+        MAV_CMD.DO_RETURN_PATH_START,
+        MAV_CMD.DO_LAND_START,
+        MAV_CMD.DO_GO_AROUND,
+        MAV_CMD.DO_SET_ROI_LOCATION,
+        MAV_CMD.DO_SET_ROI_NONE,
+        MAV_CMD.DO_SET_ROI,
+    }
+)
+# Items whose x and y are other numbers, in a MISSION_ITEM as well.
+_PLAIN_NUMBERS = frozenset(
+    {
+        MAV_CMD.DO_DIGICAM_CONFIGURE,
+        MAV_CMD.DO_DIGICAM_CONTROL,
+        MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
+        MAV_CMD.NAV_ATTITUDE_TIME,
+    }
+)
+# Parameters (counted from 0) that may be NaN; no other may, and none may be infinite.
+_NAN_TAKEN: dict[int, tuple[int, ...]] = {
+    MAV_CMD.NAV_WAYPOINT: (3,),
+    MAV_CMD.NAV_LAND: (3,),
+    MAV_CMD.NAV_TAKEOFF: (3,),
+    MAV_CMD.NAV_VTOL_TAKEOFF: (3,),
+    MAV_CMD.NAV_VTOL_LAND: (2, 3),
+}
+# Items that AP_Mission takes and ArduCopter does not know when their turn comes.
+_NOT_OF_A_COPTER = frozenset(
+    {
+        MAV_CMD.DO_GO_AROUND,
+        MAV_CMD.DO_PAUSE_CONTINUE,
+        MAV_CMD.DO_SET_REVERSE,
+        MAV_CMD.DO_INVERTED_FLIGHT,
+        MAV_CMD.DO_AUTOTUNE_ENABLE,
+        MAV_CMD.DO_ENGINE_CONTROL,
+        MAV_CMD.DO_VTOL_TRANSITION,
+    }
+)
+# Such numbers mark commands beyond a byte in the store.
+_RESERVED = (0, 1)
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
-_COMMANDS: dict[int, frozenset[int]] = {
-    MISSION: frozenset(_NAMES),
+_AREA_COMMANDS: dict[int, frozenset[int]] = {
     FENCE: frozenset(
         {
             MAV_CMD.NAV_FENCE_RETURN_POINT,
@@ -78,22 +156,64 @@ _COMMANDS: dict[int, frozenset[int]] = {
     RALLY: frozenset({MAV_CMD.NAV_RALLY_POINT}),
 }
 _FRAMES = ABOVE_SEA | ABOVE_HOME | ABOVE_GROUND | PLACELESS
-_MAX_HEIGHT_M = 1e6
+# What fits into the store, in centimetres of 24 bits (source: LOCATION_ALT_MAX_M).
+_MAX_HEIGHT_M = 83_000.0
 
 
 def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult | None:
-    if item.command not in _COMMANDS[kind]:
+    """In the order of AP_Mission's own checks (source), which decides for an item with several faults."""
+    if kind != MISSION:
+        return _refuse_area_item(kind, item)
+    converted = as_float and item.command not in _PLAIN_NUMBERS
+    fault = (converted and _refuse_degrees(item)) or _refuse_number(item)
+    if fault:
+        return fault
+    if item.command not in _NAMES:
+        return MissionResult.INVALID if item.command in _RESERVED else MissionResult.UNSUPPORTED
+    if item.command not in _WITH_PLACE:
+        return None
+    fault = _refuse_place(item)
+    return fault if fault or item.frame in _FRAMES else MissionResult.UNSUPPORTED_FRAME
+
+
+def _refuse_area_item(kind: int, item: MissionItem) -> MissionResult | None:
+    """Items of fences and rally points."""
+    if item.command not in _AREA_COMMANDS[kind]:
         return MissionResult.UNSUPPORTED
     if item.frame not in _FRAMES:
         return MissionResult.UNSUPPORTED_FRAME
     if not math.isfinite(item.params[0]):
         return MissionResult.INVALID_PARAM1
-    if item.frame not in PLACELESS:
-        if abs(item.x) > 900_000_000:
-            return MissionResult.INVALID_PARAM5_X
-        if abs(item.y) > 1_800_000_000:
-            return MissionResult.INVALID_PARAM6_Y
-    return None if abs(item.z) < _MAX_HEIGHT_M else MissionResult.INVALID_PARAM7
+    return None if item.frame in PLACELESS else _refuse_place(item)
+
+
+def _refuse_number(item: MissionItem) -> MissionResult | None:
+    nan_taken = _NAN_TAKEN.get(item.command, ())
+    for index, value in enumerate(item.params):
+        if math.isinf(value) or (math.isnan(value) and index not in nan_taken):
+            return MissionResult(MissionResult.INVALID_PARAM1 + index)
+    return None
+
+
+def _refuse_place(item: MissionItem) -> MissionResult | None:
+    return _refuse_degrees(item) or (None if abs(item.z) < _MAX_HEIGHT_M else MissionResult.INVALID_PARAM7)
+
+
+def _refuse_degrees(item: MissionItem) -> MissionResult | None:
+    if abs(item.x) > 900_000_000:
+        return MissionResult.INVALID_PARAM5_X
+    return MissionResult.INVALID_PARAM6_Y if abs(item.y) > 1_800_000_000 else None
+
+
+def _stored(item: MissionItem) -> MissionItem:
+    """A place without a frame of its own is one above the sea."""
+    if item.frame in PLACELESS and item.command in _WITH_PLACE:
+        return replace(item, frame=MAV_FRAME.GLOBAL)
+    return item
+
+
+def _has_degrees(command: int, frame: int) -> bool:
+    return command not in _PLAIN_NUMBERS
 
 
 def _refuse_plan(
@@ -124,13 +244,23 @@ def _refuse_plan(
 
 
 def _shown_frame(item: MissionItem, as_float: bool) -> int:
-    if item.frame in ABOVE_SEA | PLACELESS:
+    placeless = item.command in _NAMES and item.command not in _WITH_PLACE
+    if placeless or item.frame in ABOVE_SEA | PLACELESS:
         return MAV_FRAME.GLOBAL
     return MAV_FRAME.GLOBAL_RELATIVE_ALT if item.frame in ABOVE_HOME else MAV_FRAME.GLOBAL_TERRAIN_ALT
 
 
 def _item_text(item: MissionItem) -> StatusText | None:
     return INFO, f"Mission: {{}} {_NAMES.get(item.command, 'Cmd')}"
+
+
+def _idle_text(item: MissionItem) -> StatusText | None:
+    """Source."""
+    if item.command == MAV_CMD.DO_SET_RESUME_REPEAT_DIST:
+        return INFO, f"Resume repeat dist set to {min(max(item.params[0], 0.0), 65535.0):.0f} m"
+    if item.command in _NOT_OF_A_COPTER:
+        return WARNING, f"Skipping invalid cmd #{item.command}"
+    return None
 
 
 def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
@@ -161,6 +291,8 @@ MISSIONS = MissionPolicy(
         request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
         refuse_item=_refuse_item,
         refuse_plan=_refuse_plan,
+        stored=_stored,
+        has_degrees=_has_degrees,
         shown_frame=_shown_frame,
     ),
     home_first=True,
@@ -175,6 +307,16 @@ MISSIONS = MissionPolicy(
     end_text=None,
     no_such_item_text=None,
     outside_fence_text=None,
+    actions=frozenset(
+        {
+            MAV_CMD.CONDITION_DELAY,
+            MAV_CMD.CONDITION_DISTANCE,
+            MAV_CMD.DO_SET_HOME,
+            MAV_CMD.DO_FENCE_ENABLE,
+            MAV_CMD.DO_AUX_FUNCTION,
+        }
+    ),
+    idle_text=_idle_text,
     item_text=_item_text,
     acceptance_radius_m=_acceptance_radius_m,
     acceptance_height_m=2.0,

@@ -24,20 +24,20 @@ _MODES = (
     FlightMode("STABILIZE", 0, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE),
     FlightMode("ACRO", 1, _PLAIN, Behaviour.PILOT, stick=StickControl.RATES),
     FlightMode("ALT_HOLD", 2, _PLAIN, Behaviour.PILOT, stick=StickControl.ALTITUDE),
-    FlightMode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False),
-    FlightMode("GUIDED", 4, _STEERS, Behaviour.OFFBOARD),
-    FlightMode("LOITER", 5, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
-    FlightMode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False),
-    FlightMode("CIRCLE", 7, _STEERS, Behaviour.CIRCLE, stick=StickControl.POSITION),
+    FlightMode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False, needs_position=True),
+    FlightMode("GUIDED", 4, _STEERS, Behaviour.OFFBOARD, needs_position=True),
+    FlightMode("LOITER", 5, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
+    FlightMode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False, needs_position=True),
+    FlightMode("CIRCLE", 7, _STEERS, Behaviour.CIRCLE, stick=StickControl.POSITION, needs_position=True),
     FlightMode("LAND", 9, _STEERS, Behaviour.LAND, armable=False),
-    FlightMode("DRIFT", 11, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE),
-    FlightMode("POSHOLD", 16, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
-    FlightMode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False),
-    FlightMode("THROW", 18, _PLAIN, Behaviour.HOLD),
-    FlightMode("AVOID_ADSB", 19, _STEERS, Behaviour.OFFBOARD, armable=False),
+    FlightMode("DRIFT", 11, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE, needs_position=True),
+    FlightMode("POSHOLD", 16, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
+    FlightMode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False, needs_position=True),
+    FlightMode("THROW", 18, _PLAIN, Behaviour.HOLD, needs_position=True),
+    FlightMode("AVOID_ADSB", 19, _STEERS, Behaviour.OFFBOARD, armable=False, needs_position=True),
     FlightMode("GUIDED_NOGPS", 20, _STEERS, Behaviour.OFFBOARD),
-    FlightMode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False),
-    FlightMode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
+    FlightMode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False, needs_position=True),
+    FlightMode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
 )
 _NAMED = {mode.name: mode for mode in _MODES}
 # Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the
@@ -126,6 +126,9 @@ def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     # A return steers position as soon as it is flown; disarmed in RTL the SITL showed the plain bits.
     if flight.armed and flight.mode.behaviour is Behaviour.RETURN:
         base |= MAV_MODE_FLAG.GUIDED_ENABLED
+    # A landing without a position steers nothing but the height.
+    if flight.armed and flight.mode.behaviour is Behaviour.LAND and not flight.position_ok:
+        base &= ~MAV_MODE_FLAG.GUIDED_ENABLED
     # While it starts, the SITL shows a mode that steers position, whatever the mode is.
     if flight.time_s < STANDBY_S:
         return _STEERS, MAV_STATE.BOOT
@@ -172,6 +175,12 @@ def _refuse_mode(
     return None
 
 
+def _requires_position(wanted: FlightMode) -> Refusal:
+    return Refusal(
+        CommandResult.FAILED, ((WARNING, f"Mode change to {wanted.name} failed: requires position"),)
+    )
+
+
 def _number_of_command(params: tuple[float, ...]) -> int | None:
     number = params[1]
     return (
@@ -195,6 +204,7 @@ MODES = ModePolicy(
     heartbeat_on_change=True,
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
+    refuse_without_position=_requires_position,
     number_of_command=_number_of_command,
     result_without_mode=CommandResult.DENIED,
     auxiliary_modes=_AUXILIARY_MODES,

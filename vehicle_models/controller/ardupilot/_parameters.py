@@ -53,6 +53,7 @@ def limits(p: ParameterStore) -> FlightLimits:
         land_slow_below_m=land_low_m,
         # Where ArduPilot's square root begins to slow the descent; linear in between here.
         land_fast_above_m=land_low_m + 0.5 + 0.5 * descent_mps**2 / vertical_accel_mps2,
+        blind_land_mps=None,
         return_height_m=p["RTL_ALT"] / 100.0,
         return_mps=return_mps,
         return_path=PathLimits(return_mps, accel_mps2, vertical_accel_mps2, jerk_mps3),

@@ -8,6 +8,7 @@ from .._flight_state import Behaviour, FlightState
 from .._service import CommandResult, Refusal
 from ..parameters._store import ParameterStore
 from ..policies._safety import (
+    AidingTexts,
     BatteryStep,
     Breach,
     FailsafeSettings,
@@ -28,6 +29,17 @@ _BATTERY_ACTIONS = {
 _STATION_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.LAND}
 _RADIO_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.LAND, 4: Behaviour.RETURN, 5: Behaviour.RETURN}
 _RADIO_TIMEOUT_S = 0.8
+# Source: EKF3 gives its position up 7 s after the last fix, and its check waits for ten samples at 10 Hz. A real one
+# landed 8.0 s after its satellites were gone.
+_DEAD_RECKONING_S, _POSITION_CONFIRMED_S = 7.0, 1.0
+# Source: without any aiding for 15 s each of the two filters holds a constant position.
+_AIDING = AidingTexts(
+    15.0,
+    lost=tuple((WARNING, f"EKF3 IMU{number} stopped aiding") for number in (0, 1)),
+    back=tuple((INFO, f"EKF3 IMU{number} is using GPS") for number in (0, 1)),
+)
+# Source: a landing of a failsafe begins its descent so much later; that of the fence begins at once.
+_LAND_DELAY_S = 4.0
 # Of the vehicle's own battery.
 _FULL_BATTERY_V = 16.6
 
@@ -61,10 +73,7 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
         _battery_step(p, "low", p["BATT_LOW_VOLT"], p["BATT_FS_LOW_ACT"]),
         _battery_step(p, "critical", p["BATT_CRT_VOLT"], p["BATT_FS_CRT_ACT"]),
     )
-    position_texts = (
-        (CRITICAL, "EKF variance: position lost"),
-        (CRITICAL, "EKF Failsafe: changed to LAND Mode"),
-    )
+    position_texts = ((CRITICAL, "EKF Failsafe: changed to LAND Mode"),)
     return FailsafeSettings(
         hold_texts=(),
         disarms_on_ground=True,
@@ -72,15 +81,23 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
         strongest=False,
         latched=False,
         station_timeout_s=max(p["FS_GCS_TIMEOUT"], 1.0),
-        station=Reaction(station, texts=((WARNING, "GCS Failsafe"),)) if station else None,
+        station=_reaction(station, ((WARNING, "GCS Failsafe"),)) if station else None,
         station_back_texts=((WARNING, "GCS Failsafe Cleared"),),
         battery=tuple(step for step in battery_steps if step.volts > 0.0),
-        position=Reaction(Behaviour.LAND, texts=position_texts) if lands else None,
-        radio=Reaction(radio, texts=((WARNING, "Radio Failsafe"),)) if radio else None,
+        position=_reaction(Behaviour.LAND, position_texts) if lands else None,
+        position_confirmed_s=_POSITION_CONFIRMED_S,
+        position_lost_texts=((CRITICAL, "EKF variance"),),
+        position_back_texts=((CRITICAL, "EKF Failsafe Cleared"),),
+        aiding=_AIDING,
+        radio=_reaction(radio, ((WARNING, "Radio Failsafe"),)) if radio else None,
         radio_silent=p["SIM_RC_FAIL"] > 0.0,
         radio_timeout_s=_RADIO_TIMEOUT_S,
         radio_back_texts=((WARNING, "Radio Failsafe Cleared"),),
     )
+
+
+def _reaction(action: Behaviour | None, texts: tuple[StatusText, ...]) -> Reaction:
+    return Reaction(action, texts=texts, land_delay_s=_LAND_DELAY_S)
 
 
 def _battery_step(p: ParameterStore, level: str, volts: float, action: float) -> BatteryStep:
@@ -89,7 +106,7 @@ def _battery_step(p: ParameterStore, level: str, volts: float, action: float) ->
         (WARNING, f"Battery 1 is {level} {{volts:.2f}}V used {{used_mah:.0f}} mAh"),
         (WARNING, "Battery Failsafe"),
     )
-    reaction = Reaction(_BATTERY_ACTIONS.get(int(action)), texts=texts)
+    reaction = _reaction(_BATTERY_ACTIONS.get(int(action)), texts)
     return BatteryStep(reaction, 3, volts=volts, lasts_s=max(p["BATT_LOW_TIMER"], 0.0))
 
 
@@ -142,5 +159,6 @@ SAFETY = SafetyPolicy(
         uses_rally=lambda p: True,
     ),
     is_ground_station=lambda system, p: system == int(p["SYSID_MYGCS"]),
+    dead_reckoning_s=_DEAD_RECKONING_S,
     battery_volts=battery_volts,
 )

@@ -31,9 +31,9 @@ class LandDetector:
             if target.down_m is None
             else target.down_m > flight.down_m - 0.05
         )
-        still = (
-            flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
-        )
+        # Without an estimate of position the horizontal speed is not known either, and both autopilots go without it.
+        slow = not flight.position_ok or math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
+        still = flight.on_ground and abs(flight.vd_mps) < 0.15 and slow
         self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
         return self._still_s >= settles_s
 

@@ -71,6 +71,7 @@ class FlightLimits:
     land_mps: float
     land_slow_below_m: float  # landing speed below, full descent above `land_fast_above_m`, linear between
     land_fast_above_m: float
+    blind_land_mps: float | None  # at once, without an estimate of position; None: as any other landing
     return_height_m: float  # above home
     return_mps: float
     return_path: PathLimits | None  # None: the return is flown like any position

@@ -138,23 +138,32 @@ class Takeoff:
 class Land:
     """Descend straight down, slower near the ground.
 
-    The landing ends where the feet touch, at whatever height that is.
+    The landing ends where the feet touch, at whatever height that is. Once there is no estimate of position, the
+    vehicle descends level and drifts with the wind, also when the estimate comes back (source: ArduCopter; PX4
+    begins another manoeuvre then).
     """
 
     def __init__(
         self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
     ) -> None:
-        self._place = north_east_m or stopping_place(flight)
+        self._place: NorthEast | None = north_east_m or stopping_place(flight)
         self._ground_down_m = ground_down_m
         self._yaw_rad = flight.yaw_rad
+        self._begins_ns = flight.time_ns
+
+    def delay(self, flight: FlightState, delay_s: float) -> None:
+        """Stay at this height for so long before the descent."""
+        self._begins_ns = flight.time_ns + round(delay_s * 1e9)
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        height_m = self._ground_down_m - flight.down_m
-        span_m = limits.land_fast_above_m - limits.land_slow_below_m
-        share = 1.0 if span_m <= 0.0 else min(max((height_m - limits.land_slow_below_m) / span_m, 0.0), 1.0)
-        if span_m <= 0.0 and height_m < limits.land_slow_below_m:
-            share = 0.0
-        speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
+        if not flight.position_ok:
+            self._place = None
+        blind = self._place is None
+        speed, shaping = self._speed_mps(flight, limits), limits.descent_shaping
+        if blind and limits.blind_land_mps is not None:
+            speed, shaping = limits.blind_land_mps, UNSHAPED
+        if flight.time_ns < self._begins_ns:
+            speed = 0.0
         return FlightTarget(
             # With its feet on the ground the vehicle holds still: following a position that wanders would
             # turn it over.
@@ -164,8 +173,17 @@ class Land:
             speed_max_mps=limits.cruise_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=max(speed, 0.1),
-            shaping=limits.descent_shaping,
+            attitude=TargetAttitude() if blind else None,
+            shaping=shaping,
         )
+
+    def _speed_mps(self, flight: FlightState, limits: FlightLimits) -> float:
+        height_m = self._ground_down_m - flight.down_m
+        span_m = limits.land_fast_above_m - limits.land_slow_below_m
+        share = 1.0 if span_m <= 0.0 else min(max((height_m - limits.land_slow_below_m) / span_m, 0.0), 1.0)
+        if span_m <= 0.0 and height_m < limits.land_slow_below_m:
+            share = 0.0
+        return limits.land_mps + share * (limits.descent_mps - limits.land_mps)
 
     def done(self, flight: FlightState) -> bool:
         return False

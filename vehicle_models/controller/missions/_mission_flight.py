@@ -22,9 +22,10 @@ from ..payload._camera import CameraComponent
 from ..payload._gimbal import Gimbal
 from ..policies._missions import MissionPolicy
 from ..safety._fence_boundary import FenceBoundary
+from ..services._home import HomeKeeper
 from ..services._modes import Modes
 from ..telemetry._texts import INFO, StatusText
-from ._payload_items import use_payload
+from ._payload_items import PAYLOAD_ITEMS, use_payload
 from ._store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
 
 _TAKEOFFS = (MAV_CMD.NAV_TAKEOFF, MAV_CMD.NAV_VTOL_TAKEOFF)
@@ -45,6 +46,16 @@ _WITH_COURSE = (*_PASSED, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_UNLIM)
 # Flown from the ground as they are.
 _NO_LIFTOFF = (*_TAKEOFFS, *_LANDINGS, MAV_CMD.NAV_RETURN_TO_LAUNCH, MAV_CMD.NAV_DELAY)
 _ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI_LOCATION, MAV_CMD.DO_SET_ROI)
+_JUMPS = (MAV_CMD.DO_JUMP, MAV_CMD.DO_JUMP_TAG)
+# Places in a mission, for a jump or for DO_LAND_START.
+_MARKS = (MAV_CMD.JUMP_TAG, MAV_CMD.DO_LAND_START)
+_ACTIONS = {
+    *_ROI,
+    *_JUMPS,
+    MAV_CMD.DO_SET_ROI_NONE,
+    MAV_CMD.DO_CHANGE_SPEED,
+    MAV_CMD.CONDITION_YAW,
+}
 # In a row: a ring of jumps without anything to fly ends the mission.
 _MAX_JUMPS = 100
 # Looked up once, because every step compares with it.
@@ -89,6 +100,7 @@ class MissionFlight:
         fence: FenceBoundary,
         plans: StoredPlans,
         arm: Callable[[], bool],
+        home: HomeKeeper,
         gimbal: Gimbal | None,
         camera: CameraComponent | None,
     ) -> None:
@@ -99,6 +111,7 @@ class MissionFlight:
         self._plan = plans.mission
         self._plans = plans
         self._arm = arm
+        self._home = home
         self._gimbal, self._camera = gimbal, camera
         self._index = 0  # of the item that is flown
         self._leg: MissionLeg | None = None
@@ -107,6 +120,7 @@ class MissionFlight:
         self._lands_next = False  # the present leg leads to a place to land on
         self._actions: deque[tuple[int, MissionItem]] = deque()  # DO and CONDITION items that are due
         self._wait_ns = 0
+        self._within_m: float | None = None  # of the item that is flown, before the actions go on
         self._jumps: dict[int, int] = {}
         self._reached: int | None = None
         self._repeat_ns = 0
@@ -291,10 +305,10 @@ class MissionFlight:
         meanwhile.
         """
         self._actions.clear()
-        self._wait_ns, self._yaw_rad, jumps = 0, None, 0
+        self._wait_ns, self._within_m, self._yaw_rad, jumps = 0, None, None, 0
         items = self._plan.items
         while index < len(items) and items[index].command not in _FLOWN:
-            if items[index].command == MAV_CMD.DO_JUMP:
+            if items[index].command in _JUMPS:
                 index = self._jump(index, items[index])
                 jumps += 1
                 if jumps > _MAX_JUMPS:
@@ -305,24 +319,37 @@ class MissionFlight:
                 self._actions.append((index, items[index]))
                 index += 1
         flight = self._context.flight
+        finished = index >= len(items) or jumps > _MAX_JUMPS
+        if not finished:
+            self._index = index
         self._run_due_actions(flight)
-        if index >= len(items) or jumps > _MAX_JUMPS:
+        if flight.mode.behaviour is not _MISSION:
+            return  # an action has left the mode; when it is entered again, the item is flown
+        if finished:
             self._finish(flight)
         else:
-            self._index = index
             self._fly_item(flight, items[index])
 
     def _jump(self, index: int, item: MissionItem) -> int:
-        if not self._is_jump_due(index, item):
+        goal = self._due_jump(index, item)
+        if goal is None:
             return index + 1
         self._jumps[index] = self._jumps.get(index, 0) + 1
-        return int(item.params[0])
+        return goal
 
-    def _is_jump_due(self, index: int, item: MissionItem) -> bool:
-        """Whether a jump leads somewhere and has been taken less often than it asks for."""
+    def _due_jump(self, index: int, item: MissionItem) -> int | None:
+        """Where a jump leads; None where it leads nowhere, or was taken as often as it asks for."""
         goal, times = item.params[0], item.params[1]
+        if item.command == MAV_CMD.DO_JUMP_TAG:
+            tags = (
+                number
+                for number, mark in enumerate(self._plan.items)
+                if mark.command == MAV_CMD.JUMP_TAG and mark.params[0] == item.params[0]
+            )
+            goal = next(tags, math.nan)
         leads = math.isfinite(goal) and self._first <= goal < len(self._plan.items)
-        return leads and math.isfinite(times) and (times < 0 or self._jumps.get(index, 0) < times)
+        due = leads and math.isfinite(times) and (times < 0 or self._jumps.get(index, 0) < times)
+        return int(goal) if due else None
 
     def _finish(self, flight: FlightState) -> None:
         self._end("loitering" if flight.flying else "landed")
@@ -518,8 +545,8 @@ class MissionFlight:
                 return _Following(place, self._down_m(item), speed_mps) if place else None
             if item.command == MAV_CMD.DO_CHANGE_SPEED and _is_ground_speed(*item.params[:2]):
                 speed_mps = self._speed_of(item.params[1])
-            jumps = item.command == MAV_CMD.DO_JUMP and self._is_jump_due(index, item)
-            index = int(item.params[0]) if jumps else index + 1
+            goal = self._due_jump(index, item) if item.command in _JUMPS else None
+            index = index + 1 if goal is None else goal
         return None
 
     def _landing(self, flight: FlightState, item: MissionItem) -> Land:
@@ -539,13 +566,15 @@ class MissionFlight:
 
     def _run_due_actions(self, flight: FlightState) -> None:
         remaining = _ACTIONS_PER_STEP
-        while self._actions and remaining and flight.time_ns >= self._wait_ns:
+        while self._actions and remaining and not self._waits(flight):
             remaining -= 1
             number, item = self._actions.popleft()
             text = self._policy.item_text(item)
             if text:
                 self._context.texts.send(text[0], text[1].format(number))
             self._run_action(flight, item)
+            if flight.mode.behaviour is not _MISSION:
+                return
             if not self._policy.reached_counts_next:
                 self._arrived(number)
 
@@ -553,8 +582,6 @@ class MissionFlight:
         first, second = item.params[:2]
         if item.command == MAV_CMD.DO_CHANGE_SPEED:
             self._change_speed(item, first, second)
-        elif item.command == MAV_CMD.CONDITION_DELAY and math.isfinite(first) and self._policy.home_first:
-            self._wait_ns = flight.time_ns + round(min(max(first, 0.0), 1e6) * 1e9)
         elif item.command == MAV_CMD.CONDITION_YAW and math.isfinite(first):
             turn = math.radians(first)
             relative = item.params[3] == 1.0
@@ -563,8 +590,43 @@ class MissionFlight:
             self._look_at(None, flight.down_m)
         elif item.command in _ROI:
             self._look_at(self._place(item) if item.frame not in PLACELESS else None, self._down_m(item))
+        elif item.command in self._policy.actions:
+            self._run_own_action(flight, item)
+        elif text := self._policy.idle_text(item):
+            self._context.texts.send(*text)
         else:
             use_payload(self._gimbal, self._camera, item)
+
+    def _run_own_action(self, flight: FlightState, item: MissionItem) -> None:
+        first, second = item.params[:2]
+        match item.command:
+            case MAV_CMD.CONDITION_DELAY if math.isfinite(first):
+                self._wait_ns = flight.time_ns + round(min(max(first, 0.0), 1e6) * 1e9)
+            case MAV_CMD.CONDITION_DISTANCE:
+                self._within_m = max(first, 0.0)
+            case MAV_CMD.DO_FENCE_ENABLE if first in (0.0, 1.0):
+                self._fence.enable(first == 1.0)
+            case MAV_CMD.DO_AUX_FUNCTION:
+                self._modes.run_auxiliary(first, second)
+            case MAV_CMD.DO_SET_HOME:
+                place = None if first == 1.0 or item.nowhere else item.place_deg
+                if place is None or (*place, item.z) == (0.0, 0.0, 0.0):
+                    self._home.set_here()
+                else:
+                    self._home.set_at(place, flight.origin.altitude_m - self._down_m(item))
+
+    def _waits(self, flight: FlightState) -> bool:
+        """Whether a condition keeps the actions behind it back."""
+        if flight.time_ns < self._wait_ns:
+            return True
+        if self._within_m is None:
+            return False
+        place = self._place(self._plan.items[self._index])
+        away_m = 0.0 if place is None else math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
+        if away_m >= self._within_m:
+            return True
+        self._within_m = None
+        return False
 
     def _look_at(self, place: NorthEast | None, down_m: float) -> None:
         """Point the gimbal at a region of interest, or the nose where there is no gimbal; None ends it."""
@@ -663,7 +725,8 @@ class MissionFlight:
         first = command.params[0]
         if math.isfinite(first) and first > 0.0 and not policy.home_first:
             self._choose(int(min(first, 65535.0)))
-        self._modes.switch(self._mode)
+        if refusal := self._modes.enter(self._mode):
+            return refusal.result
         if policy.arms_at_start and not flight.armed and not self._arm():
             return CommandResult.TEMPORARILY_REJECTED
         if flight.armed:
@@ -679,13 +742,25 @@ class MissionFlight:
                 self._context.texts.send(*text)
             return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
         self._choose(starts[0])
-        self._modes.switch(self._mode)
+        if refusal := self._modes.enter(self._mode):
+            return refusal.result
         return CommandResult.ACCEPTED
 
 
 def _is_ground_speed(kind: float, speed: float) -> bool:
     """Whether DO_CHANGE_SPEED means the speed over ground (PX4 and ArduCopter take airspeed for the same)."""
     return kind in (0.0, 1.0) and math.isfinite(speed)
+
+
+def effect_of(command: int, policy: MissionPolicy) -> str:
+    """What an item does when its turn comes, in a word of docs/flight-controller.md."""
+    if command in _FLOWN:
+        return "flown"
+    if command in _ACTIONS or command in policy.actions:
+        return "carried out"
+    if command in _MARKS:
+        return "a mark"
+    return PAYLOAD_ITEMS.get(command, "no effect")
 
 
 class _LegThen:

@@ -9,6 +9,16 @@ from ..payload._camera import CameraComponent
 from ..payload._gimbal import KNOWN_FLAGS, NEUTRAL, Gimbal
 from ._store import MissionItem
 
+PAYLOAD_ITEMS: dict[int, str] = {
+    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "carried out with a gimbal",
+    MAV_CMD.DO_MOUNT_CONTROL: "carried out with a gimbal",
+    MAV_CMD.IMAGE_START_CAPTURE: "carried out with a camera",
+    MAV_CMD.IMAGE_STOP_CAPTURE: "carried out with a camera",
+    MAV_CMD.DO_DIGICAM_CONTROL: "carried out with a camera",
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST: "carried out with a camera",
+}
+"""What each of these items does, in words of docs/flight-controller.md."""
+
 
 def use_payload(gimbal: Gimbal | None, camera: CameraComponent | None, item: MissionItem) -> None:
     """Carry out an item for the gimbal or the camera where the vehicle has it; ignore any other.

@@ -12,7 +12,7 @@ from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._missions import MissionPolicy, MissionResult
 from ..telemetry._texts import CRITICAL, StatusText
-from ._store import FENCE, MISSION, PLACELESS, RALLY, MissionItem, StoredPlans, identity_of
+from ._store import FENCE, MISSION, RALLY, MissionItem, StoredPlans, identity_of
 
 # MAV_MISSION_TYPE_ALL
 _ALL = 255
@@ -155,7 +155,7 @@ class MissionProtocol:
             return
         if as_float and policy.item_float_text and upload.index == 0:
             self._send(policy.item_float_text)
-        item = _item_of(m, as_float)
+        item = self._item_of(m, as_float)
         # Home, which is the first item of a mission but of no fence, comes back as the vehicle knows it.
         is_home = self._home_first and m.seq == 0 and upload.kind == MISSION
         fault = None if is_home else policy.refuse_item(upload.kind, item, as_float)
@@ -164,7 +164,7 @@ class MissionProtocol:
                 self._send(policy.bad_item_text)
             self._refuse(upload, fault)
             return
-        self._received.append(item)
+        self._received.append(policy.stored(item) if upload.kind == MISSION else item)
         upload.index += 1
         upload.received_ns = self._context.flight.time_ns
         if upload.index == upload.end:
@@ -257,8 +257,8 @@ class MissionProtocol:
         return item
 
     def _send_item(self, m: Any, sender: MessageSender, item: MissionItem, as_float: bool) -> None:
-        degrees = as_float and item.frame not in PLACELESS
         policy = self._policy
+        degrees = as_float and policy.has_degrees(item.command, item.frame)
         sender.channel.send_message(
             "MISSION_ITEM" if as_float else "MISSION_ITEM_INT",
             param1=item.params[0],
@@ -317,20 +317,19 @@ class MissionProtocol:
             **ids,
         )
 
+    def _item_of(self, m: Any, as_float: bool) -> MissionItem:
+        """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place
+        that is not on Earth.
+        """
+        params = (m.param1, m.param2, m.param3, m.param4)
+        item = MissionItem(m.command, m.frame, params, 0, 0, m.z, m.autocontinue, m.current)
+        if not as_float:
+            return replace(item, x=m.x, y=m.y)
+        scale = 1e7 if self._policy.has_degrees(m.command, m.frame) else 1.0
+        return replace(item, x=_coordinate(m.x * scale), y=_coordinate(m.y * scale))
+
     def _send(self, text: StatusText) -> None:
         self._context.texts.send(*text)
-
-
-def _item_of(m: Any, as_float: bool) -> MissionItem:
-    """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place that
-    is not on Earth.
-    """
-    params = (m.param1, m.param2, m.param3, m.param4)
-    item = MissionItem(m.command, m.frame, params, 0, 0, m.z, m.autocontinue, m.current)
-    if not as_float:
-        return replace(item, x=m.x, y=m.y)
-    scale = 1.0 if m.frame in PLACELESS else 1e7
-    return replace(item, x=_coordinate(m.x * scale), y=_coordinate(m.y * scale))
 
 
 def _coordinate(value: float) -> int:

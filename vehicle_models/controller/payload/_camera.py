@@ -46,6 +46,8 @@ _CAPTURES_IMAGES = 2
 _IMAGE_MODE = 0
 # Pictures that can still be requested.
 _STORED = 1000
+# Single pictures that may wait for their frames. Chosen, not measured.
+_MAX_REQUESTED = 100
 # STORAGE_STATUS_NOT_SUPPORTED
 _NO_STORAGE = 3
 _MAX_INTERVAL_S = 3600.0
@@ -74,7 +76,8 @@ class CameraComponent:
         self._sequences = {channel.name: 0 for channel in context.radio.channels}
         self._beat_ns = _SECOND_NS
         self._series: _Series | None = None
-        self._single_due = False  # a picture beside those of the series
+        self._triggered = False  # by distance or by a mission: a picture beside those of the series
+        self._requested = 0  # single pictures still to be taken, each from a frame of its own
         self._distance_m: float | None = None
         self._last_place: NorthEast = (0.0, 0.0)
         self._last_sequence = 0  # of single pictures, so that a repeated command takes none twice
@@ -130,14 +133,16 @@ class CameraComponent:
                 series.remaining -= 1
                 if series.remaining <= 0:
                     self._series = None
-        elif not self._single_due:
+        elif not (self._triggered or self._requested):
             return
-        self._single_due = False  # one frame serves the series and the single picture
+        # One frame serves a series, a trigger and one request.
+        last_requested = self._requested == 1
+        self._triggered, self._requested = False, max(self._requested - 1, 0)
         image = self._image(frame)
         self._images.append(image)
         self._count += 1
         self._broadcast("CAMERA_IMAGE_CAPTURED", **image)
-        if due and self._series is None:
+        if (due or last_requested) and self._series is None and not self._requested:
             self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
     def _run(self, m: Any, sender: MessageSender) -> CommandResult:
@@ -176,7 +181,7 @@ class CameraComponent:
 
     def shoot(self) -> None:
         """Take one more picture, beside any series."""
-        self._single_due = True
+        self._triggered = True
 
     def every(self, distance_m: float) -> None:
         """Take a picture every so many metres from here on; 0 ends that."""
@@ -187,8 +192,11 @@ class CameraComponent:
         return self._context.flight.north_m, self._context.flight.east_m
 
     def start(self, interval_s: float, count: float, sequence: float) -> CommandResult:
-        """Take `count` pictures (0: until stopped) at an interval; a single picture once for each `sequence`
-        above 0.
+        """Take `count` pictures (0: until stopped) at an interval, or one more picture beside those; once for each
+        `sequence` above 0.
+
+        A picture that is asked for while another is due takes the frame behind it, as ArduPilot's camera takes one after
+        the other (source). A second series is rejected for the time being, as by the camera of PX4's Gazebo (source).
         """
         if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
             return CommandResult.DENIED
@@ -196,11 +204,15 @@ class CameraComponent:
         # taking two pictures.
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
             return CommandResult.ACCEPTED
-        if self._series is not None:
-            return CommandResult.TEMPORARILY_REJECTED
         if count == 1:
+            if self._requested >= _MAX_REQUESTED:
+                return CommandResult.TEMPORARILY_REJECTED
             self._last_sequence = int(sequence) if 0 < sequence < 2**24 else 0
-        self._series = _Series(int(count) or None, round(interval_s * 1e9))
+            self._requested += 1
+        elif self._series is None:
+            self._series = _Series(int(count) or None, round(interval_s * 1e9))
+        else:
+            return CommandResult.TEMPORARILY_REJECTED
         self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
         return CommandResult.ACCEPTED
 
@@ -265,9 +277,11 @@ class CameraComponent:
     def _capture_status(self) -> Fields:
         series = self._series
         repeats = series is not None and series.remaining != 1
+        # Bit 0: a picture is being taken; bit 1: an interval is set.
+        taking = self._requested > 0 or (series is not None and not repeats)
         return {
             "time_boot_ms": self._context.flight.time_ms,
-            "image_status": 0 if series is None else 2 if repeats else 1,
+            "image_status": taking | repeats << 1,
             "image_interval": series.interval_ns * 1e-9 if series is not None and repeats else 0.0,
             "image_count": self._count,
         }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from ..missions._store import MissionItem
+from ..missions._store import PLACELESS, MissionItem
 from ..parameters._store import ParameterStore
 from ..telemetry._texts import StatusText
 
@@ -20,7 +20,11 @@ class MissionResult(IntEnum):
     UNSUPPORTED_FRAME = 2
     UNSUPPORTED = 3
     NO_SPACE = 4
+    INVALID = 5
     INVALID_PARAM1 = 6
+    INVALID_PARAM2 = 7
+    INVALID_PARAM3 = 8
+    INVALID_PARAM4 = 9
     INVALID_PARAM5_X = 10
     INVALID_PARAM6_Y = 11
     INVALID_PARAM7 = 12
@@ -33,6 +37,14 @@ def accept_plan(
     kind: int, items: tuple[MissionItem, ...]
 ) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
     return None
+
+
+def stored_as_it_came(item: MissionItem) -> MissionItem:
+    return item
+
+
+def has_degrees_by_frame(command: int, frame: int) -> bool:
+    return frame not in PLACELESS
 
 
 def no_item_text(item: MissionItem) -> StatusText | None:
@@ -84,6 +96,10 @@ class TransferPolicy:
         [int, tuple[MissionItem, ...]], tuple[MissionResult, tuple[StatusText, ...]] | None
     ] = accept_plan
     """Why a whole plan is not taken."""
+    stored: Callable[[MissionItem], MissionItem] = stored_as_it_came
+    """An item of a mission as it is kept."""
+    has_degrees: Callable[[int, int], bool] = has_degrees_by_frame
+    """Whether x and y of a MISSION_ITEM are degrees, by its command and frame; else they are plain numbers."""
     shown_frame: Callable[[MissionItem, bool], int]
     """The frame of an item in a download, and in one with floats."""
 
@@ -120,6 +136,10 @@ class MissionPolicy:
     """{} stands for the number of the item; None: a mission may leave the fence."""
     far_event: StatusText | None = None
     """An event without a text, for a plan with an item too far away."""
+    actions: frozenset[int] = frozenset()
+    """Items that are carried out beside those of every autopilot: conditions and commands of its own."""
+    idle_text: Callable[[MissionItem], StatusText | None] = no_item_text
+    """Sent in place of an effect, when the turn of an item comes."""
     item_text: Callable[[MissionItem], StatusText | None] = no_item_text
     """Sent as an item begins; {} stands for its number."""
     acceptance_radius_m: Callable[[MissionItem, ParameterStore], float]

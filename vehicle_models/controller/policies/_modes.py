@@ -54,6 +54,8 @@ class ModePolicy:
     `has_setpoints`.
     """
 
+    refuse_without_position: Callable[[FlightMode], Refusal]
+    """The refusal of a mode that needs a position while there is none, for an armed vehicle."""
     number_of_command: Callable[[tuple[float, ...]], int | None]
     """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
     result_without_mode: CommandResult

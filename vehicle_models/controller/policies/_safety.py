@@ -23,7 +23,8 @@ class Reaction:
     `action`.
 
     An `action` of None changes no mode. `resumes` goes back to the previous mode when the cause is cleared;
-    `shows` makes it a failsafe in the heartbeat. A text may hold {volts} and {used_mah} of the battery.
+    `shows` makes it a failsafe in the heartbeat; a landing begins its descent after `land_delay_s`. A text may
+    hold {volts} and {used_mah} of the battery.
     """
 
     action: Behaviour | None = None
@@ -32,6 +33,7 @@ class Reaction:
     action_texts: tuple[StatusText, ...] = ()
     resumes: bool = False
     shows: bool = True
+    land_delay_s: Seconds = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,15 @@ class BatteryStep:
     fraction: float = 0.0
     volts: float = 0.0
     lasts_s: Seconds = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AidingTexts:
+    """What an estimator reports of satellite navigation that is gone for `after_s`, and of its return."""
+
+    after_s: Seconds
+    lost: tuple[StatusText, ...]
+    back: tuple[StatusText, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +80,11 @@ class FailsafeSettings:
     setpoints: Reaction | None = None
     sticks: Reaction | None = None
     battery: tuple[BatteryStep, ...] = ()
-    position: Reaction | None = None
+    position: Reaction | None = None  # in a mode that needs a position
+    position_confirmed_s: Seconds = 0.0  # lost, or back, for so long until it counts
+    position_lost_texts: tuple[StatusText, ...] = ()  # whatever the mode
+    position_back_texts: tuple[StatusText, ...] = ()  # where the reaction has acted
+    aiding: AidingTexts | None = None
     radio: Reaction | None = None
     radio_silent: bool = False  # the simulated radio has fallen silent
     radio_timeout_s: Seconds = math.inf
@@ -153,6 +168,8 @@ class SafetyPolicy:
     fence: FencePolicy
     is_ground_station: Callable[[int, ParameterStore], bool]
     """Whether heartbeats and sticks of this system are the ground station's."""
+    dead_reckoning_s: Seconds
+    """For so long without fixes the estimate of position is continued."""
     battery_volts: Callable[[FlightState, ParameterStore], float]
     """The voltage that the autopilot measures."""
     simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = no_simulated_discharge

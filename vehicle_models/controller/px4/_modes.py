@@ -36,7 +36,9 @@ def _mode(
     armable: bool = False,
     stick: StickControl | None = None,
 ) -> FlightMode:
-    return FlightMode(name, sub << 24 | main << 16, base, behaviour, armable, label, stick)
+    # AUTO_LAND needs one too: without it PX4 descends, which it shows as the same mode.
+    needs_position = behaviour not in (Behaviour.PILOT, Behaviour.TERMINATE)
+    return FlightMode(name, sub << 24 | main << 16, base, behaviour, armable, label, stick, needs_position)
 
 
 def _manual(name: str, main: int, sub: int, base: int, stick: StickControl, label: str) -> FlightMode:
@@ -135,9 +137,13 @@ def _refuse_mode(
     )
     unavailable = unavailable or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
     if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
-        text = f"Switching to {wanted.label} is currently not available"
-        return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, text),))
+        return _not_available(wanted)
     return None
+
+
+def _not_available(wanted: FlightMode) -> Refusal:
+    text = f"Switching to {wanted.label} is currently not available"
+    return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, text),))
 
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
@@ -185,6 +191,7 @@ MODES = ModePolicy(
     heartbeat_on_change=False,
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
+    refuse_without_position=_not_available,
     number_of_command=_number_of_command,
     result_without_mode=CommandResult.TEMPORARILY_REJECTED,
     knows_position=knows_position,

@@ -54,6 +54,8 @@ def limits(p: ParameterStore) -> FlightLimits:
         land_mps=max(p["MPC_LAND_SPEED"], 0.2),
         land_slow_below_m=p["MPC_LAND_ALT2"],
         land_fast_above_m=p["MPC_LAND_ALT1"],
+        # Source: without a position PX4 descends at the speed of landing from any height.
+        blind_land_mps=max(p["MPC_LAND_SPEED"], 0.2),
         return_height_m=p["RTL_RETURN_ALT"],
         return_mps=max(p["MPC_XY_CRUISE"], 0.5),
         return_path=None,

@@ -46,6 +46,8 @@ _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
 }
 # By PX4's source, like the text of the Hold; the observations have the words alone.
 _ACTIVATED = ((CRITICAL, "Failsafe activated"),)
+# EKF2_NOAID_TOUT; a real one landed 5.1 s after its satellites were gone.
+_DEAD_RECKONING_S, _POSITION_CONFIRMED_S = 5.0, 0.1
 # Until a silent link is noticed: with COM_DL_LOSS_T at 10, the SITL acted after 11.9 s.
 _SILENCE_S = 1.9
 # Defaults of SIM_BAT_DRAIN and SIM_BAT_MIN_PCT.
@@ -73,6 +75,7 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
         sticks=_reaction(_ACTIONS.get(int(p["NAV_RCL_ACT"])), hold_s),
         battery=_battery(p, hold_s),
         position=Reaction(Behaviour.LAND, action_texts=_ACTIVATED, resumes=True),
+        position_confirmed_s=_POSITION_CONFIRMED_S,
     )
 
 
@@ -161,6 +164,7 @@ SAFETY = SafetyPolicy(
         uses_rally=lambda p: int(p["RTL_TYPE"]) == 0,  # 0: home or the nearest rally point
     ),
     is_ground_station=lambda system, p: True,
+    dead_reckoning_s=_DEAD_RECKONING_S,
     battery_volts=_battery_volts,
     simulated_discharge=_simulated_discharge,
     failure_parameter="SYS_FAILURE_EN",

@@ -13,7 +13,7 @@ from .._flight_state import Behaviour, Cause, FlightMode, FlightState
 from .._service import MessageHandler, MessageSender
 from .._service_context import ServiceContext
 from ..links._enums import MAV_TYPE
-from ..policies._safety import BatteryStep, FailsafeSettings, Reaction, SafetyPolicy
+from ..policies._safety import AidingTexts, BatteryStep, FailsafeSettings, Reaction, SafetyPolicy
 from ..services._modes import Modes
 from ..services._setpoints import Setpoints
 from ..telemetry._texts import StatusText
@@ -22,14 +22,6 @@ from ._battery_monitor import BatteryMonitor
 _STRENGTH = {Behaviour.HOLD: 1, Behaviour.RETURN: 2, Behaviour.LAND: 3, Behaviour.TERMINATE: 4}
 # Looked up once, because every step compares with them.
 _OFFBOARD, _PILOT = Behaviour.OFFBOARD, Behaviour.PILOT
-_NEEDS_POSITION = (
-    Behaviour.HOLD,
-    Behaviour.TAKEOFF,
-    Behaviour.RETURN,
-    Behaviour.OFFBOARD,
-    Behaviour.MISSION,
-    Behaviour.CIRCLE,
-)
 # MAV_BATTERY_CHARGE_STATE
 _BATTERY_OK = 1
 
@@ -67,6 +59,9 @@ class Failsafe:
         self._battery_step = 0  # steps passed
         self._low_since_ns: int | None = None
         self._radio_lost_ns: int | None = None
+        self._position_lost = False
+        self._position_changed_ns: int | None = None  # to the opposite of that
+        self._aiding_lost = False
         context.parameters.on_change(self._parameters_changed)
         modes.on_change.append(self._mode_changed)
 
@@ -80,6 +75,7 @@ class Failsafe:
                 self._clear_all()
             if self._battery_step and not self._is_low(flight, self._settings.battery[0]):
                 self._battery_step = 0  # the battery has been charged
+            self._watch_position(flight)
             return
         self._watch_setpoints(flight)
         self._watch_sticks(flight)
@@ -224,17 +220,40 @@ class Failsafe:
 
     def _watch_position(self, flight: FlightState) -> None:
         """End a mode that needs a position when the estimate of it has been given up."""
-        reaction = self._settings.position
-        if flight.position_ok:
-            if self._active:
-                self.clear(Cause.POSITION)
-        elif (
-            reaction
-            and Cause.POSITION not in self._active
-            and flight.flying
-            and flight.mode.behaviour in _NEEDS_POSITION
-        ):
-            self.trigger(Cause.POSITION, reaction)
+        settings = self._settings
+        lost = not flight.position_ok
+        if lost is self._position_lost:
+            self._position_changed_ns = None
+        elif self._position_changed_ns is None:
+            self._position_changed_ns = flight.time_ns
+        elif flight.time_ns - self._position_changed_ns >= round(settings.position_confirmed_s * 1e9):
+            self._position_lost, self._position_changed_ns = lost, None
+            if lost:
+                self._send(settings.position_lost_texts)
+            else:
+                self._end_blind_flight()
+        if self._position_lost and settings.position and self._flies_blind(flight):
+            self.trigger(Cause.POSITION, settings.position)
+        if settings.aiding:
+            self._watch_aiding(flight, settings.aiding)
+
+    def _flies_blind(self, flight: FlightState) -> bool:
+        """Whether the present mode needs a position, and no failsafe lands already."""
+        if Cause.POSITION in self._active or not flight.flying or not flight.mode.needs_position:
+            return False
+        return not (self._active and flight.mode.behaviour is Behaviour.LAND)
+
+    def _end_blind_flight(self) -> None:
+        if Cause.POSITION in self._active:
+            self._send(self._settings.position_back_texts)
+            self.clear(Cause.POSITION)
+
+    def _watch_aiding(self, flight: FlightState, aiding: AidingTexts) -> None:
+        since_ns = flight.gps_lost_ns
+        lost = since_ns is not None and flight.time_ns - since_ns >= round(aiding.after_s * 1e9)
+        if lost is not self._aiding_lost and (lost or since_ns is None):
+            self._aiding_lost = lost
+            self._send(aiding.lost if lost else aiding.back)
 
     def _watch_radio(self, flight: FlightState) -> None:
         settings = self._settings
@@ -255,9 +274,9 @@ class Failsafe:
     def _act(self, reaction: Reaction) -> None:
         self._send(reaction.action_texts)
         if reaction.action is not None:
-            self._enter(reaction.action)
+            self._enter(reaction.action, reaction.land_delay_s)
 
-    def _enter(self, behaviour: Behaviour) -> None:
+    def _enter(self, behaviour: Behaviour, land_delay_s: float = 0.0) -> None:
         """Change the mode, marked as the failsafe's own change and not the operator's."""
         flight = self._context.flight
         # Neither a return nor a hold can be flown without a position.
@@ -267,7 +286,7 @@ class Failsafe:
             behaviour = Behaviour.LAND
         self._acting = True
         if behaviour is not Behaviour.TERMINATE:
-            self._modes.switch_to(behaviour)
+            self._modes.switch_to(behaviour, land_delay_s)
         elif self._terminate_mode:
             self._modes.switch(self._terminate_mode)
         else:

@@ -101,10 +101,14 @@ class HomeKeeper:
             abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5
         ):
             return self._policy.bad_home
-        north, east = self._context.frame.to_local_m(latitude, longitude)
-        altitude = self._policy.altitude_amsl_m(flight, command.frame, altitude)
-        self._set(round(latitude * 1e7), round(longitude * 1e7), altitude, north, east)
+        self.set_at((latitude, longitude), self._policy.altitude_amsl_m(flight, command.frame, altitude))
         return CommandResult.ACCEPTED
+
+    def set_at(self, degrees: tuple[float, float], altitude_m: float) -> None:
+        """Set home to a latitude, longitude and altitude above sea level."""
+        north_m, east_m = self._context.frame.to_local_m(*degrees)
+        latitude_e7, longitude_e7 = (round(angle * 1e7) for angle in degrees)
+        self._set(latitude_e7, longitude_e7, altitude_m, north_m, east_m)
 
     def _send_home(self, command: Command) -> CommandResult | None:
         if self._context.flight.home is None:

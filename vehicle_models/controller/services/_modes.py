@@ -10,7 +10,7 @@ from .._flight_state import Behaviour, FlightMode
 from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Refusal
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import Takeoff
+from ..guidance._manoeuvres import Land, Takeoff
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..telemetry._texts import FlightEvent
@@ -87,9 +87,24 @@ class Modes:
         for listener in self.on_change:
             listener()
 
-    def switch_to(self, behaviour: Behaviour) -> None:
-        """Enter the autopilot's mode for a behaviour."""
+    def switch_to(self, behaviour: Behaviour, land_delay_s: float = 0.0) -> None:
+        """Enter the autopilot's mode for a behaviour; a landing begins its descent after `land_delay_s`."""
         self.switch(self._by_behaviour[behaviour])
+        if land_delay_s > 0.0 and isinstance(self._guidance.manoeuvre, Land):
+            self._guidance.manoeuvre.delay(self._context.flight, land_delay_s)
+
+    def enter(self, mode: FlightMode) -> Refusal | None:
+        """Enter a mode for a command; or send why not, and return it."""
+        refusal = self._refusal_without_position(mode)
+        if refusal is None:
+            self.switch(mode)
+        else:
+            self._send(refusal)
+        return refusal
+
+    def enter_for(self, behaviour: Behaviour) -> Refusal | None:
+        """Likewise the autopilot's mode for a behaviour."""
+        return self.enter(self._by_behaviour[behaviour])
 
     def request(self, number: int) -> Refusal | None:
         """Enter the mode with a custom number, or return why not."""
@@ -103,14 +118,25 @@ class Modes:
             return Refusal(CommandResult.TEMPORARILY_REJECTED)
         refusal = policy.refuse_mode(flight, mode, number, self._has_setpoints())
         if refusal is None and mode is not None:
+            refusal = self._refusal_without_position(mode)
+        if refusal is None and mode is not None:
             # Entering the present mode again would restart its manoeuvre.
             if mode is not flight.mode:
                 self.switch(mode)
             return None
         refusal = refusal or Refusal(CommandResult.DENIED)
+        self._send(refusal)
+        return refusal
+
+    def _refusal_without_position(self, mode: FlightMode) -> Refusal | None:
+        flight = self._context.flight
+        if flight.armed and mode.needs_position and not flight.position_ok:
+            return self._policy.refuse_without_position(mode)
+        return None
+
+    def _send(self, refusal: Refusal) -> None:
         for text in refusal.texts:
             self._context.texts.send(*text)
-        return refusal
 
     def _set_mode(self, command: Command) -> CommandResult | None:
         number = self._policy.number_of_command(command.params)
@@ -123,7 +149,10 @@ class Modes:
         """DO_AUX_FUNCTION: what a switch of the radio would do. Only the functions that enter a mode are flown, and
         only their upper position, which enters it.
         """
-        function, position = command.params[:2]
+        return self.run_auxiliary(*command.params[:2])
+
+    def run_auxiliary(self, function: float, position: float) -> CommandResult:
+        """The same for a mission."""
         mode = self._policy.auxiliary_modes.get(function)
         if mode is None:
             severity, text = self._policy.no_auxiliary_text

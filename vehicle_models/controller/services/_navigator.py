@@ -130,8 +130,8 @@ class Navigator:
             context.texts.announce(FlightEvent.TAKEOFF_DEFAULT, guidance.limits.takeoff_height_m)
         elif self._policy.raises_low_takeoffs:
             altitude = self._raised_takeoff_m(altitude)
-        if self._mode_policy.takeoff:
-            self._modes.switch(self._mode_policy.takeoff)
+        if self._mode_policy.takeoff and (refusal := self._modes.enter(self._mode_policy.takeoff)):
+            return refusal.result
         if altitude is not None:
             guidance.manoeuvre = guidance.manoeuvres.takeoff(flight, flight.origin.altitude_m - altitude)
         elif not self._mode_policy.takeoff:
@@ -158,9 +158,9 @@ class Navigator:
             altitude_m = flight.altitude_m
         return altitude_m
 
-    def _switch_to(self, behaviour: Behaviour) -> CommandResult:
-        self._modes.switch_to(behaviour)
-        return CommandResult.ACCEPTED
+    def _switch_to(self, behaviour: Behaviour) -> CommandResult | None:
+        refusal = self._modes.enter_for(behaviour)
+        return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _reposition(self, command: Command) -> CommandResult | None:
         flight, guidance = self._context.flight, self._guidance
@@ -180,7 +180,8 @@ class Navigator:
             return self._send_refusal(self._fence.policy.outside)
         # Entering the mode resets the speed.
         previous_speed = guidance.speed_mps
-        self._modes.switch(self._mode_policy.reposition)
+        if refusal := self._modes.enter(self._mode_policy.reposition):
+            return refusal.result
         guidance.manoeuvre = guidance.manoeuvres.hold(
             flight,
             place,
@@ -219,10 +220,10 @@ class Navigator:
             guidance.manoeuvre.change_speed(guidance.speed_mps)
         return CommandResult.ACCEPTED
 
-    def _loiter(self, command: Command) -> CommandResult:
+    def _loiter(self, command: Command) -> CommandResult | None:
         assert self._mode_policy.loiter
-        self._modes.switch(self._mode_policy.loiter)
-        return CommandResult.ACCEPTED
+        refusal = self._modes.enter(self._mode_policy.loiter)
+        return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _orbit(self, command: Command) -> CommandResult | None:
         """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible
@@ -243,7 +244,8 @@ class Navigator:
             return CommandResult.ACCEPTED
         down = self._down_m(command, altitude)
         assert self._mode_policy.orbit
-        self._modes.switch(self._mode_policy.orbit)
+        if refusal := self._modes.enter(self._mode_policy.orbit):
+            return refusal.result
         # The centripetal acceleration bounds the speed on a small circle.
         max_speed = min(limits.speed_max_mps, math.sqrt(_MAX_ORBIT_MPS2 * abs(radius)))
         speed = math.copysign(min(abs(speed), max_speed), radius * (speed or 1.0))

@@ -13,7 +13,7 @@ from itertools import pairwise
 from bench.errors import Fault
 from bench.simspec import Failure, Order, Outage, SimSpec
 
-from ...flight._descent import DESCENT_MPS
+from ...flight._descent import DESCENT_MPS, LAND_MPS
 
 Span = tuple[float, float]
 
@@ -22,9 +22,9 @@ ALWAYS: Span = (-math.inf, math.inf)
 OFFBOARD_LOST_S = 1.0
 """Without setpoints for so long PX4 flies home by itself."""
 
-# COM_FAIL_ACT_T of PX4: it holds for that long before a failsafe acts.
-POSITION_LOST_S = 5.0
-"""Without satellites for so long PX4 lands where it is."""
+# EKF2_NOAID_TOUT of PX4, and a moment; docs/flight-controller.md.
+POSITION_LOST_S = 5.1
+"""Without satellites for so long PX4 lands where it is, at the speed of landing from any height."""
 
 # From satellites that are back to an aircraft that flies on, and climbs on the way. Two flights of campaign full.
 POSITION_BACK_S = 0.8
@@ -97,7 +97,7 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     fallen = [
         since_s + POSITION_LOST_S
         for since_s, until_s in lost
-        if until_s - since_s - POSITION_LOST_S > height_m / DESCENT_MPS
+        if until_s - since_s - POSITION_LOST_S > height_m / LAND_MPS
     ]
     ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
     mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
