@@ -19,8 +19,9 @@ from bench.campaign import (
     write_result,
     write_whole,
 )
+from bench.campaign.storage._inputs import write_input
 from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_value, dump_yaml
+from bench.documents import MAX_BYTES, dump_value, dump_yaml, read_text
 from bench.errors import SetupError
 from bench.realization import Design, check_placement, place, realize
 from bench.simspec import factor_values
@@ -152,6 +153,15 @@ def test_levels_that_every_field_takes_as_numbers_are_numbers(
         written = tuple(yaml.safe_load(levels))
         assert loaded("words") == loaded("fog", "words") == written
         assert loaded("fog", patches={level: {} for level in written}) == written
+
+
+def test_a_document_that_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    """Both sides of the largest size, which defaults may exceed that the author's file does not state."""
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        write_input(tmp_path / "campaign.yaml", "ü" * (MAX_BYTES // 2), journal)
+        with pytest.raises(SetupError, match="could not be read again"):
+            write_input(tmp_path / "campaign.yaml", "ü" * (MAX_BYTES // 2) + "x", journal)
+    assert len(read_text(tmp_path / "campaign.yaml")) == MAX_BYTES // 2
 
 
 def test_two_levels_that_are_one_number(tmp_path: Path) -> None:

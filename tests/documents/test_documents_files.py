@@ -21,6 +21,8 @@ from bench.instance_analysis import load_vocabulary
 from bench.laboratory import parse_broker
 from bench.perception.adapters import open_onnx_detector
 from bench.recording import read_simspec
+from bench.reporting._campaign_folder import _floors
+from bench.reporting._score_file import load_scores
 from bench.simspec import OutsideAir, SimSpec, load_simspec
 from bench.simulation._outside_air import read_token
 from bench.simulation._parameter_file import ParameterFile
@@ -202,6 +204,15 @@ def test_no_command_waits(
     path = make(tmp_path / "file.yaml")
     assert run(COMMANDS[command](path)) == 2
     assert f"rebar: {path}: cannot be read: {KINDS[make].split(' (')[0]}" in capsys.readouterr().err
+
+
+def test_a_report_notes_a_pipe_in_place_of_a_table(tmp_path: Path) -> None:
+    for name in ("scores.parquet", "floor.parquet"):
+        a_pipe(tmp_path / name)
+    notes: list[str] = []
+    assert _floors(tmp_path, {}, notes) == {}
+    assert load_scores(tmp_path, notes).is_empty()
+    assert [note.split()[0] for note in notes] == ["floor.parquet", "There"]
 
 
 def test_a_campaign_folder_with_a_pipe_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
