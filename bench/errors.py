@@ -33,13 +33,26 @@ class Fault:
         return f"{text} ({self.remedy})" if self.remedy else text
 
 
-class SetupError(RebarError):
-    """The user's to fix before anything can run; carries every fault found, not the first alone."""
+# A document that is wrong everywhere would fill the terminal, or the memory. Chosen, not measured.
+MAX_FAULTS = 200
 
-    def __init__(self, faults: Fault | str | Sequence[Fault]) -> None:
+
+class SetupError(RebarError):
+    """The user's to fix before anything can run; carries every fault found, not the first alone.
+
+    Beyond MAX_FAULTS they are only counted, in a last fault, together with `more` that the caller did not list.
+    """
+
+    def __init__(self, faults: Fault | str | Sequence[Fault], *, more: int = 0) -> None:
         if isinstance(faults, str):
             faults = Fault("", faults)
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
+        # One more than MAX_FAULTS may be those of another SetupError, with its count.
+        if len(self.faults) > MAX_FAULTS + 1:
+            more += len(self.faults) - MAX_FAULTS
+            self.faults = self.faults[:MAX_FAULTS]
+        if more:
+            self.faults += (Fault("", f"{more} more faults", "correct these first"),)
         super().__init__("\n".join(map(str, self.faults)))
 
 

@@ -219,10 +219,12 @@ class DocumentChecks:
                 place.at("factor"), f"there is no key factor {row.factor!r}", suggestion(row.factor, units)
             )
         elif units[row.factor] != row.unit:
+            unit = units[row.factor]
             yield self._fault(
                 place.at("unit"),
-                f"the unit {row.unit!r} is not the unit of the key factor {row.factor!r}",
-                f"write {units[row.factor]!r}, and convert the values",
+                f"the unit {row.unit!r} is not the unit of the key factor {row.factor!r}"
+                + (", which has no dimension" if unit == "1" else ""),
+                f'write unit: "{unit}", and convert the values',
             )
 
     def _columns(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:

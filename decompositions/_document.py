@@ -12,7 +12,7 @@ import unicodedata
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from bench.documents import Document
 
@@ -32,6 +32,12 @@ _REFUSED_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 NodeId = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_checked_id)]
 Sentence = Annotated[str, Field(min_length=1, max_length=2000)]
 Option = bool | int | float | str
+
+
+def _stated_unit(unit: object) -> object:
+    if unit in (None, "", 1):
+        raise ValueError('a factor without a dimension has the unit "1"; write it so, in quotes')
+    return unit
 
 
 class Level(StrEnum):
@@ -102,7 +108,12 @@ class KeyFactor(Document):
     ]
     unit: Annotated[
         str,
-        Field(min_length=1, max_length=16, description="Unit of the values; must be the unit of the factor."),
+        BeforeValidator(_stated_unit),
+        Field(
+            min_length=1,
+            max_length=16,
+            description='Unit of the values; must be the unit of the factor, "1" for one without a dimension.',
+        ),
     ]
     ratings: Annotated[
         tuple[float, ...], Field(max_length=101, description="Difficulty of each column, rising, 0 to 100.")

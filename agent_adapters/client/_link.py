@@ -189,6 +189,8 @@ def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Itera
     """
     kind, _, rest = connection.partition(":")
     host, _, port = rest.rpartition(":")
+    if ":" in host:
+        raise SetupError(Fault(name, f"{connection!r}: links have no IPv6", "give an IPv4 address or a name"))
     if kind not in ("udpin", "udp", "udpout", "tcp") or not host or not port.isdigit():
         raise SetupError(
             Fault(

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
+from bench.documents import read_text
 from bench.errors import Fault, LinkLost, SetupError
 
 OWN_BROKER = "mosquitto"
@@ -56,7 +57,8 @@ class BrokerAddress:
         """What the agent finds in REBAR_MQTT; the password is in REBAR_MQTT_PASSWORD."""
         user = f"{quote(self.agent.user, safe='')}@" if self.agent.user else ""
         scheme = "mqtts" if self.tls else "mqtt"
-        return f"{scheme}://{user}{self.host}:{self.port}/{self.prefix}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{scheme}://{user}{host}:{self.port}/{self.prefix}"
 
 
 def broker_address(
@@ -104,16 +106,18 @@ def _service_url(url: str, variables: Mapping[str, str]) -> str:
 
 def _read_password(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8").split("\n", 1)[0]
-    except (OSError, UnicodeDecodeError) as error:
+        return read_text(path).split("\n", 1)[0]
+    except SetupError as error:
         remedy = "write the password into its first line, and name the file under `read` of the manifest"
-        raise SetupError(Fault(str(path), f"cannot be read: {error}", remedy)) from None
+        raise SetupError([Fault(fault.where, fault.what, remedy) for fault in error.faults]) from None
 
 
 def _fault(url: str, what: str) -> SetupError:
     return SetupError(
         Fault(
-            "--broker", f"{url!r}: {what}", "write service:NAME, mqtt://HOST or mqtts://USER@HOST:8883/PREFIX"
+            "--broker",
+            f"{url!r}: {what}",
+            "write service:NAME, mqtt://HOST or mqtts://USER@HOST:8883/PREFIX; an IPv6 address stands in brackets",
         )
     )
 

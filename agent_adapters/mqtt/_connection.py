@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
+from bench.documents import open_file
 from bench.errors import Fault, LinkLost, SetupError
 
 from ._broker import BrokerAddress
@@ -142,6 +143,9 @@ def _send_at_once(_: paho.Client, __: Any, opened: Any) -> None:
 
 
 def _tls_context(address: BrokerAddress) -> ssl.SSLContext:
+    if address.authority is not None:
+        # First: OpenSSL would wait at a pipe.
+        open_file(address.authority).close()
     try:
         return ssl.create_default_context(
             cafile=None if address.authority is None else str(address.authority)

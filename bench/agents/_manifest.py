@@ -7,22 +7,19 @@ from pathlib import Path
 from bench.contracts import AgentManifest, load_plugin
 from bench.documents import load_document
 from bench.errors import Fault, SetupError
-from bench.simspec import MANIFEST_SUFFIXES, agent_name
+from bench.simspec import agent_name, is_manifest_file
 
 
 def load_manifest(name_or_path: str | Path, *, relative_to: Path | None = None) -> tuple[AgentManifest, Path]:
     """The manifest and the folder that `{folder}` stands for.
 
-    A value with a slash or one of the suffixes .yaml, .yml, .json is a file, looked up from `relative_to`
-    (the present folder when None); any other is a name in the entry-point group `rebar.agents`, whose value
-    is the path of a manifest or a function without arguments that returns it. The manifest's `name` is
-    replaced by `agent_name`, so that messages name the agent as results do. Raises SetupError with every
-    fault found.
+    A file (`is_manifest_file`) is looked up from `relative_to`, the present folder when None; any other value is a
+    name in the entry-point group `rebar.agents`, whose value is the path of a manifest or a function without arguments
+    that returns it. The manifest's `name` is replaced by `agent_name`, so that messages name the agent as results do.
+    Raises SetupError with every fault found.
     """
     text = str(name_or_path)
-    path = Path(text) if "/" in text or text.endswith(MANIFEST_SUFFIXES) else _path_of_plugin(text)
-    if not path.is_absolute():
-        path = (relative_to or Path.cwd()) / path
+    path = (relative_to or Path.cwd()) / (Path(text) if is_manifest_file(text) else _path_of_plugin(text))
     manifest = load_document(path, AgentManifest)
     return manifest.model_copy(update={"name": agent_name(text)}), path.resolve().parent
 

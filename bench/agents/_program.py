@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,9 @@ from bench.errors import Fault, SetupError
 
 Options = Mapping[str, str | float | int | bool]
 
+_OPTIONS_WITH_VALUES = ("-W", "-X", "--check-hash-based-pycs")
+# Options without a value may stand in one word (-Bum); after -W and -X their value may.
+_MODULE_OR_CODE = re.compile("-[A-VYZabd-ln-z]*[mc]")
 _PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
 
 
@@ -52,9 +56,33 @@ def expand_placeholders(
 
 
 def expand_command(manifest: AgentManifest, folder: Path, options: Options) -> tuple[str, ...]:
-    """The manifest's command, ready to be run. Raises SetupError as `expand_placeholders` does."""
+    """The manifest's command, ready to be run. Raises SetupError as `expand_placeholders` does.
+
+    A program with a slash and a script of the bench's Python are looked up from the manifest's folder: the agent starts
+    in a folder of its own, which is empty. In an image they are the image's.
+    """
     texts = {f"command[{index}]": part for index, part in enumerate(manifest.command)}
-    return tuple(expand_placeholders(manifest, folder, options, texts).values())
+    command = list(expand_placeholders(manifest, folder, options, texts).values())
+    if manifest.image:
+        return tuple(command)
+    if "/" in command[0]:
+        # As pathlib does: a path that is absolute already stays.
+        command[0] = str(folder / command[0])
+    if (script := _script_place(command)) is not None:
+        command[script] = str(folder / command[script])
+    return tuple(command)
+
+
+def _script_place(command: Sequence[str]) -> int | None:
+    """Where the script stands that the bench's Python is to run; None for a module, and for any other program."""
+    if command[0] != sys.executable:
+        return None
+    place = 1
+    while place < len(command) and command[place].startswith("-"):
+        if command[place] == "-" or _MODULE_OR_CODE.match(command[place]):
+            return None
+        place += 2 if command[place] in _OPTIONS_WITH_VALUES else 1
+    return place if place < len(command) else None
 
 
 def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> list[Fault]:
@@ -73,7 +101,10 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
     if manifest.image:
         return []
     where, program = f"{manifest.name}: command", command[0]
-    if shutil.which(program, path=os.environ.get("PATH", os.defpath)) is None:
+    path = shutil.which(program, path=os.environ.get("PATH", os.defpath))
+    if path is None or not Path(path).is_file():
+        if Path(program).is_absolute() and Path(program).is_file():
+            return [Fault(where, f"{program} is not executable", f"chmod +x {shlex.quote(program)}")]
         remedy = "install it, or correct the command in the manifest"
         return [Fault(where, f"there is no program {program!r}", remedy)]
     if program != sys.executable or len(command) == 1:
@@ -82,8 +113,8 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
         # With another search path this process cannot tell what that one would find.
         if "PYTHONPATH" not in manifest.environment and not _has_module(command[2]):
             return [Fault(where, f"there is no Python module {command[2]!r}", "install its package")]
-    elif not command[1].startswith("-") and Path(command[1]).is_absolute() and not Path(command[1]).exists():
-        return [Fault(where, f"there is no file {command[1]}", "restore it, or correct the command")]
+    elif (script := _script_place(command)) is not None and not Path(command[script]).exists():
+        return [Fault(where, f"there is no file {command[script]}", "restore it, or correct the command")]
     return []
 
 

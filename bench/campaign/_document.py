@@ -11,8 +11,8 @@ from pydantic import Field, field_validator, model_validator
 
 from bench.documents import Document, is_default, load_document, validate_document
 from bench.errors import Fault, SetupError
-from bench.realization import BASE, Bases, Design, DesignFactor
-from bench.simspec import AgentSpec, Identifier, Isolation, PaceMode, SimSpec
+from bench.realization import BASE, Bases, Design, DesignFactor, with_number_levels
+from bench.simspec import AgentSpec, Identifier, Isolation, PaceMode, SimSpec, is_manifest_file
 
 
 class CampaignBudgets(Document):
@@ -383,7 +383,9 @@ def load_campaign(path: Path | str) -> Campaign:
     parent = path.resolve().parent
 
     def resolved(agent: AgentSpec) -> AgentSpec:
-        return agent.model_copy(update={"manifest": _resolved(parent, agent.manifest)})
+        manifest = agent.manifest
+        path = str(parent / manifest) if is_manifest_file(manifest) else _resolved(parent, manifest)
+        return agent.model_copy(update={"manifest": path})
 
     # Absolute paths: the campaign is copied into its folder, where relative ones would lead elsewhere.
     changes: dict[str, object] = {
@@ -398,7 +400,8 @@ def load_campaign(path: Path | str) -> Campaign:
         changes |= {"base": load_document(parent / campaign.base_file, SimSpec), "base_file": None}
     if campaign.situations:
         changes["situations"] = _with_bases(parent, campaign.situations)
-    return campaign.model_copy(update=changes)
+    campaign = campaign.model_copy(update=changes)
+    return campaign.model_copy(update={"design": with_number_levels(campaign.bases, campaign.design)})
 
 
 def _with_bases(parent: Path, situations: tuple[Situation, ...]) -> tuple[Situation, ...]:

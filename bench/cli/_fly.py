@@ -171,6 +171,10 @@ def parse_link(text: str, index: int) -> LinkSpec:
     if kind == "serial" and rest:
         return LinkSpec(name=f"link{index}", kind="serial", path=rest)
     host, _, port = rest.rpartition(":")
+    if ":" in host:
+        raise SetupError(
+            Fault("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
+        )
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise SetupError(
             Fault(

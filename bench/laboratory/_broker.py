@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from bench.documents import open_file
 from bench.errors import Fault, SetupError
 
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -67,6 +68,9 @@ def check_topic(where: str, topic: str) -> None:
 
 
 def _tls(authority: Path | None) -> ssl.SSLContext:
+    if authority is not None:
+        # First: OpenSSL would wait at a pipe.
+        open_file(authority).close()
     try:
         return ssl.create_default_context(cafile=None if authority is None else str(authority))
     except (OSError, ssl.SSLError) as error:
@@ -77,5 +81,9 @@ def _tls(authority: Path | None) -> ssl.SSLContext:
 
 def _fault(url: str, what: str) -> SetupError:
     return SetupError(
-        Fault("--mqtt", f"{url!r}: {what}", "write mqtt://HOST, or mqtts://USER@HOST:8883/PREFIX")
+        Fault(
+            "--mqtt",
+            f"{url!r}: {what}",
+            "write mqtt://HOST, or mqtts://USER@HOST:8883/PREFIX; an IPv6 address stands in brackets",
+        )
     )

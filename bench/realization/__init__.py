@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from ._number_levels import with_number_levels as with_number_levels
     from ._realize import Bases as Bases
     from ._realize import Rating as Rating
     from ._realize import RealizationPlan as RealizationPlan
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from .placement import place as place
 
 _MODULES = {
+    "with_number_levels": "_number_levels",
     "Bases": "_realize",
     "Rating": "_realize",
     "RealizationPlan": "_realize",

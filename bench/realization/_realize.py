@@ -334,7 +334,7 @@ def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | Non
         return Fault(
             where,
             f"the factor's unit is {factor.unit!r}, but the field has none",
-            "leave the unit out, or name another field",
+            'leave the unit out or write unit: "1", or name another field',
         )
     return None
 

@@ -7,6 +7,7 @@ within limits.
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from mcap.exceptions import McapError, UnsupportedCompressionError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
+from bench.documents import open_file
 from bench.errors import Fault, SetupError
 
 # The MCAP specification: the first and the last bytes of a file.
@@ -56,17 +58,12 @@ class Container:
         self._messages = 0
 
     def __iter__(self) -> Iterator[Item]:
-        try:
-            file = self.path.open("rb")
-        except OSError as error:
-            remedy = "check the name" if isinstance(error, FileNotFoundError) else "give a readable file"
-            raise SetupError(Fault(str(self.path), f"cannot be read: {error.strerror}", remedy)) from None
-        with file:
+        with open_file(self.path) as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise SetupError(
                     Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run")
                 )
-            yield from self._items(file, self.path.stat().st_size)
+            yield from self._items(file, os.fstat(file.fileno()).st_size)
 
     def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
         crc = zlib.crc32(MAGIC)

@@ -28,7 +28,7 @@ from bench.contracts import (
     timing_of,
     truth_sightings_of,
 )
-from bench.documents import parse_text, read_text
+from bench.documents import open_file, parse_text, read_text
 from bench.errors import Fault, SetupError, command_line
 from bench.scoring import (
     EXCLUDED_OUTCOMES,
@@ -131,8 +131,9 @@ def _floor_labels(campaign: Mapping[str, Any]) -> frozenset[str]:
 def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict[str, NodeFloor]:
     """Floor and ceiling of every node, from the table that scoring wrote beside scores.parquet."""
     try:
-        scores = pl.read_parquet(folder / "floor.parquet")
-    except (OSError, pl.exceptions.PolarsError):
+        with open_file(folder / "floor.parquet") as file:
+            scores = pl.read_parquet(file)
+    except (SetupError, OSError, pl.exceptions.PolarsError):
         notes.append(
             f"floor.parquet cannot be read, so floor and ceiling are not shown. `{command_line('rebar', 'report', Path(folder.name))}` makes it."
         )

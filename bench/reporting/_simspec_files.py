@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from bench.contracts import parse_document
+from bench.documents import read_bytes
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 # As parsed, a SimSpec takes some 160 kB (measured on the demo's), and reading it again 1 ms.
@@ -34,8 +36,8 @@ class SimSpecFiles(Mapping[str, SimSpec]):
         if (known := self._parsed.get(realization)) is not None:
             return known
         try:
-            simspec = parse_document(SimSpec, Path(self._paths[realization]).read_bytes())
-        except OSError as error:
+            simspec = parse_document(SimSpec, read_bytes(Path(self._paths[realization])))
+        except SetupError as error:
             raise KeyError(realization) from error
         if simspec is None:
             raise KeyError(realization)

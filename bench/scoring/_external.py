@@ -20,7 +20,8 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import Observation, Outcome
-from bench.errors import Fault, SetupError
+from bench.documents import decimal_number
+from bench.errors import MAX_FAULTS, Fault, SetupError
 from decompositions import Decomposition
 
 from ._difficulty import Difficulty, difficulty_of_values, stated_difficulty
@@ -30,11 +31,6 @@ REQUIRED_COLUMNS = ("run", "observable", "x")
 KNOWN_COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
 # The agent of a table without a column `agent`.
 DEFAULT_AGENT = "agent"
-# A table that is wrong in every row would fill the terminal; beyond this number faults are counted only.
-# Chosen, not measured.
-MAX_LISTED_FAULTS = 200
-# Stricter than float(), which also takes "nan", "1_000" and digits of other scripts.
-_DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # Ruling 19: an empty cell means considered, because most tables hold nothing else.
 _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
@@ -98,23 +94,21 @@ class _Row:
 
 @dataclass(slots=True)
 class _FaultLog:
-    """The faults so far, with their lines; beyond MAX_LISTED_FAULTS they are only counted."""
+    """The faults so far, with their lines; beyond MAX_FAULTS they are only counted."""
 
     source: str
     faults: list[Fault] = field(default_factory=list)
     more: int = 0
 
     def add(self, line: int, what: str, remedy: str) -> None:
-        if len(self.faults) >= MAX_LISTED_FAULTS:
+        if len(self.faults) >= MAX_FAULTS:
             self.more += 1
             return
         self.faults.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
 
     def raise_any(self) -> None:
-        if self.more:
-            self.faults.append(Fault(self.source, f"{self.more} more faults", "correct these first"))
         if self.faults:
-            raise SetupError(self.faults)
+            raise SetupError(self.faults, more=self.more)
 
 
 def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:
@@ -427,7 +421,8 @@ class _TableReader:
                 self._faults.add(row.line, f"{column} is empty{where}", "give a number")
             return None
         if isinstance(value, str):
-            number = float(value) if _DECIMAL.fullmatch(value) else math.nan
+            decimal = decimal_number(value)
+            number = math.nan if decimal is None else float(decimal)
         else:
             number = (
                 float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
@@ -436,7 +431,7 @@ class _TableReader:
             self._faults.add(
                 row.line,
                 f"{column} is {value!r}, which is not a number",
-                "write a decimal number with a point",
+                "write a decimal number with a point and without leading zeros",
             )
             return None
         if not low <= number <= high:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ._assets import ASSETS as ASSETS
     from ._assets import Asset as Asset
     from ._assets import asset_fault as asset_fault
-    from ._document import MANIFEST_SUFFIXES as MANIFEST_SUFFIXES
     from ._document import AgentSpec as AgentSpec
     from ._document import Budgets as Budgets
     from ._document import Consent as Consent
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from ._document import Seeds as Seeds
     from ._document import SimSpec as SimSpec
     from ._document import agent_name as agent_name
+    from ._document import is_manifest_file as is_manifest_file
     from ._factor_paths import factor_paths as factor_paths
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
@@ -110,7 +110,6 @@ _MODULES = {
     "ASSETS": "_assets",
     "Asset": "_assets",
     "asset_fault": "_assets",
-    "MANIFEST_SUFFIXES": "_document",
     "AgentSpec": "_document",
     "Budgets": "_document",
     "Consent": "_document",
@@ -127,6 +126,7 @@ _MODULES = {
     "Seeds": "_document",
     "SimSpec": "_document",
     "agent_name": "_document",
+    "is_manifest_file": "_document",
     "factor_paths": "_factor_paths",
     "FACTORS": "_factors",
     "FactorDefinition": "_factors",

@@ -163,6 +163,11 @@ def agent_name(manifest: str) -> str:
     return visible(name.removesuffix(suffix))
 
 
+def is_manifest_file(manifest: str) -> bool:
+    """Whether `agent.manifest` names a file, by a slash or one of MANIFEST_SUFFIXES; else it is an entry point."""
+    return "/" in manifest or manifest.endswith(MANIFEST_SUFFIXES)
+
+
 Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
 
 
@@ -171,7 +176,12 @@ class AgentSpec(Document):
     options.
     """
 
-    manifest: str = "reference-naive"
+    manifest: Annotated[
+        str,
+        Field(
+            description="Name of an entry point, or path of a manifest relative to the file that names it."
+        ),
+    ] = "reference-naive"
     options: dict[str, str | float | int | bool] = {}
     isolation: Annotated[
         Isolation | None,

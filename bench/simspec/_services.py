@@ -41,8 +41,8 @@ class OutsideService(Document):
         # As in URLs: what ends in a number is an address, and a wrong one here.
         if not _NAME.fullmatch(host) or host.rpartition(".")[2].isdigit():
             raise ValueError(
-                f"{host!r} is neither a host name nor an IP address; write api.example.org or 127.0.0.1, without "
-                "http:// and port"
+                f"{host!r} is neither a host name nor an IP address; write api.example.org, 127.0.0.1 or ::1, without "
+                "http://, port and brackets"
             )
         return host.lower()
 

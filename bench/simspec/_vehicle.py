@@ -310,6 +310,10 @@ class OutsideLink(Document):
 
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
+        if ":" in self.host:
+            raise ValueError(
+                f"host {self.host!r}: links have no IPv6; give an IPv4 address or a name, without port"
+            )
         if (self.kind == "serial") != bool(self.device):
             raise ValueError("a link of kind serial needs a device, and only such a link has one")
         if self.interface and self.kind not in ("udp_in", "tcp_in"):

@@ -31,12 +31,24 @@ class Wind(Document):
 WeatherLevel = Annotated[float, Field(ge=0.0, le=9.0)]
 
 
-def _as_utc(moment: object) -> object:
-    """The moment in UTC where it has no time zone."""
-    # YAML reads a plain timestamp as a datetime without a zone; the field's name promises UTC.
-    if isinstance(moment, dt.datetime) and moment.tzinfo is None:
-        return moment.replace(tzinfo=dt.UTC)
-    return moment
+def _moment(value: object) -> dt.datetime:
+    """A date and a time of day of ISO 8601; in UTC where they have no time zone, which the field's name promises."""
+    if isinstance(value, str):
+        try:
+            # Of a date alone nobody knows where the sun is.
+            has_time = ":" in value or "T" in value.upper()
+            moment = dt.datetime.fromisoformat(value.upper()) if has_time else None
+        except ValueError:
+            moment = None
+    else:
+        # No number: pydantic would take it for seconds, or for milliseconds, since 1970.
+        moment = value if isinstance(value, dt.datetime) else None
+    if moment is None:
+        raise ValueError(
+            f"{str(value)[:60]!r} is no date with a time of day; write 2026-06-21T11:30:00Z, which is UTC, or "
+            "2026-06-21T13:30:00+02:00 with another zone"
+        )
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=dt.UTC)
 
 
 # GPS time begins on 6 January 1980, so 1981 is its first whole year. The upper end is chosen.
@@ -48,8 +60,10 @@ class Environment(Document):
 
     start_utc: Annotated[
         dt.datetime,
-        BeforeValidator(_as_utc),
-        Field(description="The moment at which simulated time is zero. It decides where the sun is."),
+        BeforeValidator(_moment),
+        Field(
+            description="The moment at which simulated time is zero, in UTC if it states no zone. It decides where the sun is."
+        ),
         # Within minutes of solar noon over the default origin, near the longest day of the year.
     ] = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
     rain_level: WeatherLevel = 0.0
@@ -59,9 +73,7 @@ class Environment(Document):
     wind: Wind = Wind()
 
     @model_validator(mode="after")
-    def _moment_has_a_zone(self) -> Self:
-        if self.start_utc.tzinfo is None:
-            raise ValueError("start_utc needs a time zone, for example 2026-06-21T11:30:00Z")
+    def _satellites_count_the_year(self) -> Self:
         if not FIRST_YEAR <= self.start_utc.year < YEAR_AFTER_LAST:
             raise ValueError(
                 f"the year of start_utc must be {FIRST_YEAR} to {YEAR_AFTER_LAST - 1}, which satellite navigation can count"

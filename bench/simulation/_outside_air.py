@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import subprocess
@@ -11,6 +12,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bench.documents import open_file
 from bench.errors import Fault, SetupError
 from bench.network_namespace import outside_socket
 from bench.simspec import OutsideAir
@@ -31,10 +33,10 @@ def read_token(air: OutsideAir) -> str:
     path = Path(air.token_file)
     field = f"{_FIELD}.token_file"
     make = f"write one: (umask 077; python3 -c 'import secrets; print(secrets.token_urlsafe(24))' > {path})"
-    try:
-        mode, text = path.stat().st_mode, path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeError) as error:
-        raise SetupError(Fault(field, f"{path} cannot be read: {error}", make)) from None
+    with open_file(path, field) as file:
+        mode = os.fstat(file.fileno()).st_mode
+        # A token that holds a replaced character, or goes on, is none.
+        text = file.read(_MESSAGE_BYTES).decode("ascii", "replace").strip()
     if mode & _OTHERS_MAY_READ:
         raise SetupError(Fault(field, f"others on this host may read {path}", f"chmod 600 {path}"))
     if not _TOKEN.fullmatch(text):

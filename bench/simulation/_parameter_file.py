@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
 
 
@@ -20,18 +21,10 @@ class ParameterFile:
 
     def load(self) -> dict[str, float]:
         """The saved values. Raises SetupError for a file that holds anything else."""
-        try:
-            text = self._path.read_text(encoding="utf-8")
-        except FileNotFoundError:
+        # As `exists` follows links, one that leads nowhere is no file yet either: `save` puts one in its place.
+        if not self._path.exists():
             return {}
-        except (OSError, UnicodeDecodeError) as error:
-            raise SetupError(
-                Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")
-            ) from None
-        try:
-            parameters = json.loads(text)
-        except ValueError as error:
-            raise SetupError(Fault(str(self._path), f"is not JSON: {error}", "fix or remove it")) from None
+        parameters, _ = parse_text(read_text(self._path), str(self._path))
         numbers = isinstance(parameters, dict) and all(
             isinstance(number, int | float) and not isinstance(number, bool) for number in parameters.values()
         )

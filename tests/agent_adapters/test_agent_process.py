@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +16,7 @@ import pytest
 from rungs import EVERY, rung_or_skip
 
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults
+from bench.agents._program import expand_command, expand_placeholders
 from bench.agents.confinement import rungs
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.errors import SetupError
@@ -171,12 +174,80 @@ def test_missing_programs_scripts_and_modules_are_known_without_starting_them(tm
 
     for command in (("sh", "-c", "true"), ("{python}", "{folder}/agent.py"), ("{python}", "-m", "bench.cli")):
         assert faults(*command) == []
-    assert faults("{folder}/agent.py") == [f"there is no program '{tmp_path}/agent.py'"]
+    assert faults("{folder}/agent.py") == [f"{tmp_path}/agent.py is not executable"]
+    assert faults("{folder}/gone") == [f"there is no program '{tmp_path}/gone'"]
     assert faults("no-such-program") == ["there is no program 'no-such-program'"]
     assert faults("{python}", "{folder}/gone.py") == [f"there is no file {tmp_path}/gone.py"]
     assert faults("{python}", "-m", "bench.no_such") == ["there is no Python module 'bench.no_such'"]
     assert faults("{python}", "-m", "no_such.agent") == ["there is no Python module 'no_such.agent'"]
     assert "needs the option 'mode'" in faults("sh", other="y")[0]
+    # Relative to the manifest's folder, whatever the present one is.
+    assert faults("{python}", "agent.py") == []
+    assert faults("./agent.py") == [f"{tmp_path}/agent.py is not executable"]
+    assert faults("bin/agent") == [f"there is no program '{tmp_path}/bin/agent'"]
+    assert faults("{python}", "-u", "gone.py") == [f"there is no file {tmp_path}/gone.py"]
+    (tmp_path / "agent.py").chmod(0o755)
+    assert faults("./agent.py") == []
+    os.mkfifo(tmp_path / "pipe", 0o755)
+    assert faults("./pipe") == [f"there is no program '{tmp_path}/pipe'"]
+
+
+@pytest.mark.parametrize(
+    ("command", "looked_up"),
+    [
+        (("./run.sh", "./x"), ("{here}/run.sh", "./x")),
+        (("bin/run", "x"), ("{here}/bin/run", "x")),
+        (("/bin/sh", "a/b"), ("/bin/sh", "a/b")),
+        (("sh", "./x"), ("sh", "./x")),
+        (("{python}", "agent.py", "agent.py"), ("{python}", "{here}/agent.py", "agent.py")),
+        (("{python}", "-u", "-X", "dev", "a/agent.py"), ("{python}", "-u", "-X", "dev", "{here}/a/agent.py")),
+        (("{python}", "-Wdefault", "agent.py"), ("{python}", "-Wdefault", "{here}/agent.py")),
+        (("{python}", "-W", "ignore", "{folder}/a.py"), ("{python}", "-W", "ignore", "{here}/a.py")),
+        (("{python}", "-m", "agent", "x.py"), ("{python}", "-m", "agent", "x.py")),
+        (("{python}", "-Bum", "agent", "x.py"), ("{python}", "-Bum", "agent", "x.py")),
+        (("{python}", "-c", "pass", "x.py"), ("{python}", "-c", "pass", "x.py")),
+        (("{python}", "-", "x.py"), ("{python}", "-", "x.py")),
+        (("{python}", "-u"), ("{python}", "-u")),
+    ],
+)
+def test_relative_programs_and_scripts_are_of_the_manifests_folder(
+    command: tuple[str, ...], looked_up: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Before, both were looked for in the agent's empty scratch folder. In an image, they are the image's."""
+    manifest = AgentManifest(name="agent", command=command)
+    known = {"{python}": sys.executable, "{here}": str(tmp_path)}
+    expected = [re.sub(r"\{\w+\}", lambda match: known[match[0]], word) for word in looked_up]
+    assert list(expand_command(manifest, tmp_path, {})) == expected
+    in_image = manifest.model_copy(update={"image": "mine"})
+    unchanged = expand_placeholders(
+        manifest, tmp_path, {}, {str(place): word for place, word in enumerate(command)}
+    )
+    assert expand_command(in_image, tmp_path, {}) == tuple(unchanged.values())
+
+
+def test_a_relative_program_and_a_relative_script_run(tmp_path: Path, isolation: Isolation) -> None:
+    """On every rung: the file itself is readable, beside its folder's others that are not."""
+    code = (
+        "import os, sys\ntry:\n    open(os.path.dirname(__file__) + '/secret.txt')\n    read = True\n"
+        "except OSError:\n    read = False\nprint(*sys.argv, read)\n"
+    )
+    (tmp_path / "own tools").mkdir()
+    program, script = tmp_path / "own tools" / "my_agent", tmp_path / "agent.py"
+    program.write_text(f"#!{sys.executable}\n{code}")
+    program.chmod(0o755)
+    script.write_text(code)
+    for secret in (tmp_path / "secret.txt", tmp_path / "own tools" / "secret.txt"):
+        secret.touch()
+    for name, command in {
+        "program": ("./own tools/my_agent", "--verbose"),
+        "script": ("{python}", "-u", "agent.py", "--verbose"),
+    }.items():
+        agent_plan = plan(tmp_path / name, *command, isolation=isolation)
+        assert program_faults(agent_plan.manifest, agent_plan.folder, {}) == []
+        with open_agent(agent_plan) as agent:
+            assert wait_for_end(agent) == 0, agent.output_tail()
+        path = {"program": program, "script": script}[name]
+        assert agent.output_tail().strip() == f"{path} --verbose {isolation == 'none'}"
 
 
 def test_an_agent_that_ignores_sigterm_is_killed(

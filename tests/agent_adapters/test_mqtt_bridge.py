@@ -318,7 +318,11 @@ def test_addresses_and_passwords(tmp_path: Path) -> None:
     assert broker_address("mqtts://me@broker.lab", None, None, {}).agent_url.startswith(
         "mqtts://me@broker.lab:8883/"
     )
-    with pytest.raises(SetupError, match="cannot be read"):
+    for address in ("mqtt://[::1]:1884/bay", "mqtts://me@[fe80::1]:8884/bay"):
+        assert broker_address(address, None, None, {}).agent_url == address
+    with pytest.raises(SetupError, match="an IPv6 address stands in brackets"):
+        broker_address("mqtt://::1", None, None, {})
+    with pytest.raises(SetupError, match="there is no such file"):
         broker_address("mqtt://broker", tmp_path / "none", None, {})
     with pytest.raises(SetupError, match="mqtt:// has no TLS"):
         broker_address("mqtt://broker", None, tmp_path / "password", {})

@@ -19,8 +19,9 @@ from bench.campaign import (
     write_result,
     write_whole,
 )
+from bench.campaign.storage._inputs import write_input
 from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_yaml
+from bench.documents import MAX_BYTES, dump_value, dump_yaml, read_text
 from bench.errors import SetupError
 from bench.realization import Design, check_placement, place, realize
 from bench.simspec import factor_values
@@ -114,6 +115,77 @@ def test_base_stands_once(tmp_path: Path) -> None:
         load_campaign(tmp_path / "none.yaml")
     with pytest.raises(SetupError, match="there is no such file"):
         load_campaign(tmp_path / "lost.yaml")
+
+
+@pytest.mark.parametrize(
+    ("levels", "expected"),
+    [
+        ("[1e1, 1e2]", (10.0, 100.0)),
+        ("[10, '20']", (10, 20)),
+        ("['1e1', '045']", (10, 45)),
+        ("[' 10 ', ten]", (10, "ten")),
+    ],
+)
+def test_levels_that_every_field_takes_as_numbers_are_numbers(
+    levels: str, expected: tuple[object, ...], tmp_path: Path
+) -> None:
+    """Also in quotes. Not where one of two fields takes them as text, and not for names of patches."""
+    document = yaml.safe_load(dump_yaml(small_campaign()))
+    document["base"]["vehicle"]["parameters"] = {"MPC_XY_CRUISE": 5.0}
+    fields = {
+        "fog": "environment.fog_level",
+        "cruise": "vehicle.parameters.MPC_XY_CRUISE",
+        "words": "description",
+    }
+    document["design"] = {"method": {"kind": "one_by_one"}}
+
+    def loaded(*sets: str, **others: object) -> tuple[object, ...]:
+        factor = {"name": "a", "levels": "LEVELS", "sets": [fields[name] for name in sets], **others}
+        document["design"]["factors"] = [factor]
+        file = tmp_path / "campaign.yaml"
+        file.write_text(dump_value(document).replace("LEVELS", levels))
+        return load_campaign(file).design.factors[0].levels
+
+    for sets in (("fog",), ("cruise",), ("fog", "cruise")):
+        assert loaded(*sets) == expected
+        assert [type(level) is str for level in loaded(*sets)] == [type(level) is str for level in expected]
+    if levels.startswith("['"):
+        written = tuple(yaml.safe_load(levels))
+        assert loaded("words") == loaded("fog", "words") == written
+        assert loaded("fog", patches={level: {} for level in written}) == written
+
+
+def test_a_document_that_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    """Both sides of the largest size, which defaults may exceed that the author's file does not state."""
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        write_input(tmp_path / "campaign.yaml", "ü" * (MAX_BYTES // 2), journal)
+        with pytest.raises(SetupError, match="could not be read again"):
+            write_input(tmp_path / "campaign.yaml", "ü" * (MAX_BYTES // 2) + "x", journal)
+    assert len(read_text(tmp_path / "campaign.yaml")) == MAX_BYTES // 2
+
+
+def test_two_levels_that_are_one_number(tmp_path: Path) -> None:
+    document = yaml.safe_load(dump_yaml(small_campaign()))
+    factor = {"name": "a", "levels": [2, "2.0"], "sets": ["environment.fog_level"]}
+    document["design"] = {"factors": [factor]}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(SetupError, match="level 2 stands twice"):
+        load_campaign(tmp_path / "campaign.yaml")
+
+
+@pytest.mark.parametrize("levels", [[True, 5], [False]])
+def test_truth_values_are_no_levels_of_numbers(levels: list[object]) -> None:
+    """The factor and its level are named; a field of truth values takes them."""
+    base = small_campaign().situation
+    factor = {"name": "a", "levels": levels, "sets": ["environment.fog_level"]}
+    with pytest.raises(
+        SetupError, match=rf"factor 'a': level {levels[0]} for environment.fog_level: .*truth value"
+    ):
+        realize(base, Design.model_validate({"factors": [factor]}), small_campaign().agents)
+    factor["sets"] = ["mission.return_home"]
+    if levels == [False]:
+        plans = realize(base, Design.model_validate({"factors": [factor]}), small_campaign().agents)
+        assert plans[0].simspec.mission.return_home is False
 
 
 def test_result_must_be_its_own(tmp_path: Path) -> None:

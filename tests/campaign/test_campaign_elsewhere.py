@@ -185,6 +185,7 @@ def test_a_recording_that_a_store_does_not_take_comes_back(tmp_path: Path, memor
     ("url", "reason"),
     [
         ("/shared/recordings", "is no URL"),
+        ("s3://[fe80/recordings", "is no URL"),
         ("memory://recordings", "ends with the worker's process"),
         ("ftp://me:secret@host/recordings", "holds an account"),
         ("nothing-like-it://recordings", "Protocol not known"),

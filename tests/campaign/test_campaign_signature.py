@@ -126,7 +126,7 @@ def test_keys_that_are_none_are_refused_with_the_remedy(
         generate_private_key(SECP256R1()).private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     )
     for key, text in (
-        (folder.parent / "gone", "cannot be read: No such file"),
+        (folder.parent / "gone", "there is no such file"),
         (noise, "cannot be read as a private key"),
         (public, "cannot be read as a private key"),
         (curve, "is a private key of another kind than Ed25519"),

@@ -144,6 +144,9 @@ def test_homes_and_links_are_parsed_or_refused() -> None:
     for wrong in ("udpout:1.2.3.4", "udpout:h:0", "udpout:h:99999", "serial:"):
         with pytest.raises(SetupError):
             parse_link(wrong, 0)
+    for ipv6 in ("udpout:::1:14540", "tcpin:[::1]:5760"):
+        with pytest.raises(SetupError, match=r"links have no IPv6 \(give an IPv4 address or a name\)"):
+            parse_link(ipv6, 0)
     with pytest.raises(SetupError):
         parse_home("95,0,0,0")
     serial = parse_serial("/dev/serial/by-path/pci-0:1.0:115200", 3)

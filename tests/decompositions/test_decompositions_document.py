@@ -25,7 +25,7 @@ from decompositions import (
     shipped_decompositions,
 )
 
-UNITS = {"fog_level": "level", "uav_altitude_m": "m"}
+UNITS = {"fog_level": "level", "uav_altitude_m": "m", "reports": "1"}
 
 
 def node(name: str, *children: str) -> dict[str, Any]:
@@ -169,6 +169,11 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
             "O-2",
             "is not the unit of the key factor",
         ),
+        (
+            lambda d: d["observables"][1].update(key_factors=[row(factor="reports", unit="%")]),
+            "O-2",
+            "key factor 'reports', which has no dimension",
+        ),
         (lambda d: d.update(study=["KA-3"]), "study", "no key attribute 'KA-3'"),
         (lambda d: d.update(study=["KA-1", "KA-1"]), "study", "studied twice"),
         (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
@@ -183,6 +188,19 @@ def test_a_fault_is_named_with_its_node_and_line(
     assert matching, f"no fault says {message!r}"
     assert any(where in fault.where for fault in matching)
     assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in matching)
+
+
+@pytest.mark.parametrize("unit", ["", None, 1, 1.0])
+def test_the_unit_of_a_factor_without_a_dimension_is_told(valid: dict[str, Any], unit: object) -> None:
+    """Left empty, or written as a number: what to write, and where."""
+    valid["tables"]["fog"]["unit"] = unit
+    (fault,) = faults(valid)
+    assert fault.where.startswith("small.yaml:")
+    assert fault.where.endswith("tables.fog.unit")
+    assert fault.what == 'a factor without a dimension has the unit "1"; write it so, in quotes'
+    valid["tables"]["fog"].update(factor="reports", unit="%")
+    (fault,) = faults(valid, DecompositionVocabulary(UNITS))
+    assert fault.remedy == 'write unit: "1", and convert the values'
 
 
 def test_all_faults_are_told_at_once(valid: dict[str, Any]) -> None:

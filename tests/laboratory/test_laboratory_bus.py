@@ -448,7 +448,11 @@ def test_an_address_says_all_but_the_password(tmp_path: Path) -> None:
     assert secure.tls is not None
     assert secure.tls.verify_mode is ssl.CERT_REQUIRED
     assert "secret" not in repr(plain) + repr(secure)
+    assert parse_broker("mqtt://[::1]:1884").host == "::1"
+    for address in ("mqtt://::1", "mqtt://fe80::1:1883", "mqtt://[::1"):
+        with pytest.raises(SetupError, match="an IPv6 address stands in brackets"):
+            parse_broker(address)
     with pytest.raises(SetupError, match="no TLS"):
         parse_broker("mqtt://broker.lab", authority=tmp_path / "ca.pem")
-    with pytest.raises(SetupError, match="cannot be read"):
+    with pytest.raises(SetupError, match="there is no such file"):
         parse_broker("mqtts://broker.lab", authority=tmp_path / "ca.pem")

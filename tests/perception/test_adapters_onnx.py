@@ -118,7 +118,7 @@ def test_version_names_weights_and_library(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "where", "message"),
     [
-        ({"weights": "missing.onnx"}, "weights", "there is no file missing.onnx"),
+        ({"weights": "missing.onnx"}, "weights", "missing.onnx: there is no such file"),
         ({"weights": ""}, "weights", "is not valid"),
         ({"labels": {"0": "tank"}}, "labels", "'tank': no class label"),
         ({"labels": {"zero": "tree"}}, "labels.zero", "is not valid"),

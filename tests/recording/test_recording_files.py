@@ -220,9 +220,9 @@ def test_a_file_of_another_format_is_refused(tmp_path: Path, text: bytes) -> Non
 
 def test_a_missing_file_and_a_missing_simspec_are_reported(tmp_path: Path) -> None:
     """No file, a folder, and a foreign MCAP file without a SimSpec each get a sentence."""
-    with pytest.raises(SetupError, match="No such file"):
+    with pytest.raises(SetupError, match="there is no such file"):
         read_simspec(tmp_path / "none.mcap")
-    with pytest.raises(SetupError, match="directory"):
+    with pytest.raises(SetupError, match="it is a folder"):
         read_simspec(tmp_path)
     path = foreign(tmp_path / "foreign.mcap", times=(1,))
     with pytest.raises(SetupError, match=r"holds no simspec\.json"):

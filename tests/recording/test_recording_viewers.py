@@ -425,7 +425,7 @@ def test_wrong_inputs_are_refused_and_leave_nothing(
     stranger.write_text("no recording")
     with pytest.raises(SetupError, match="is not an MCAP recording"):
         export_for_viewers(stranger, target)
-    with pytest.raises(SetupError, match="cannot be read"):
+    with pytest.raises(SetupError, match="there is no such file"):
         export_for_viewers(tmp_path / "absent.mcap", target)
     with pytest.raises(SetupError, match="is an export already: it has the topic /viewer/"):
         export_for_viewers(exported.target, target)

@@ -1,13 +1,14 @@
 """The SimSpec as a document: what is taken, what is refused, and how the refusal reads."""
 
+import datetime as dt
 import json
 from pathlib import Path
 
 import pytest
 
-from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document
+from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document, read_json_document
 from bench.errors import SetupError
-from bench.simspec import Point, Polygon, Rules, SimSpec, load_simspec
+from bench.simspec import Environment, Point, Polygon, Rules, SimSpec, agent_name, load_simspec
 
 SQUARE = "world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}\n"
 
@@ -217,7 +218,7 @@ def test_governed_example_has_orders_outages_and_rules() -> None:
         ("a: &x [1]\nb: *x\n", "aliases"),
         ("", "None is not valid"),
         ("- 1\n", "not valid"),
-        ("!!python/object/apply:os.system ['true']", "not valid YAML"),
+        ("!!python/object/apply:os.system ['true']", "tags ("),
         ("[" * 5000, "scene.yaml"),
     ],
 )
@@ -394,3 +395,82 @@ def test_start_outside_gps_years_is_refused(tmp_path: Path, moment: str) -> None
     file.write_text(f"name: old\n{SQUARE}environment: {{start_utc: '{moment}'}}\n")
     with pytest.raises(SetupError, match="year of start_utc must be 1981 to 2099"):
         load_simspec(file)
+
+
+MOMENT = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        "2026-06-21T11:30:00Z",
+        "2026-06-21t11:30:00z",
+        "2026-06-21 11:30:00Z",
+        "2026-06-21 11:30Z",
+        "2026-06-21T11:30:00.000+00:00",
+        "2026-06-21T13:30:00+02:00",
+        "2026-06-21 04:00-07:30",
+        "2026-06-21T11:30:00",
+        "2026-06-21T11:30",
+        "2026-06-21 11:30:00",
+        "2026-06-21 11:30",
+        "20260621T1130",
+    ],
+)
+def test_a_moment_in_any_spelling(spelling: str) -> None:
+    """Plain, in quotes, as JSON and from Python: one moment, and UTC where no zone is stated."""
+    for text in (f"start_utc: {spelling}", f"start_utc: '{spelling}'", f'{{"start_utc": "{spelling}"}}'):
+        assert read_document(text, Environment).start_utc == MOMENT
+    assert read_json_document(f'{{"start_utc": "{spelling}"}}', Environment).start_utc == MOMENT
+    assert Environment(start_utc=MOMENT.replace(tzinfo=None)).start_utc == MOMENT
+    assert Environment(start_utc=MOMENT).model_dump_json() == Environment().model_dump_json()
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    ["2026-06-21", "11:30", "1782041400", "1782041400.0", "true", "~", "2026", "soon", "2026-02-30T11:30"],
+)
+def test_a_moment_that_is_none(spelling: str) -> None:
+    """A date alone does not say where the sun is, and a number could be seconds or milliseconds since 1970."""
+    for text in (spelling, f"'{spelling}'"):
+        with pytest.raises(SetupError, match=r"write 2026-06-21T11:30:00Z|in the unit of the field"):
+            read_document(f"start_utc: {text}", Environment)
+    with pytest.raises(ValueError, match="no date with a time of day"):
+        Environment.model_validate({"start_utc": dt.date(2026, 6, 21)})
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        (
+            "vehicle: {outside_links: [{name: a, host: '::1'}]}",
+            "links have no IPv6; give an IPv4 address or a name",
+        ),
+        ("vehicle: {outside_links: [{name: a, host: '[::1]'}]}", "links have no IPv6"),
+        ("vehicle: {outside_links: [{name: a, host: '127.0.0.1:14550'}]}", "without port"),
+        (
+            "agent: {services: [{name: a, host: '[::1]', port: 80}]}",
+            "write api.example.org, 127.0.0.1 or ::1, without",
+        ),
+    ],
+)
+def test_addresses_that_are_not_served(field: str, words: str) -> None:
+    """A MAVLink link has IPv4 alone; a service may have either, without brackets."""
+    assert words in faults(f"name: x\n{SQUARE}{field}\n")[0]
+    read_document(f"name: x\n{SQUARE}agent: {{services: [{{name: a, host: '::1', port: 80}}]}}\n", SimSpec)
+
+
+def test_a_manifest_is_looked_up_from_the_simspec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path by its slash or suffix; the name of an entry point stays, also beside a folder of that name."""
+    (tmp_path / "reference-naive").mkdir()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").mkdir()
+    for manifest, located in {
+        "mine.yaml": f"{tmp_path}/a/mine.yaml",
+        "./agents/mine": f"{tmp_path}/a/agents/mine",
+        "/agents/mine.json": "/agents/mine.json",
+        "reference-naive": "reference-naive",
+    }.items():
+        (tmp_path / "a" / "scene.yaml").write_text(f"name: x\n{SQUARE}agent: {{manifest: {manifest}}}\n")
+        spec = load_simspec("a/scene.yaml")
+        assert (spec.agent.manifest, spec.agent.label) == (located, agent_name(manifest))

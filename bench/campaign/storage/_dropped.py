@@ -48,10 +48,7 @@ def note_pending(run: Path, note: DroppedRecording) -> None:
 
 def pending_note(run: Path) -> DroppedRecording | None:
     """The note that waits for its line in the chain, if one does."""
-    try:
-        return DroppedRecording.model_validate_json((run / _PENDING).read_bytes())
-    except (FileNotFoundError, ValidationError):
-        return None
+    return _read_note(run / _PENDING)
 
 
 def settle_note(run: Path) -> None:
@@ -75,9 +72,11 @@ def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapp
 
 def dropped_recording(run: Path) -> DroppedRecording | None:
     """The note in a run's folder whose recording is gone; None without one, and for one that is damaged."""
-    if (run / RECORDING).is_file():
-        return None
+    return None if (run / RECORDING).is_file() else _read_note(run / DROPPED)
+
+
+def _read_note(path: Path) -> DroppedRecording | None:
     try:
-        return DroppedRecording.model_validate_json((run / DROPPED).read_bytes())
-    except (FileNotFoundError, ValidationError):
+        return DroppedRecording.model_validate_json(path.read_bytes()) if path.is_file() else None
+    except ValidationError:
         return None

@@ -25,8 +25,12 @@ _REMEDY = "check the URL and this host's access to it; `pip install 'rebar-bench
 
 def check_store(option: str, url: str) -> None:
     """Raises SetupError for a URL at which no recording can be kept, naming the option that gave it."""
-    parts = urlsplit(url)
     fault = None
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        # Brackets that hold no IPv6 address.
+        parts = urlsplit("")
     if not parts.scheme or "://" not in url:
         fault = Fault(
             option, f"{url!r} is no URL", "give one such as s3://bucket/folder or file:///shared/folder"

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from bench.contracts import SessionResult
-from bench.documents import Document
+from bench.documents import Document, open_file
 from bench.errors import Fault, SetupError
 
 FIRST_PREVIOUS = "0" * 64
@@ -163,10 +163,10 @@ class EvidenceLog:
             self._results.add((entry.realization, entry.result_sha256))
 
     def _read(self) -> None:
-        try:
-            content = self.path.read_bytes()
-        except FileNotFoundError:
+        if not self.path.exists():
             return
+        with open_file(self.path) as file:
+            content = file.read()
         *lines, torn = content.split(b"\n")
         self._torn = bool(torn)
         for number, line in enumerate(lines, start=1):

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from bench.documents import open_file
+
 # Also hidden: globs for documents, and people who list the folder, do not come upon a half-written file.
 _HALF_WRITTEN = ".part"
 
@@ -65,8 +67,8 @@ def _opened(folder: Path) -> Iterator[int]:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
+    """SHA-256 of a file, in hexadecimal. Raises SetupError for a path that is no file."""
+    with open_file(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -168,6 +168,8 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     it; with `reentrant`, this process may hold it already, and False is yielded.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if (folder / LOCK).exists() and not (folder / LOCK).is_file():
+        raise SetupError(Fault(str(folder / LOCK), "is no file", "remove it"))
     with (folder / LOCK).open("a+", encoding="utf-8") as file:
         if not _take_lock(file):
             file.seek(0)
@@ -202,6 +204,8 @@ def _take_lock(file: IO[str]) -> bool:
 
 def writing_process(folder: Path) -> str | None:
     """The id of another process that is writing in a campaign folder now; None if there is none."""
+    if not (folder / LOCK).is_file():
+        return None
     try:
         with (folder / LOCK).open(encoding="utf-8") as file:
             try:
@@ -210,6 +214,6 @@ def writing_process(folder: Path) -> str | None:
                 holder = file.read().strip() or "unknown"
                 return None if holder == str(os.getpid()) else holder
     except OSError:
-        # No lock file, or none that this user may read: nobody who could be asked.
+        # None that this user may read: nobody who could be asked.
         return None
     return None

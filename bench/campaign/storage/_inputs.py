@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from difflib import SequenceMatcher
 from pathlib import Path
 
-from bench.documents import load_document
+from bench.documents import MAX_BYTES, load_document
 from bench.errors import Fault, SetupError
 
 from .._document import Campaign
@@ -26,7 +26,12 @@ _SHOWN_CHARACTERS = 60
 
 
 def write_input(path: Path, text: str, journal: Journal) -> None:
-    """Write one of the two documents, and note its text in the journal."""
+    """Write one of the two documents, and note its text in the journal. Raises SetupError for one that is too large to be
+    read again.
+    """
+    if len(text.encode()) > MAX_BYTES:
+        what = f"would be larger than {MAX_BYTES} bytes, and could not be read again"
+        raise SetupError(Fault(str(path), what, "make several campaigns of it"))
     noted = _noted(journal, path)
     if noted != [text]:
         # Both texts while the file is exchanged: after a kill in between, neither of them is an edit.

@@ -125,10 +125,12 @@ def write_manifest(
 
 def read_manifest(path: Path) -> Manifest | None:
     """The manifest in a file; None if the file is missing, holds none, or was changed since it was written."""
+    if not path.is_file():
+        return None
+    content = path.read_bytes()
     try:
-        content = path.read_bytes()
         manifest = Manifest.model_validate(json.loads(content))
-    except (FileNotFoundError, ValueError):
+    except ValueError:
         return None
     # A manifest from before it had a digest of its own says nothing about its own bytes.
     if manifest.self_sha256 is None:

@@ -30,9 +30,11 @@ def read_result(run: Path, realization: str) -> SessionResult | None:
     None if there is none, if it is damaged, if it is another realization's, or if the recording beside it is
     not the one that it was made from. A recording that was dropped is named by its digest.
     """
+    if not (run / RESULT).is_file():
+        return None
     try:
         result = SessionResult.model_validate_json((run / RESULT).read_bytes())
-    except (FileNotFoundError, ValidationError):
+    except ValidationError:
         return None
     recording = run / RECORDING
     if result.realization != realization:

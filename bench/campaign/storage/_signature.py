@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document, dump_json
+from bench.documents import Document, dump_json, read_bytes
 from bench.errors import Fault, SetupError, command_line
 
 from ._files import write_whole
@@ -92,12 +92,14 @@ def signature_faults(path: Path, signed_by: Path | None = None) -> list[Fault]:
 def read_signature(path: Path) -> ManifestSignature | None:
     """The signature of a campaign folder; None if there is none, or a damaged one. It is not checked."""
     file = CampaignFolder(path).signature
+    if not file.is_file():
+        return None
+    content = file.read_bytes()
     try:
-        content = file.read_bytes()
         document = ManifestSignature.model_validate_json(content)
         # One spelling alone: otherwise a byte could change without a trace.
         same = dump_json(document).encode() == content and _respelled(document) == document
-    except (FileNotFoundError, ValidationError, binascii.Error, ValueError):
+    except (ValidationError, binascii.Error, ValueError):
         return None
     return document if same else None
 
@@ -140,7 +142,7 @@ def _load_private_key(path: Path, ask_passphrase: Callable[[], str]) -> Ed25519P
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_ssh_private_key
 
-    data = _key_bytes(path)
+    data = read_bytes(path)
     load = load_ssh_private_key if b"OPENSSH PRIVATE KEY" in data else load_pem_private_key
     try:
         try:
@@ -161,7 +163,7 @@ def _load_public_key(path: Path) -> Ed25519PublicKey:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_pem_public_key, load_ssh_public_key
 
-    data = _key_bytes(path)
+    data = read_bytes(path)
     if b"PRIVATE KEY" in data:
         remedy = "give the public key: the file that ends in .pub, or what `openssl pkey -pubout` writes"
         raise SetupError(Fault(str(path), "is a private key", remedy))
@@ -172,13 +174,6 @@ def _load_public_key(path: Path) -> Ed25519PublicKey:
     if not isinstance(key, Ed25519PublicKey):
         raise SetupError(Fault(str(path), "is a public key of another kind than Ed25519", _KEY_REMEDY))
     return key
-
-
-def _key_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise SetupError(Fault(str(path), f"cannot be read: {error.strerror}", _KEY_REMEDY)) from error
 
 
 def _public_text(key: Ed25519PublicKey) -> str:

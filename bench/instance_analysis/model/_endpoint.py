@@ -36,7 +36,11 @@ class ModelEndpoint:
             )
         if self.url is not None and not _is_address(self.url):
             raise SetupError(
-                Fault("--llm-url", f"{self.url!r} is not an address", f"for example {LOCAL_URL}")
+                Fault(
+                    "--llm-url",
+                    f"{self.url!r} is not an address",
+                    f"for example {LOCAL_URL}; an IPv6 address stands in brackets",
+                )
             )
 
     @property

@@ -253,6 +253,6 @@ def _version_of(kind: str, name: str, model: Any) -> str:
     folder = Path(name)
     files = sorted(folder.glob("*.safetensors")) if folder.is_dir() else []
     if files:
-        return f"{kind} {folder.name}, SHA-256 {' '.join(file_digest(file)[:12] for file in files)}"
+        return f"{kind} {folder.name}, SHA-256 {' '.join(file_digest(file, 'model')[:12] for file in files)}"
     revision = getattr(model.config, "_commit_hash", None)
     return f"{kind} {name}, revision {revision[:12]}" if revision else f"{kind} {name}"

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from bench.arrays import Floats, Narrow
 from bench.contracts import Detection, Pixels
-from bench.documents import Document, similar_files
+from bench.documents import Document
 from bench.errors import DetectorFault
 from bench.simspec import SimSpec
 
@@ -198,8 +198,8 @@ def open_onnx_detector(simspec: SimSpec) -> OnnxDetector:
     """
     options = read_options(simspec, OnnxOptions)
     weights = Path(options.weights)
-    if not weights.is_file():
-        raise option_fault("weights", f"there is no file {weights}", similar_files(weights))
-    detector = OnnxDetector(options, open_runtime(options.runtime, weights), file_digest(weights))
+    # First: what reads the weights may wait for ever, and names no reason.
+    digest = file_digest(weights, "weights")
+    detector = OnnxDetector(options, open_runtime(options.runtime, weights), digest)
     detector.try_out()
     return detector

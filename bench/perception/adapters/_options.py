@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.arrays import Floats
 from bench.contracts import Detection
-from bench.documents import Document, validate_document
+from bench.documents import Document, open_file, validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import CLASS_LABELS, SimSpec
 
@@ -48,9 +48,9 @@ def require_class_labels(labels: Iterable[str]) -> None:
         raise ValueError(f"{', '.join(map(repr, unknown))}: no class label; known: {', '.join(CLASS_LABELS)}")
 
 
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
+def file_digest(path: Path, field: str) -> str:
+    """SHA-256 of the file that an option names, in hexadecimal. Raises SetupError when it cannot be read."""
+    with open_file(path, f"{OPTIONS}.{field}") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -119,9 +119,14 @@ class DesignFactor(Document):
             raise ValueError(
                 f"factor {self.name!r}: give formula or when; a formula may say `a if condition else b`"
             )
+        if self.integer and self.range is not None:
+            ends = f"low: {self.range.low:g}, high: {self.range.high:g}"
+            raise ValueError(
+                f"factor {self.name!r}: integer stands beside the range; write it inside: range: {{{ends}, integer: true}}"
+            )
         if self.integer and self.formula is None:
             raise ValueError(
-                f"factor {self.name!r}: integer here is of a formula; of a range it stands in the range"
+                f"factor {self.name!r}: integer is for a formula; levels are taken as they are written, so leave it out"
             )
         if BASE in self.sets and (len(self.sets) > 1 or self.patches or self.when is not None):
             raise ValueError(

@@ -232,7 +232,7 @@ def test_units_that_do_not_fit() -> None:
 
     assert "the field's unit is '1/m'" in faults(extinction | {"unit": "m"})
     assert realize(BASE, design(extinction | {"unit": "1/m"}), AGENTS)
-    assert "but the field has none" in faults(CROWD | {"unit": "m"})
+    assert 'but the field has none (leave the unit out or write unit: "1"' in faults(CROWD | {"unit": "m"})
     assert "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)" in faults(mixed)
     assert "the factor's unit is 'm', the field's unit is 's'" in faults(mixed | {"unit": "m"})
 

@@ -99,6 +99,18 @@ def test_ranges_of_whole_numbers_that_are_none(wrong: dict[str, Any], message: s
     assert message in refused([{"name": "a", "range": wrong, "sets": ["a"]}])
 
 
+def test_integer_beside_a_range_or_levels_is_told_where_it_belongs() -> None:
+    """A range has its own; levels are what they are."""
+    range_ = {"low": 1, "high": 5}
+    message = refused([{"name": "a", "range": range_, "integer": True, "sets": ["a"]}])
+    assert "write it inside: range: {low: 1, high: 5, integer: true}" in message
+    assert "leave it out" in refused([{"name": "a", "levels": [1, 2], "integer": True, "sets": ["a"]}])
+    assert design(
+        [{"name": "a", "range": range_ | {"integer": True}, "sets": ["a"]}, *ranges(1)],
+        method={"kind": "sobol", "points": 8},
+    )
+
+
 @pytest.mark.parametrize(
     "forbid",
     ["a == 'n' and f0 > 0.5", "night == 'true'", "f0 == 'x'", "'N' != a == 'W'", "not (night != 'no')"],
