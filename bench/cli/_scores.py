@@ -232,6 +232,13 @@ def _score_sources(
                 "name the folder of a run or of a campaign, or give --observations",
             )
         )
+    faults = [
+        Fault(str(path), "is a file", f"name the folder that holds it: {path.parent}")
+        for path in runs
+        if path.is_file()
+    ]
+    if faults:
+        raise SetupError(faults)
     return [
         _of_campaign(folder, decomposition, reading=reading, workers=workers)
         if is_campaign(folder)

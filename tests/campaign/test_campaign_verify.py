@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import random
 import shutil
 import sqlite3
+import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -32,7 +35,7 @@ from bench.campaign import (
     refly,
     verify_folder,
 )
-from bench.campaign._versions import versions
+from bench.campaign._versions import _processor_flags, arithmetic, versions
 from bench.campaign.results._refly import _other_versions
 from bench.cli._app import run
 from bench.cli._evidence import _exit_for
@@ -446,3 +449,139 @@ def test_another_renderer_of_a_further_camera_is_other_software(tmp_path: Path) 
                 recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
     (difference,) = _other_versions(*paths)
     assert difference.startswith("down: OpenCV 4.12.0, build b (here down: moderngl, Mesa 22;")
+
+
+def same_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
+    """The run as it was."""
+    flown = Path(os.environ["REBAR_TEST_FLOWN"]) / "runs" / realization
+    shutil.copy(flown / "recording.mcap", folder)
+    return SessionResult.model_validate_json((flown / "result.json").read_bytes())
+
+
+OTHER_ARITHMETIC = {"processor": "x86_64 sse4_2", "libm": "glibc 2.17, results 00000000"}
+
+
+def on_another_processor(result: dict[str, Any]) -> None:
+    result["details"]["arithmetic"].update(OTHER_ARITHMETIC)
+
+
+def test_a_difference_between_processors_is_named_with_its_size(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Digests differ, and so do processor and mathematical library: no forgery, and told. Where the digests are equal, or
+    the hosts, nothing is said of processors.
+    """
+    folder = tmp_path / "out"
+    shutil.copytree(flown, folder)
+    monkeypatch.setenv("REBAR_TEST_FLOWN", str(flown))
+    elsewhere, here = (f"{point}-r1-{NAIVE}" for point in ("p001", "p002"))
+    edit_json(folder / "runs" / elsewhere / "result.json", on_another_processor)
+
+    def flown_again(flight: str) -> dict[str, ReflownRun]:
+        sample = refly(folder, 9, 1, job=f"{__name__}:{flight}", open_executor=open_in_process())
+        return {run.realization: run for run in sample.runs}
+
+    assert {run.status for run in flown_again("same_flight").values()} == {ReflownStatus.IDENTICAL}
+    runs = flown_again("moved_flight")
+    assert (runs[here].status, runs[elsewhere].status) == (
+        ReflownStatus.DIFFERENT,
+        ReflownStatus.OTHER_VERSIONS,
+    )
+    assert runs[elsewhere].apart_m == pytest.approx(1.0)
+    told = runs[elsewhere].explanation
+    assert told.startswith(
+        "cannot be compared bit for bit: it was flown with libm glibc 2.17, results 00000000 (here "
+        f"{arithmetic()['libm']}), processor x86_64 sse4_2 (here {arithmetic()['processor']}); /truth/odometry at 0.5"
+    )
+    assert told.endswith("that both flew; the results are equal")
+    assert "processor" not in runs[here].explanation
+
+    edit_json(folder / "runs" / elsewhere / "result.json", lambda result: result["details"].pop("arithmetic"))
+    assert flown_again("moved_flight")[elsewhere].status is ReflownStatus.DIFFERENT
+
+
+def test_results_and_manifest_name_the_arithmetic_and_recordings_do_not(flown: Path, tmp_path: Path) -> None:
+    """What the kernel lists of the first core, less what no library chooses by; the same in two processes."""
+    manifest = json.loads((flown / "manifest.json").read_text())
+    assert arithmetic().items() <= manifest["versions"].items()
+    for run_folder in (flown / "runs").iterdir():
+        assert json.loads((run_folder / "result.json").read_text())["details"]["arithmetic"] == arithmetic()
+        assert read_metadata(run_folder / "recording.mcap")["rebar.versions"] == versions()
+    intel = "processor\t: 0\nflags\t\t: fpu sse4_2 avx2 fma\n\nprocessor\t: 1\nflags\t\t: fpu avx512f\n"
+    arm = "processor\t: 0\nFeatures\t: fp asimd sve\n"
+    for text, flags in (
+        (intel, ["fpu", "sse4_2", "avx2", "fma"]),
+        (arm, ["fp", "asimd", "sve"]),
+        ("none\n", []),
+    ):
+        (tmp_path / "cpuinfo").write_text(text)
+        assert [
+            flag for flag in _processor_flags(tmp_path / "cpuinfo") if flag not in ("flags", "Features", ":")
+        ] == flags
+    assert _processor_flags(tmp_path / "missing") == []
+
+
+@pytest.mark.skipif(
+    platform.machine() != "x86_64" or not platform.libc_ver()[0], reason="glibc has such variants on x86-64"
+)
+def test_the_variant_of_the_mathematical_library_shows_in_its_results() -> None:
+    """glibc without fused multiply-adds, as on an older processor, against the one of this processor."""
+    code = "from bench.campaign._versions import arithmetic; print(arithmetic()['libm'])"
+    plain, without_fma = (
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "GLIBC_TUNABLES": tunables},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for tunables in ("", "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4")
+    )
+    assert plain == arithmetic()["libm"]
+    assert (plain != without_fma) == ("fma" in arithmetic()["processor"].split())
+
+
+def test_files_that_nfs_leaves_are_no_difference(flown: Path, tmp_path: Path) -> None:
+    """A program on a network disk has deleted them and holds them open. They are in no manifest either; other hidden
+    files are named.
+    """
+    folder = tmp_path / "out"
+    shutil.copytree(flown, folder)
+    left = [folder / ".nfs000000000123456700000001", folder / "runs" / IDLE / ".nfs00000000deadbeef0000001f"]
+    left[1].parent.mkdir()
+    for file in left:
+        file.write_text("deleted, and open")
+    assert verify_folder(folder) == []
+    finish_campaign(folder)
+    assert ".nfs" not in (folder / "manifest.json").read_text()
+    for name in (".nfs1", ".nfs000000000123456700000001.mcap", "nfs000000000123456700000001"):
+        (folder / name).write_text("hidden")
+        assert [fault.where for fault in verify_folder(folder)] == [name]
+        (folder / name).unlink()
+
+
+def test_what_is_no_campaign_folder_is_told_what_to_give(
+    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recording in a campaign and one outside, the folder of a run, some file, and nothing at all."""
+    run_folder = flown / "runs" / f"p001-r1-{NAIVE}"
+    alone = tmp_path / "a run"
+    shutil.copytree(run_folder, alone)
+    (tmp_path / "notes.txt").write_text("notes")
+    score = "`rebar score {}` checks one recording, against its result or by its own checksums)"
+    cases = {
+        run_folder / "recording.mcap": f"is a file (give its campaign: {flown}; {score.format(run_folder)}",
+        run_folder: f"is the folder of one run (give its campaign: {flown}; {score.format(run_folder)}",
+        alone: f"is the folder of one run (give the folder of a campaign; {score.format(repr(str(alone)))}",
+        tmp_path / "notes.txt": "is a file (give the folder of a campaign)",
+        tmp_path / "gone": "does not exist (give the folder that `rebar run` wrote)",
+    }
+    for path, words in cases.items():
+        assert run(["verify", str(path)]) == 2
+        assert capsys.readouterr().err == f"rebar: {path}: {words}\n"
+    assert run(["score", str(run_folder / "recording.mcap")]) == 2
+    assert f"is a file (name the folder that holds it: {run_folder})" in capsys.readouterr().err
+    for path in (tmp_path / "notes.txt", tmp_path / "gone"):
+        assert run(["report", str(path)]) == 2
+        assert f"rebar: {path}: is not the folder of a campaign" in capsys.readouterr().err
+    assert not (tmp_path / "gone").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
@@ -94,9 +95,10 @@ def verify_folder(path: Path, digest: str | None = None, signed_by: Path | None 
 
     `digest` is the SHA-256 of the manifest that was published, `signed_by` the public key that must have signed it. A campaign that is not complete has no
     manifest; its results are checked against chain and journal. Raises SetupError for any other folder
-    without one, and for a `signed_by` that is no public key.
+    without one, for a file, and for a `signed_by` that is no public key.
     """
     folder = CampaignFolder(path)
+    _check_is_folder(folder)
     faults = []
     if (
         digest is not None
@@ -124,6 +126,24 @@ def verify_folder(path: Path, digest: str | None = None, signed_by: Path | None 
         except SetupError as error:
             faults += error.faults
     return faults
+
+
+def _check_is_folder(folder: CampaignFolder) -> None:
+    """Raises SetupError for what can be no campaign folder: nothing, a file, the folder of one run."""
+    path = folder.path
+    if not path.exists():
+        raise SetupError(Fault(str(path), "does not exist", "give the folder that `rebar run` wrote"))
+    run = path if path.is_dir() else path.parent
+    if path.is_dir() and (
+        folder.manifest.is_file() or folder.journal.is_file() or not (run / RECORDING).is_file()
+    ):
+        return
+    what = "is the folder of one run" if path.is_dir() else "is a file"
+    campaign = campaign_of(run)
+    remedy = "give the folder of a campaign" if campaign is None else f"give its campaign: {campaign.path}"
+    if (run / RECORDING).is_file():
+        remedy += f"; `rebar score {shlex.quote(str(run))}` checks one recording, against its result or by its own checksums"
+    raise SetupError(Fault(str(path), what, remedy))
 
 
 def changed_tables(folder: CampaignFolder) -> list[str]:

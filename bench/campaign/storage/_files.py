@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +20,15 @@ _HALF_WRITTEN = ".part"
 def is_half_written(path: Path) -> bool:
     """Whether a file is what `write_whole` leaves if its process is killed before the file is whole."""
     return path.name.startswith(".") and path.name.endswith(_HALF_WRITTEN)
+
+
+# An NFS client's name for a file that was deleted while it was open: inode and a counter. It goes when the file is closed.
+_DELETED_OVER_NFS = re.compile(r"\.nfs[0-9a-f]{24}")
+
+
+def is_deleted_over_nfs(path: Path) -> bool:
+    """Whether a file is one that a program on this network disk has deleted and still holds open."""
+    return _DELETED_OVER_NFS.fullmatch(path.name) is not None
 
 
 def write_whole(path: Path, content: bytes | str, *, synced: bool = True) -> str:

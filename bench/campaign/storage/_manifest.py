@@ -15,7 +15,7 @@ from bench.errors import Fault, SetupError
 
 from ._completeness import Completeness
 from ._evidence import EvidenceLog
-from ._files import FileDigests, digest_of, is_half_written, write_whole
+from ._files import FileDigests, digest_of, is_deleted_over_nfs, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
 from ._journal import settled_journal_sha256
 from ._pause import PAUSE, RETRY
@@ -218,7 +218,9 @@ def _listed_files(path: Path) -> list[str]:
     # A runner that was killed may have left half of a file. The next write of that file takes its place, so a
     # manifest that listed it would soon miss it; and nothing reads it.
     files = (
-        file.relative_to(path) for file in path.rglob("*") if file.is_file() and not is_half_written(file)
+        file.relative_to(path)
+        for file in path.rglob("*")
+        if file.is_file() and not is_half_written(file) and not is_deleted_over_nfs(file)
     )
     return sorted(
         str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and str(file) not in _UNLISTED_FILES
