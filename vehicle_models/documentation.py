@@ -22,14 +22,14 @@ from bench.simspec import SimSpec
 
 from ._vehicle import X500, open_x500
 from .controller import AUTOPILOTS, WING_AUTOPILOTS, Autopilot, FlightState, ReferencePoint, open_links
-from .controller._service import Command, CommandResult, MessageSender
 from .controller.links._enums import MAV_CMD, MAV_FRAME
 from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
 from .controller.missions._mission_flight import effect_of
-from .controller.missions._store import MISSION, MissionItem
-from .controller.parameters._store import Parameter
+from .controller.state._parameter_store import Parameter
+from .controller.state._plan_store import MISSION, MissionItem
+from .controller.state._service import Command, CommandResult, MessageSender
 
 DOCS = Path(__file__).parent.parent / "docs"
 COMMANDS_PAGE = DOCS / "flight-controller.md"

@@ -19,7 +19,7 @@ from bench.campaign import (
     write_result,
     write_whole,
 )
-from bench.campaign.storage._inputs import write_input
+from bench.campaign.planning._inputs import write_input
 from bench.contracts import Outcome, SessionResult
 from bench.documents import MAX_BYTES, dump_value, dump_yaml, read_text
 from bench.errors import SetupError

@@ -15,7 +15,7 @@ from vehicle_client import Client, mavlink, simspec
 
 from vehicle_models import documentation
 from vehicle_models.controller import AUTOPILOTS
-from vehicle_models.controller.parameters._store import INT8, INT16, INT32, REAL32
+from vehicle_models.controller.state._parameter_store import INT8, INT16, INT32, REAL32
 from vehicle_models.documentation import PARAMETER_SECTIONS, constant_subscripts
 
 Make = Callable[..., Client]

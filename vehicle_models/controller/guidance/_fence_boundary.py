@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 from ..._geodesy import LocalFrame
-from .._flight_state import FlightState, NorthEast
 from ..links._enums import MAV_CMD
-from ..missions._store import MissionItem, StoredPlan
-from ..parameters._store import ParameterStore
 from ..policies._safety import Breach, FenceLimits, FencePolicy
+from ..state._flight_state import FlightState, NorthEast
+from ..state._parameter_store import ParameterStore
+from ..state._plan_store import MissionItem, StoredPlan
 
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
 _CIRCLES = (MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION)

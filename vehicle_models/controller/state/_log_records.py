@@ -7,9 +7,8 @@ import struct
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from .._flight_state import Cause, FlightState, ReferencePoint
-from ..parameters._store import Parameter
-from ..policies._telemetry import GpsQuality
+from ._flight_state import Cause, FlightState, GpsQuality, ReferencePoint
+from ._parameter_store import Parameter
 
 CAUSES = tuple(Cause)
 _NUMBER_OF_CAUSE: dict[Cause | None, int] = {

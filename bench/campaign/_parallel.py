@@ -15,7 +15,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import Any, TypeVar
 
-from ._task import WorkersUnusable
+from bench.errors import RebarError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -25,6 +25,10 @@ _ITEMS_AHEAD = 2
 
 OnDone = Callable[[int, int], None]
 """Called with the number of items that are done, and the number of all."""
+
+
+class WorkersUnusable(RebarError):
+    """No worker can be started. No realization has a result because of it."""
 
 
 def map_in_processes(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .._service_context import ServiceContext
 from ..policies._safety import SafetyPolicy
+from ..state._service_context import ServiceContext
 
 # Four cells of 3.7 V.
 _NOMINAL_V = 14.8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from ._store import INT8, INT16, INT32, REAL32, Parameter
+from ._parameter_store import INT8, INT16, INT32, REAL32, Parameter
 
 KINDS_BY_NAME = {"float": REAL32, "int8": INT8, "int16": INT16, "int32": INT32}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .._flight_state import Behaviour
-from .._shaping import MotionShaping
+from ._flight_state import Behaviour
+from ._shaping import MotionShaping
 
 Seconds = float
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .policies._commands import CommandPolicy
-from .policies._identity import IdentityPolicy
-from .policies._logs import LogPolicy
-from .policies._missions import MissionPolicy
-from .policies._modes import ModePolicy
-from .policies._parameters import ParameterPolicy
-from .policies._safety import SafetyPolicy
-from .policies._setpoints import SetpointPolicy
-from .policies._telemetry import TelemetryPolicy
+from ._commands import CommandPolicy
+from ._identity import IdentityPolicy
+from ._logs import LogPolicy
+from ._missions import MissionPolicy
+from ._modes import ModePolicy
+from ._parameters import ParameterPolicy
+from ._safety import SafetyPolicy
+from ._setpoints import SetpointPolicy
+from ._telemetry import TelemetryPolicy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

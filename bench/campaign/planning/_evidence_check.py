@@ -9,16 +9,16 @@ from pathlib import Path, PurePosixPath
 from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
-from ._dropped import DROPPED
-from ._evidence import EvidenceEntry, EvidenceLog
-from ._files import digest_of
-from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
+from ..storage._dropped import DROPPED
+from ..storage._evidence import EvidenceEntry, EvidenceLog
+from ..storage._files import digest_of
+from ..storage._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
+from ..storage._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
+from ..storage._manifest import Manifest, chain_fault, manifest_differences, read_manifest
+from ..storage._recovery import is_unnoted
+from ..storage._results import read_result
+from ..storage._signature import signature_faults
 from ._inputs import adopt_inputs, input_faults
-from ._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
-from ._manifest import Manifest, chain_fault, manifest_differences, read_manifest
-from ._recovery import is_unnoted
-from ._results import read_result
-from ._signature import signature_faults
 
 EVIDENCE_NOTED = "evidence"
 """The journal's fact that its folder has a chain of evidence: a chain that is gone is noticed."""

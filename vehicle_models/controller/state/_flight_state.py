@@ -268,3 +268,15 @@ class FlightState:
     @property
     def flying(self) -> bool:
         return self.landed is not _ON_GROUND
+
+
+@dataclass(frozen=True, slots=True)
+class GpsQuality:
+    """The fields of GPS_RAW_INT about the quality of a fix."""
+
+    fix_type: int
+    eph: int
+    epv: int
+    h_acc_mm: int
+    v_acc_mm: int
+    satellites: int = 10

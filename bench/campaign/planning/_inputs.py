@@ -15,11 +15,11 @@ from bench.documents import MAX_BYTES, load_document
 from bench.errors import Fault, SetupError
 
 from .._document import Campaign
-from ..planning._realizations import intents_of, realizations
-from ._files import digest_of, write_whole
-from ._folder import CampaignFolder
-from ._journal import Journal
-from ._manifest import Manifest
+from ..storage._files import digest_of, write_whole
+from ..storage._folder import CampaignFolder
+from ..storage._journal import Journal
+from ..storage._manifest import Manifest
+from ._realizations import intents_of, realizations
 
 # An error stays readable in a terminal; a whole situation may stand in one line.
 _SHOWN_CHARACTERS = 60

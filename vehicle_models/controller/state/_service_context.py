@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .._geodesy import LocalFrame
+from ..._geodesy import LocalFrame
+from ..links._radio import Radio
 from ._flight_state import Airframe, FlightState
-from .links._radio import Radio
-from .parameters._store import ParameterStore
-from .telemetry._texts import Texts
+from ._parameter_store import ParameterStore
+from ._texts import Texts
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Protocol
 
-from .links._radio import Channel
+from ..links._radio import Channel
 
 
 class CommandResult(IntEnum):

@@ -7,13 +7,13 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._frames import KINDS
 from ..links._radio import Channel
 from ..policies._parameters import ParameterPolicy
-from ..telemetry._texts import WARNING
-from ._store import REAL32, UINT32
+from ..state._parameter_store import REAL32, UINT32
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import WARNING
 
 _VALUE = KINDS["PARAM_VALUE"].id
 # MAV_PARAM_ERROR

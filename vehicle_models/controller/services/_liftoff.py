@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from ._flight_state import Behaviour, FlightTarget, LandedState
-from ._service_context import ServiceContext
-from .guidance._guidance import Guidance
-from .guidance._land_detector import LandDetector
-from .guidance._manoeuvres import Takeoff
-from .policies._modes import ModePolicy
-from .services._arming import Arming
-from .telemetry._texts import FlightEvent
+from ..guidance._guidance import Guidance
+from ..guidance._land_detector import LandDetector
+from ..guidance._manoeuvres import Takeoff
+from ..policies._modes import ModePolicy
+from ..state._flight_state import Behaviour, FlightTarget, LandedState
+from ..state._service_context import ServiceContext
+from ..state._texts import FlightEvent
+from ._arming import Arming
 
 # Looked up once, because every step compares with them.
 _TAKING_OFF, _LANDING = LandedState.TAKING_OFF, LandedState.LANDING
