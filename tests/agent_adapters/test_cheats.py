@@ -60,7 +60,7 @@ QUICK = (
 """Flown by `make test`: one of each kind, and those that got something before there were walls."""
 
 ENDED_BY_LANDLOCK = {"fill-disk": "limit of 16 MB in its folder"}
-"""Landlock watches what other rungs wall off, and ends the agent; docs/agents.md says so."""
+"""Landlock watches what other rungs wall off, and ends the agent; docs/agents-confinement.md says so."""
 MERIT = {"OBS-362"}
 """What is said can be read: whoever says anything has that, and an idle agent has not."""
 
@@ -330,17 +330,6 @@ def test_there_are_enough_of_them_and_each_says_what_it_is() -> None:
         assert limits.memory_mb == _resources.MEMORY_MB
         assert limits.processes == _resources.PROCESSES
         assert limits.scratch_mb == _resources.SCRATCH_MB
-
-
-def test_the_table_of_cheats_is_up_to_date() -> None:
-    """docs/agents.md lists each with what it tries, how its session ends, and what holds it."""
-    rows = [
-        f"| `cheat-{name}` | {entry.paragraphs[0].rstrip('.')} | `{entry.outcome}` | {entry.held_by} |"
-        for name, entry in CHEATS.items()
-    ]
-    text = (ROOT / "docs" / "agents.md").read_text()
-    table = text.partition("<!-- cheats -->")[2].partition("<!-- end -->")[0]
-    assert table.strip().splitlines()[2:] == rows
 
 
 @pytest.mark.process

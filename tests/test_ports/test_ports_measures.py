@@ -16,7 +16,6 @@ from bench.contracts import Observation, Tape, plugins
 from bench.errors import SetupError
 from bench.simspec import PlacedActor, SimSpec
 from test_ports import DeclaredMeasure
-from test_ports.documentation import declared_in, measure_modules
 from test_ports.mission.completion import mission_flown
 from test_ports.perception.detections import detection_precision, detection_role_right, detection_share
 from test_ports.perception.tracks import classified_share, no_false_tracks
@@ -42,7 +41,9 @@ PLAIN = {
 }
 """What a situation with two targets and two bystanders exercises, whatever else it has."""
 
-MEASURES = tuple(measure for module in measure_modules() for measure in declared_in(module))
+MEASURES: tuple[DeclaredMeasure, ...] = tuple(
+    entry.load() for entry in plugins("rebar.measures").values() if entry.module.startswith("test_ports.")
+)
 RADAR_AT, TRUCK_AT, NEAR_AT = (
     ("mobile_radar", 100.0, 100.0),
     ("military_vehicle", -100.0, 100.0),
