@@ -228,10 +228,11 @@ def test_journal_that_is_none(tmp_path: Path) -> None:
 
 
 def test_page_on_campaigns_is_right() -> None:
-    """The page's example is a valid campaign but for its base, and the page names every method and every file
-    of a folder.
+    """The page's example is a valid campaign but for its base, and names every method; the page on folders names
+    their files.
     """
-    page = (CAMPAIGNS.parent / "docs" / "campaigns.md").read_text()
+    docs = CAMPAIGNS.parent / "docs"
+    page, folders = (docs / "campaigns.md").read_text(), (docs / "campaign-folders.md").read_text()
     example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
 
     campaign = Campaign.model_validate(example)
@@ -240,6 +241,6 @@ def test_page_on_campaigns_is_right() -> None:
     kinds = Design.model_json_schema()["properties"]["method"]["discriminator"]["mapping"]
     assert all(f"| `{kind}` |" in page for kind in kinds)
     assert all(
-        name in page
+        name in folders
         for name in ("journal.sqlite", "manifest.json", "result.json", "recording.mcap", "scores.parquet")
     )
