@@ -1,4 +1,4 @@
-"""Small faults that were once planted in the measures and that no test noticed (docs/mutants.md)."""
+"""Small faults that were once planted in the measures and that no test noticed."""
 
 from __future__ import annotations
 
