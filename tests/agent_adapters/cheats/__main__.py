@@ -1,4 +1,4 @@
-"""`python -m agent_adapters.cheats TRICK`, started by the bench from a manifest."""
+"""A cheating agent, started by the bench from cheat.yaml."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from pathlib import Path
+
+# Started as a file: the package is found from the folder above it.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from agent_adapters.client import open_bench, read_environment
 from bench.errors import Fault, LinkLost, SetupError
-
-from ._catalogue import CHEATS, Entry
-from ._cheat import LINK, Cheat
-from ._ticks import breach
+from cheats._catalogue import CHEATS, Entry
+from cheats._cheat import LINK, Cheat
+from cheats._ticks import breach
 
 # Simulated time at which a trick begins: the session is under way, and everything of it is in place.
 _BEGIN_S = 0.3
@@ -25,7 +28,6 @@ _SESSION = ("REBAR_VEHICLE", "REBAR_MAVLINK", "REBAR_ZENOH", "REBAR_TICK", "REBA
 def main() -> int:
     """0 when the session ended in order, 1 when the bench was lost, 2 outside a session."""
     parser = argparse.ArgumentParser(
-        prog="python -m agent_adapters.cheats",
         description="An agent that cheats, to show that it gains nothing.",
     )
     parser.add_argument("trick", choices=sorted(CHEATS))
@@ -50,7 +52,7 @@ def run(name: str, entry: Entry) -> None:
             Fault(
                 f"cheat-{name}",
                 f"this is no session ({', '.join(missing)} not set): cheats are test material and run nowhere else",
-                f"let the bench start it in lockstep, with agent.manifest: cheat-{name} in a SimSpec",
+                f"let the bench start it in lockstep, with agent.manifest: tests/agent_adapters/cheats/cheat.yaml and agent.options.trick: {name} in a SimSpec",
             )
         )
     environment = read_environment(os.environ, {LINK: "REBAR_MAVLINK"})

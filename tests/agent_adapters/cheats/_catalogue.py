@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -23,13 +22,6 @@ class Entry:
     breach: ProtocolBreach | None = None
     outcome: str = "time_limit"
     held_by: Wall = "bench"
-
-    @property
-    def paragraphs(self) -> tuple[str, str]:
-        """What the trick tries, and what it would gain; the second is empty where the first says it."""
-        text = inspect.getdoc(self.trick or self.breach) or ""
-        first, _, second = text.partition("\n\n")
-        return " ".join(first.split()), " ".join(second.split())
 
 
 CHEATS: Mapping[str, Entry] = {

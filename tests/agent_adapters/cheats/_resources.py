@@ -13,7 +13,7 @@ from pathlib import Path
 from ._cheat import Cheat
 
 MEMORY_MB, PROCESSES, SCRATCH_MB = 512, 64, 16
-"""The limits in the manifests of the cheats. Where a limit does not hold, a trick stops at `_EXCESS` times of it."""
+"""The limits in the cheats' manifest. Where a limit does not hold, a trick stops at `_EXCESS` times of it."""
 
 _EXCESS = 2
 _BLOCK_MB = 4
