@@ -13,7 +13,8 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from .._decoding import CELL_PX, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS, cells_of
+from bench.perception.pixels._decoding import CELL_PX, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS, cells_of
+
 from ._network import Layer, Weights, apply, initial_weights, is_learned
 from ._samples import CROP_PX, MixedSamples, Sample, SampleStore, part_of
 from ._targets import Targets, targets_of

@@ -14,9 +14,9 @@ from scipy.optimize import minimize, minimize_scalar
 from bench.arrays import Bools, Counts, Floats
 from bench.camera import Conditions
 from bench.contracts import Detection, PixelDetector
+from bench.perception.pixels._decoding import overlap, without_duplicates
+from bench.perception.pixels._model import Calibration, NetworkModel
 
-from .._decoding import overlap, without_duplicates
-from .._model import Calibration, NetworkModel
 from ._scenes import LABELS, LabelledFrame, Split, View, frames_of, generator_of, weather
 
 SMALL_PX = 16

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.arrays import Counts, Narrow
+from bench.perception.pixels._decoding import CELL_PX
 
-from .._decoding import CELL_PX
 from ._samples import Sample
 
 # Peaks are soft over this share of a box's side. TTFNet (Liu et al. 2020) has 0.09; with that, and the cell of the centre

@@ -1,9 +1,9 @@
 """Train, calibrate and evaluate the detector that ships.
 
-python -m bench.perception.pixels.training train --cache DIR --out DIR
-python -m bench.perception.pixels.training evaluate --out docs/pixel-detector.md
+python -m examples.training train --cache DIR --out DIR
+python -m examples.training evaluate --out docs/pixel-detector.md
 
-Training needs the dependency group `training` (torch, onnx) and takes the cache 0.2 MB for each crop.
+Training needs torch and onnx (requirements.txt) and takes the cache 0.2 MB for each crop.
 """
 
 from __future__ import annotations
@@ -17,8 +17,15 @@ from threading import Event
 from types import FrameType
 
 from bench.camera import opencv_build, use_one_thread
+from bench.perception.pixels._model import (
+    DOCUMENT_NAME,
+    WEIGHTS_NAME,
+    Calibration,
+    ModelDocument,
+    NetworkModel,
+    Provenance,
+)
 
-from .._model import DOCUMENT_NAME, WEIGHTS_NAME, Calibration, ModelDocument, NetworkModel, Provenance
 from ._evaluation import calibrate
 from ._samples import MixedSamples, open_ground_samples, open_samples
 from ._scenes import LABELS, Split, generator_of

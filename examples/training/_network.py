@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from .._decoding import CELL_CHANNELS, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS
+from bench.perception.pixels._decoding import CELL_CHANNELS, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS
 
 PICTURE = "picture"
 INPUT_SCALE = 1.0 / 64.0

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.arrays import Bools, Counts
+from bench.perception.pixels._detector import SmallDetector, SmallDetectorOptions
+from bench.perception.pixels._model import load_model
 
-from .._detector import SmallDetector, SmallDetectorOptions
-from .._model import load_model
 from ._evaluation import CONDITIONS, HD, VGA, Matches, evaluate, joined
 from ._scenes import GROUPS, LABELS
 
