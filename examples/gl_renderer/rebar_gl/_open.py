@@ -39,7 +39,7 @@ def _context() -> Any:
             Fault(
                 "renderer moderngl",
                 f"the package {error.name} is not installed",
-                f"pip install 'rebar-bench[gl]', or {_OTHERWISE}",
+                f"pip install moderngl, or {_OTHERWISE}",
             )
         ) from error
     try:

@@ -16,11 +16,10 @@ import cv2
 import numpy as np
 
 from bench.arrays import Counts, Floats, Narrow
+from bench.camera import NEAR_M, Canvas, actor_axes, in_view, reach_m
 from bench.contracts import CameraPose, Ground, Labels, Lens, Picture, Pixels, Stage
 from bench.errors import Fault, SetupError
 
-from .._canvas import Canvas
-from .._view import NEAR_M, actor_axes, in_view, reach_m
 from . import _shaders
 from ._mesh import Mesh
 from ._shadow_maps import MAP_SIZE, ShadowMap, shadow_maps

@@ -1,4 +1,4 @@
-"""The renderer `moderngl`: OpenGL through EGL, with true occlusion and shadows on objects. The extra `[gl]` installs it.
+"""The renderer `moderngl`: OpenGL through EGL, with true occlusion and shadows on objects.
 
 Importing it imports neither moderngl nor a driver; opening a renderer does.
 """
