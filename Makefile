@@ -15,7 +15,7 @@ PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
-.PHONY: demo test quick slow clients real check lock lock-check clean
+.PHONY: bench demo test quick slow clients real check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -41,6 +41,10 @@ slow: $(VENV)/.dev
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
 clients: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/python -m pytest -m clients
+
+# The benchmarks in their short forms, and one table of their figures; about a minute.
+bench: $(VENV)/.dev
+	$(BIN)/python benchmarks/run_all.py
 
 # Flies real autopilots: REBAR_PX4=FOLDER REBAR_ARDUCOPTER=PROGRAM make real. See docs/real-autopilots.md.
 real: $(VENV)/.dev
