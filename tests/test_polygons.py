@@ -21,7 +21,7 @@ def test_places_are_inside_where_shapely_says(seed: int) -> None:
     corners = np.round(np.stack((reach * np.cos(turns), reach * np.sin(turns)), axis=1), seed % 3) + 3.0
     places = random.uniform(-90.0, 90.0, (400, 2))
     # Beside corners, at exactly their height: a ray through a corner counts once.
-    places = np.concatenate((places, corners + [7.0, 0.0], corners - [7.0, 0.0]))
+    places = np.concatenate((places, corners + np.array((7.0, 0.0)), corners - np.array((7.0, 0.0))))
     polygon = shapely.Polygon(corners)
     away = shapely.distance(polygon.exterior, shapely.points(places)) > 1e-9
     expected = shapely.contains_xy(polygon, places[:, 0], places[:, 1])

@@ -32,7 +32,7 @@ from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
 from ._services import OutsideAir, OutsideService, raise_clashes
-from ._vehicle import Camera, VehicleSpec
+from ._vehicle_spec import Camera, VehicleSpec
 from ._weather import Environment
 
 

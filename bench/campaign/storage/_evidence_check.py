@@ -10,7 +10,7 @@ from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
 from ._dropped import DROPPED
-from ._evidence import EvidenceEntry, EvidenceLog
+from ._evidence_log import EvidenceEntry, EvidenceLog
 from ._files import digest_of
 from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
 from ._inputs import adopt_inputs, input_faults

@@ -27,7 +27,7 @@ from bench.simspec import DEFAULT_RENDERER, SimSpec
 from ._interface import interface_address
 from ._outside_air import read_token
 from ._outside_links import outside_links
-from ._services import service_faults
+from ._service_relays import service_faults
 from .warp import warp_fault
 
 DISCARD_PORT = 9
