@@ -91,6 +91,7 @@ if TYPE_CHECKING:
     from ._time_window import TimeWindow as TimeWindow
     from ._vehicle_spec import DEFAULT_BAUD as DEFAULT_BAUD
     from ._vehicle_spec import DEFAULT_RENDERER as DEFAULT_RENDERER
+    from ._vehicle_spec import DEFAULT_VEHICLE as DEFAULT_VEHICLE
     from ._vehicle_spec import Battery as Battery
     from ._vehicle_spec import BoardAutopilot as BoardAutopilot
     from ._vehicle_spec import Camera as Camera
@@ -182,6 +183,7 @@ _MODULES = {
     "sun_of": "_sun",
     "TimeWindow": "_time_window",
     "DEFAULT_RENDERER": "_vehicle_spec",
+    "DEFAULT_VEHICLE": "_vehicle_spec",
     "Battery": "_vehicle_spec",
     "Camera": "_vehicle_spec",
     "Distortion": "_vehicle_spec",

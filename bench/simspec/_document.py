@@ -171,6 +171,9 @@ def is_manifest_file(manifest: str) -> bool:
 Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
 
 
+DEFAULT_AGENT = "reference-naive"
+
+
 class AgentSpec(Document):
     """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its
     options.
@@ -181,7 +184,7 @@ class AgentSpec(Document):
         Field(
             description="Name of an entry point, or path of a manifest relative to the file that names it."
         ),
-    ] = "reference-naive"
+    ] = DEFAULT_AGENT
     options: dict[str, str | float | int | bool] = {}
     isolation: Annotated[
         Isolation | None,

@@ -62,6 +62,8 @@ NO_LENS_DISTORTION = Distortion()
 DEFAULT_RENDERER = "opencv"
 """The renderer that every installation has."""
 
+DEFAULT_VEHICLE = "x500"
+
 
 class Camera(Document):
     """One camera. When `stabilized`, its mount keeps roll and pitch level."""
@@ -420,7 +422,7 @@ class VehicleSpec(Document):
 
     model: Annotated[
         Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
-    ] = "x500"
+    ] = DEFAULT_VEHICLE
     autopilot: Annotated[
         Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot,
         Field(
