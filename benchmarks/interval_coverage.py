@@ -2,8 +2,7 @@
 
 python benchmarks/interval_coverage.py [CAMPAIGNS]
 
-Prints the tables of docs/statistics.md and docs/scoring.md. CAMPAIGNS (2000) are made for each cell of the
-grid, so a coverage of 95 % has a standard error of half a point. Every cell has its own seed. Wilson's
+docs/statistics.md has a part of what it prints. CAMPAIGNS (2000) are made for each cell of the grid, so a coverage of 95 % has a standard error of half a point. Every cell has its own seed. Wilson's
 interval is summed over the binomial distribution instead.
 """
 

@@ -351,7 +351,7 @@ class DocumentChecks:
             yield self._fault(
                 place.at("options"),
                 str(error),
-                "correct the options; docs/measures.md has those of every measure",
+                f"correct the options; `rebar measures {observable.measure}` explains them",
             )
 
     def _study(self) -> Iterator[Fault]:

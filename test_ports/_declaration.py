@@ -65,6 +65,13 @@ class DeclaredOption:
     default: Option | None
     limit: Limit | None
 
+    def __str__(self) -> str:
+        """The name, the values to choose from, and the default if there is one."""
+        text = self.name
+        if get_origin(self.kind) is Literal:
+            text += f": {', '.join(map(_value_text, get_args(self.kind)))}"
+        return f"{text} ({'must be set' if self.default is None else _value_text(self.default)})"
+
     def read(self, value: Option) -> Option:
         """The value as the measure takes it. Raises ValueError that says what is valid."""
         # The kind comes first: a limit may compare numbers, and would fail on a text.
@@ -123,6 +130,17 @@ class DeclaredMeasure:
         """What it measures, from the docstring of its function."""
         return inspect.getdoc(self.find) or ""
 
+    @property
+    def explanation(self) -> str:
+        """The description and the options with their kinds and defaults, as `rebar measures` prints them."""
+        options = "".join(f"\n- {option}" for option in self.options)
+        return f"{self.description}\n\nOptions (default):{options or ' none'}"
+
+    @property
+    def conventions(self) -> str:
+        """What its module says about all its measures, behind the first paragraph of the docstring."""
+        return (inspect.getdoc(inspect.getmodule(self.find)) or "").partition("\n\n")[2]
+
     def _read(self, options: Mapping[str, Option]) -> dict[str, Option]:
         known = {option.name: option for option in self.options}
         if unknown := sorted(set(options) - set(known)):
@@ -140,10 +158,14 @@ class DeclaredMeasure:
             raise ValueError(f"measure {self.name!r}: {error}") from None
 
 
+def _value_text(value: Option) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value) or '""'
+
+
 def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     """Declare a measure: a pure function `(tape, simspec, *, option: kind = default, ...) -> Finding`.
 
-    Its name is the function's name, its options are the keyword-only parameters, and docs/measures.md shows
+    Its name is the function's name, its options are the keyword-only parameters, and `rebar measures` prints
     its docstring. A kind is `float`, `int` (neither negative), `str`, `bool` or a `Literal` of texts, or one
     of these `Annotated` with a `Limit`. A trailing underscore of a parameter is dropped, so that an option
     can be called `class`. Raises TypeError for another signature.

@@ -53,6 +53,6 @@ def test_metres_from_an_origin_agree_with_the_library_everywhere() -> None:
             wrapped(float(there_longitude) - longitude) * east_m,
             (float(there_latitude) - latitude) * north_m,
         )
-        # The parallels' bend and the meridians' convergence, which a flat map leaves out; docs/simspec.md.
+        # The parallels' bend and the meridians' convergence, which a flat map leaves out.
         bend = 300.0**2 * abs(math.tan(math.radians(latitude))) / 6356752.0
         assert math.dist(flat, (east, north)) < 0.005 + 1.2 * bend

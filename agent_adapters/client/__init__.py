@@ -1,5 +1,5 @@
 """What a Python agent may use on its side of the air network; an agent in any other language needs
-docs/agents.md alone.
+docs/agents-protocol.md alone.
 
 with open_bench("my_agent", read_environment(os.environ), subscriptions) as bench:
     for moment in bench.moments("my-agent"):

@@ -44,7 +44,9 @@ def read_environment(
     links = {"onboard": "REBAR_MAVLINK"} if links is None else links
     faults = [
         Fault(
-            name, "is not set", "start this program through the bench, or set the variables of docs/agents.md"
+            name,
+            "is not set",
+            "start this program through the bench, or set the variables of docs/agents-protocol.md",
         )
         for name in ("REBAR_VEHICLE", *links.values())
         if not variables.get(name)

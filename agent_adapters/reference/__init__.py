@@ -1,7 +1,7 @@
 """The reference agent: it goes to reported sub-areas, searches them, and reports what it identifies there.
 
 An agent like any other: it knows the air network (MAVLink and the topics that an agent may use) and nothing
-else. Run as `python -m agent_adapters.reference --policy naive|bystander_aware`; docs/agents.md tells how it
+else. Run as `python -m agent_adapters.reference --policy naive|bystander_aware`; docs/agents-reference.md tells how it
 decides.
 """
 

@@ -85,7 +85,7 @@ class Settings:
 
 DEFAULTS = Settings()
 # More of what care asks for: views before a report, distance from people, time to come home with. It flies as fast as
-# the other, for slower flight keeps it longer over people (OBS-022). Chosen, not measured; docs/agents.md shows what it
+# the other, for slower flight keeps it longer over people (OBS-022). Chosen, not measured; docs/agents-reference.md shows what it
 # costs.
 CAUTIOUS = Settings(
     min_frames=10,

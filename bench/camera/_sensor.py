@@ -19,7 +19,7 @@ from bench.simspec import Seeds, generator
 from ._conditions import Conditions, exposure_of
 
 CAMERA_PATH = 2
-"""The camera's path in the random stream `perception`; the detector has 0 and 1 (docs/detection.md)."""
+"""The camera's path in the random stream `perception`; the detector has 0 and 1."""
 
 # What a generator is for: one frame, the whole session, one stretch of frames. 3 and 4 are the ground and the looks.
 _FRAME, _STAGE, _FREEZE = 0, 1, 2

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from ._events import RealizationStarted as RealizationStarted
     from ._events import ResultLost as ResultLost
     from ._events import SessionProgressed as SessionProgressed
+    from ._parallel import OnDone as OnDone
+    from ._parallel import WorkersUnusable as WorkersUnusable
     from ._runner import CampaignSummary as CampaignSummary
     from ._runner import Finish as Finish
     from ._runner import run_campaign as run_campaign
@@ -52,7 +54,6 @@ if TYPE_CHECKING:
     from .execution._executor import Executor as Executor
     from .execution._executor import OnStart as OnStart
     from .execution._executor import OpenExecutor as OpenExecutor
-    from .execution._parallel import OnDone as OnDone
     from .execution._pool import open_local_pool as open_local_pool
     from .execution._run_clock import HostClock as HostClock
     from .execution._single_flight import fly_realization as fly_realization
@@ -60,11 +61,16 @@ if TYPE_CHECKING:
     from .execution._task import Job as Job
     from .execution._task import Task as Task
     from .execution._task import WorkerPlan as WorkerPlan
-    from .execution._task import WorkersUnusable as WorkersUnusable
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
+    from .planning._evidence_check import check_run as check_run
+    from .planning._evidence_check import verify_folder as verify_folder
+    from .planning._measures import check_options as check_options
+    from .planning._measures import load_measurable_decomposition as load_measurable_decomposition
+    from .planning._measures import measure_all as measure_all
+    from .planning._measures import measures_of as measures_of
     from .planning._realizations import campaign_quality as campaign_quality
     from .planning._realizations import realizations as realizations
     from .planning._realizations import situation_tensions as situation_tensions
@@ -76,10 +82,6 @@ if TYPE_CHECKING:
     from .results._finish import finish_campaign as finish_campaign
     from .results._finish import read_runs as read_runs
     from .results._finish import rescore_campaign as rescore_campaign
-    from .results._measures import check_options as check_options
-    from .results._measures import load_measurable_decomposition as load_measurable_decomposition
-    from .results._measures import measure_all as measure_all
-    from .results._measures import measures_of as measures_of
     from .results._merge import merge_shards as merge_shards
     from .results._refly import ReflownRun as ReflownRun
     from .results._refly import ReflownSample as ReflownSample
@@ -94,8 +96,6 @@ if TYPE_CHECKING:
     from .storage._elsewhere import open_recorded as open_recorded
     from .storage._elsewhere import runs_elsewhere as runs_elsewhere
     from .storage._elsewhere import store_faults as store_faults
-    from .storage._evidence_check import check_run as check_run
-    from .storage._evidence_check import verify_folder as verify_folder
     from .storage._files import digest_of as digest_of
     from .storage._files import write_whole as write_whole
     from .storage._folder import CampaignFolder as CampaignFolder
@@ -148,7 +148,7 @@ _MODULES = {
     "Manifest": "storage._manifest",
     "MissingRunsRetried": "_events",
     "Observer": "_events",
-    "OnDone": "execution._parallel",
+    "OnDone": "_parallel",
     "OnStart": "execution._executor",
     "OpenExecutor": "execution._executor",
     "RealizationFinished": "_events",
@@ -165,13 +165,13 @@ _MODULES = {
     "Stopping": "_document",
     "Task": "execution._task",
     "WorkerPlan": "execution._task",
-    "WorkersUnusable": "execution._task",
+    "WorkersUnusable": "_parallel",
     "campaign_completeness": "results._finish",
     "campaign_quality": "planning._realizations",
     "campaign_state": "results._state",
     "can_check_signatures": "storage._signature",
-    "check_options": "results._measures",
-    "check_run": "storage._evidence_check",
+    "check_options": "planning._measures",
+    "check_run": "planning._evidence_check",
     "check_store": "storage._elsewhere",
     "digest_of": "storage._files",
     "estimate_campaign": "planning._estimate",
@@ -179,9 +179,9 @@ _MODULES = {
     "finish_campaign": "results._finish",
     "fly_realization": "execution._single_flight",
     "load_campaign": "_document",
-    "load_measurable_decomposition": "results._measures",
-    "measure_all": "results._measures",
-    "measures_of": "results._measures",
+    "load_measurable_decomposition": "planning._measures",
+    "measure_all": "planning._measures",
+    "measures_of": "planning._measures",
     "merge_shards": "results._merge",
     "no_gate": "execution._dispatcher",
     "open_dask": "execution._dask",
@@ -210,7 +210,7 @@ _MODULES = {
     "sign_manifest": "storage._signature",
     "situation_tensions": "planning._realizations",
     "takeoff_faults": "planning._takeoff_faults",
-    "verify_folder": "storage._evidence_check",
+    "verify_folder": "planning._evidence_check",
     "versions": "_versions",
     "with_floor": "_document",
     "write_manifest": "storage._manifest",

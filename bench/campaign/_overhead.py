@@ -76,7 +76,7 @@ def fly_overhead(
 
     Raises SetupError for everything that no surrogate can fly.
     """
-    from .results._measures import measures_of  # with the decompositions, which a runner does without
+    from .planning._measures import measures_of  # with the decompositions, which a runner does without
 
     faults = {str(fault): fault for simspec in simspecs for fault in _unfit(simspec)}
     if faults:

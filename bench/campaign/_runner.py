@@ -30,6 +30,7 @@ from .execution._run_clock import HostClock, MonotonicClock
 from .execution._stop_request import open_stop_request
 from .execution._suspects import SuspectWatch, no_memory_kills, scenes_of, watch_for_agents
 from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
+from .planning._evidence_check import check_evidence
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
     Completeness,
@@ -38,7 +39,6 @@ from .storage._completeness import (
     parse_accepted_outcomes,
 )
 from .storage._completeness import accept as accept_outcomes
-from .storage._evidence_check import check_evidence
 from .storage._firmware_ends import drawn_out_realizations
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal

@@ -78,7 +78,7 @@ def arithmetic() -> dict[str, str]:
 def _processor_flags(cpu_info: Path = _CPU_INFO) -> list[str]:
     """The features that the kernel lists of the first core; none where it lists none."""
     try:
-        with cpu_info.open() as lines:
+        with cpu_info.open(encoding="utf-8", errors="replace") as lines:
             return next((line.split() for line in lines if line.startswith(("flags", "Features"))), [])
     except OSError:
         return []

@@ -29,6 +29,7 @@ from . import (
     _new,
     _next,
     _prose,
+    _reference,
     _scores,
     _sessions,
     _status,
@@ -74,7 +75,20 @@ def options(
 
 for commands in (
     *(_campaigns, _verification, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _export, _machine),
+    *(
+        _camera,
+        _graph,
+        _look,
+        _prose,
+        _new,
+        _fly,
+        _next,
+        _fit_detector,
+        _examples,
+        _reference,
+        _export,
+        _machine,
+    ),
 ):
     commands.register(app)
 

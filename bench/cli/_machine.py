@@ -224,7 +224,7 @@ def _rung(name: str) -> str:
     if len(gaps) > len(Wall) // 2:
         holding = ", ".join(wall for wall in Wall if wall not in gaps)
         return f"works; holds nothing but: {holding}"
-    return f"works; leaves open: {', '.join(gaps) or 'nothing of the table in docs/agents.md'}"
+    return f"works; leaves open: {', '.join(gaps) or 'nothing of the table in docs/agents-confinement.md'}"
 
 
 def _warp() -> str:

@@ -101,7 +101,7 @@ def _confinement_line(details: Mapping[str, object]) -> str:
     network = str(details.get("network", "own"))
     shared = "a network of its own" if network == "own" else f"the network is {network}"
     if details["isolation"] == "none":
-        return "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents.md)"
+        return "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents-confinement.md)"
     gaps = [wall_text(name) for name in open_walls_of(details) or ()]
     return f"isolation: {details['isolation']}, {shared}{'; leaves open: ' if gaps else ''}{'; '.join(gaps)}"
 

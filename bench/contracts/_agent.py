@@ -33,7 +33,7 @@ class MavlinkNeed(Document):
 class AgentLimits(Document):
     """What one agent may use of the host, with everything that it starts.
 
-    The defaults leave the shipped agents, MAVSDK and Node much room; docs/agents.md has what each of these was measured
+    The defaults leave the shipped agents, MAVSDK and Node much room; docs/agents-confinement.md has what these were measured
     to use. Which limits hold depends on the rung.
     """
 
@@ -58,7 +58,7 @@ class AgentManifest(Document):
 
     In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
-    environment is listed in docs/agents.md.
+    environment is listed in docs/agents-protocol.md.
     """
 
     format: Literal["rebar.agent/1"] = "rebar.agent/1"

@@ -17,6 +17,7 @@ PluginGroup = Literal[
     "rebar.surrogates",
     "rebar.renderers",
     "rebar.detectors",
+    "rebar.tables",
 ]
 
 

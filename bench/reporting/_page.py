@@ -38,6 +38,7 @@ from .map._run_map import RunMap, build_run_map
 from .pictures._worst_pictures import MAX_PICTURES, PICTURE_KEY, WorstPicture, worst_pictures
 from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
+from .statistics._sensor import detector_sentences, sensor_observables
 from .statistics._trials import trials_of
 from .text._answer import answer_paragraph
 from .text._campaign_facts import campaign_facts, factor_rows, provenance_of
@@ -53,7 +54,6 @@ from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._isolation import UNCONFINED, confinement_notes, isolation_cell
 from .text._outcomes import outcome_name, outcome_text
-from .text._sensor import detector_sentences, sensor_observables
 
 # Chosen, not measured: a manifest has a row for every file, which in a large campaign would be most of the
 # page.

@@ -22,13 +22,13 @@ from .figures._style import AgentStyle, agent_styles
 from .map._run_map import MESSAGE_ROWS, RunMap
 from .statistics._agent_comparison import Comparison, compare_agents
 from .statistics._pairings import Pairing, pair_agents
+from .statistics._sensor import only_about_sensor
 from .statistics._trials import AllTrials, NodeTrials
 from .text._campaign_facts import factor_levels
 from .text._format import listed, percent, plural, score, span
 from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
-from .text._sensor import only_about_sensor
 
 
 class PageFigures:

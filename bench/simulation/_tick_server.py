@@ -197,7 +197,7 @@ class TickServer:
         self.strangers += 1
         self.last_stranger = reason
         # The reason helps whoever wrote an agent that does not send the secret yet.
-        _say_last(connection, f"refused: {reason}; see docs/agents.md")
+        _say_last(connection, f"refused: {reason}; see docs/agents-protocol.md")
         self._leaving[connection] = 0
         if len(self._leaving) > MAX_UNKNOWN:
             self._leave(next(iter(self._leaving)))

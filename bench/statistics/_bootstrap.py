@@ -23,7 +23,7 @@ from ._intervals import CONFIDENCE_LEVEL
 # Chosen, not measured.
 RESAMPLES = 1000
 # Below so many design points with a score a mean has no interval. With 5 of them 90 % of the intervals cover
-# (docs/scoring.md).
+# (docs/statistics.md).
 MIN_DESIGN_POINTS = 5
 
 # More design points are drawn in this many random groups: a group of clusters is a cluster too, and the work

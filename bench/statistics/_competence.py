@@ -27,7 +27,7 @@ COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}
 MAX_DIFFICULTY_CLASSES = 32
 
 # Stakes of the bets and their weights: 5 and 33 straight passes reach the shares of 50 and 90 %, where exact tests
-# of one group of runs need 5 and 29 (docs/scoring.md).
+# of one group of runs need 5 and 29.
 _STEPS = np.array([0.995, 0.9, 0.75, 0.5])
 _WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])
 

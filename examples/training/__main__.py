@@ -1,7 +1,7 @@
 """Train, calibrate and evaluate the detector that ships.
 
 python -m examples.training train --cache DIR --out DIR
-python -m examples.training evaluate --out docs/pixel-detector.md
+python -m examples.training evaluate --out tables.md
 
 Training needs torch and onnx (requirements.txt) and takes the cache 0.2 MB for each crop.
 """
@@ -33,7 +33,6 @@ from ._scenes import LABELS, Split, generator_of
 SEED = 20261123
 SIZE_MULTIPLE_PX = 32
 SCENES, STEADY_STEPS, FALLING_STEPS = 720, 7_380, 6_000
-_FIRST_MARK, _LAST_MARK = "<!-- tables: first -->", "<!-- tables: last -->"
 GROUND_SCENES, REFINING_STEPS = 40, 1_200
 # Three tenths of the first rate; with four rounds an eighth of the crops are of bare ground.
 _REFINING_RATE, _GROUND_TIMES = 6e-4, 4
@@ -62,14 +61,12 @@ def main() -> None:
     train.add_argument("--batch", type=int, default=8, help="crops in a batch")
     train.add_argument("--cache", type=Path, required=True, help="folder for the crops")
     train.add_argument("--out", type=Path, required=True, help="folder for the weights and their document")
-    evaluate = commands.add_parser("evaluate", help="write the tables of docs/pixel-detector.md")
+    evaluate = commands.add_parser("evaluate", help="write tables of what a model finds")
     evaluate.add_argument("--seed", type=int, default=SEED, help="of the held-out scenes")
     evaluate.add_argument("--scenes", type=int, default=12, help="scenes under each condition")
     evaluate.add_argument("--frames", type=int, default=8, help="pictures of each scene")
     evaluate.add_argument("--model", type=Path, help="folder of the model; the one that ships when absent")
-    evaluate.add_argument(
-        "--out", type=Path, required=True, help="page whose tables are replaced, or a new file"
-    )
+    evaluate.add_argument("--out", type=Path, required=True, help="file for the tables, in Markdown")
     options = parser.parse_args()
     use_one_thread()
     if options.command == "train":
@@ -163,16 +160,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     from ._tables import tables
 
     text = tables(options.model, options.seed, options.scenes, options.frames, _report)
-    options.out.write_text(_between_marks(options.out, text), encoding="utf-8")
-
-
-def _between_marks(path: Path, text: str) -> str:
-    """The file with these tables in place of those that it has, or the tables alone where there is no file."""
-    if not path.exists():
-        return text
-    before, _, rest = path.read_text(encoding="utf-8").partition(_FIRST_MARK)
-    _, _, after = rest.partition(_LAST_MARK)
-    return f"{before}{_FIRST_MARK}\n\n{text}\n{_LAST_MARK}{after}"
+    options.out.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

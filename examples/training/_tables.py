@@ -1,4 +1,4 @@
-"""The tables of docs/pixel-detector.md: from held-out scenes to Markdown."""
+"""Tables of what a model finds on held-out scenes, in Markdown. docs/pixel-detector.md has some of them."""
 
 from __future__ import annotations
 

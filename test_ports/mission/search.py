@@ -214,7 +214,7 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     the time limit counts. Considered when there is such intelligence.
 
     `limit_s` does not run while the agent may not go there: from an order to hold or to hand over to the next order
-    about where to go, under a failsafe that the situation caused (*Limits of flight*), and while `rules.link_lost`
+    about where to go, under a failsafe that the situation caused (module `limits`), and while `rules.link_lost`
     asks to hold or to return.
     """
     truth = GroundTruth.of(tape, simspec)

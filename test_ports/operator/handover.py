@@ -1,6 +1,6 @@
 """Measures of handing over: whether the agent leaves the vehicle to the operator, and goes on afterwards.
 
-Considered when an order to hand over, or to take back, counts as in *Orders*: an agent that was never out on its
+Considered when an order to hand over, or to take back, counts as in module `orders`: an agent that was never out on its
 mission has nothing to hand over, and gets 0. A handover that found the vehicle down after its flight, or under a
 failsafe, is left out, and so is an accepted one that a lost GPS or a lost link of the situation turned into a failsafe
 before it was due. A message of the agent *moves* the vehicle unless it is a heartbeat, a request, a file

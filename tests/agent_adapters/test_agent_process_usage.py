@@ -158,12 +158,13 @@ def wait_for_file(path: Path) -> str:
 def test_a_real_agent_beside_busy_loops_is_starved_and_a_sleeping_one_is_not(tmp_path: Path) -> None:
     """Two busy loops share the core of one agent; the other agent sleeps as long."""
     sleeper_code = "open('ready', 'w').write('\\n')\nimport signal; signal.pause()"
+    busy, asleep = (tmp_path / name / "home" for name in ("busy", "asleep"))
     with (
         open_agent(python(tmp_path / "busy", SHARED_CORE)) as agent,
         open_agent(python(tmp_path / "asleep", sleeper_code)) as sleeper,
     ):
-        core = int(wait_for_file(tmp_path / "busy" / "core"))
-        wait_for_file(tmp_path / "asleep" / "ready")
+        core = int(wait_for_file(busy / "core"))
+        wait_for_file(asleep / "ready")
         asleep_before = sleeper.usage()
         before = agent.usage()
         loop = f"import os\nos.sched_setaffinity(0, {{{core}}})\nos.write(1, b'.')\nwhile True: pass"
@@ -175,8 +176,8 @@ def test_a_real_agent_beside_busy_loops_is_starved_and_a_sleeping_one_is_not(tmp
             for process in loops:
                 assert process.stdout is not None
                 assert process.stdout.read(1) == b"."
-            (tmp_path / "busy" / "go").touch()
-            wait_for_file(tmp_path / "busy" / "ready")
+            (busy / "go").touch()
+            wait_for_file(busy / "ready")
         finally:
             for process in loops:
                 process.kill()

@@ -13,7 +13,7 @@ from agent_adapters.reference.flight._paths import Place
 from agent_adapters.reference.mission._planner import Planner
 from bench.contracts import Decision
 from vehicle_models.controller import PX4
-from vehicle_models.controller.parameters._store import ParameterStore
+from vehicle_models.controller.state._parameter_store import ParameterStore
 
 NEAR, FAR = (90.0, -120.0), (-600.0, 800.0)
 STEP_S = 0.001

@@ -59,7 +59,7 @@ QUICK = (
 """Flown by `make test`: one of each kind, and those that got something before there were walls."""
 
 ENDED_BY_LANDLOCK = {"fill-disk": "limit of 16 MB in its folder"}
-"""Landlock watches what other rungs wall off, and ends the agent; docs/agents.md says so."""
+"""Landlock watches what other rungs wall off, and ends the agent; docs/agents-confinement.md says so."""
 MERIT = {"OBS-362"}
 """What is said can be read: whoever says anything has that, and an idle agent has not."""
 

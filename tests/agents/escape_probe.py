@@ -1,7 +1,7 @@
 """An agent that looks for ways out of its box. Standard library alone; prints two JSON objects, a line each.
 
 PROBE in its environment is JSON with what the tests planted outside. Each key of the answer is a wall of the
-table in docs/agents.md, each value lists the gaps found in it: an empty list is a wall that holds. It refuses
+table in docs/agents-confinement.md, each value lists the gaps found in it: an empty list is a wall that holds. It refuses
 to run without PROBE, and undoes what it manages to do: a wall that does not hold must not cost the host.
 """
 

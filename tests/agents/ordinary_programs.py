@@ -1,6 +1,6 @@
 """Programs as people fly with, each in a few lines: what they need of a machine, and how each shows that it got it.
 
-Each prints WORDS as its last line when all went well. The table of docs/agents.md says on which rung each does.
+Each prints WORDS as its last line when all went well. The table of docs/agents-confinement.md says on which rung each does.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ WORDS = "it works"
 
 @dataclass(frozen=True)
 class Program:
-    """A program of this name in docs/agents.md. `make` writes it into a folder and returns its command; None where this host
+    """A program of this name in docs/agents-confinement.md. `make` writes it into a folder and returns its command; None where this host
     has no such program.
     """
 

@@ -32,7 +32,7 @@ FORKED = "+fork"
 LIMITS = AgentLimits(memory_mb=192, processes=48, scratch_mb=4, file_mb=2)
 PATIENCE_S = 90.0
 # A watch looks ten times a second: time enough on a busy host.
-WATCH_S = 3.0
+WATCH_S = 8.0
 IPC_CREAT, IPC_RMID = 0o1000, 0
 
 
@@ -144,7 +144,8 @@ def left_behind(name: str) -> list[str]:
     found = []
     for path in Path("/proc").glob("[0-9]*/comm"):
         with suppress(OSError):
-            if path.read_text().strip() == name:
+            # A program may give itself any bytes as a name.
+            if path.read_bytes().strip() == name.encode():
                 found.append(path.parent.name)
                 os.kill(int(path.parent.name), 9)
     return found

@@ -37,7 +37,7 @@ def test_a_rung_holds_what_the_table_says_and_no_less(rung: str, own_network: bo
 
 def test_the_docs_have_the_table() -> None:
     """It is generated: `python -m bench.agents.confinement` prints it."""
-    assert walls_table() in (DOCS / "agents.md").read_text()
+    assert walls_table() in (DOCS / "agents-confinement.md").read_text()
 
 
 def test_every_rung_takes_a_stand_on_every_wall() -> None:

@@ -15,7 +15,7 @@ from rungs import BARE, CONFINING, EVERY
 from bench.agents.confinement._landlock import landlock_version
 from bench.agents.confinement._landlock_launch import TCP_FROM
 
-PAGE = Path(__file__).parents[2] / "docs" / "agents.md"
+PAGE = Path(__file__).parents[2] / "docs" / "agents-confinement.md"
 WORDS = "the box has it"
 COLUMNS = {"bwrap": "bwrap", "landlock": "landlock", BARE: "landlock without namespaces"}
 # As MAVSDK 3 does with its gRPC server: a child takes any free port, and its parent connects to it.

@@ -19,7 +19,7 @@ from bench.campaign import (
     write_result,
     write_whole,
 )
-from bench.campaign.storage._inputs import write_input
+from bench.campaign.planning._inputs import write_input
 from bench.contracts import Outcome, SessionResult
 from bench.documents import MAX_BYTES, dump_value, dump_yaml, read_text
 from bench.errors import SetupError
@@ -228,18 +228,21 @@ def test_journal_that_is_none(tmp_path: Path) -> None:
 
 
 def test_page_on_campaigns_is_right() -> None:
-    """The page's example is a valid campaign but for its base, and the page names every method and every file
-    of a folder.
+    """The page's example is a valid campaign but for its base; the page on designs has every method, the one on
+    folders names their files.
     """
-    page = (CAMPAIGNS.parent / "docs" / "campaigns.md").read_text()
+    page, designs, folders = (
+        (CAMPAIGNS.parent / "docs" / name).read_text()
+        for name in ("campaigns.md", "designs.md", "campaign-folders.md")
+    )
     example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
 
     campaign = Campaign.model_validate(example)
 
     assert [factor.name for factor in campaign.design.factors] == ["fog", "concealment", "approach"]
     kinds = Design.model_json_schema()["properties"]["method"]["discriminator"]["mapping"]
-    assert all(f"| `{kind}` |" in page for kind in kinds)
+    assert all(f"**`{kind}`**" in designs for kind in kinds)
     assert all(
-        name in page
+        name in folders
         for name in ("journal.sqlite", "manifest.json", "result.json", "recording.mcap", "scores.parquet")
     )

@@ -147,7 +147,7 @@ def test_a_forged_chain_disagrees_with_the_manifest_and_a_forged_manifest_with_i
 
     (tmp_path / "manifest.json").unlink()
     flown(tmp_path)  # writes a manifest of what is there
-    assert verify_folder(tmp_path) == [], "as docs/campaigns.md says"
+    assert verify_folder(tmp_path) == [], "as docs/campaign-folders.md says"
     (fault,) = map(str, verify_folder(tmp_path, published))
     assert fault.startswith("manifest.json: has the digest ")
 

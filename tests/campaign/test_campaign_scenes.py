@@ -23,9 +23,8 @@ from bench.campaign import (
     open_journal,
     write_scenes,
 )
+from bench.campaign._parallel import WorkersUnusable, open_helpers
 from bench.campaign.execution._flight import fly_here
-from bench.campaign.execution._parallel import open_helpers
-from bench.campaign.execution._task import WorkersUnusable
 from bench.campaign.planning._plan import plan_campaign
 from bench.campaign.storage._files import digest_of
 from bench.contracts import Outcome
@@ -119,7 +118,7 @@ def test_judge_answers_for_actors_of_no_group() -> None:
 
 _SCRIPT = """
 import math
-from bench.campaign.execution._parallel import map_in_processes
+from bench.campaign._parallel import map_in_processes
 print(map_in_processes(math.sqrt, [4.0, 9.0], 2))
 """
 

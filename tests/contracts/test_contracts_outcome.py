@@ -8,14 +8,14 @@ from pathlib import Path
 from bench.contracts import Blame, Outcome
 from bench.reporting.text._outcomes import OUTCOME_MEANINGS
 
-PAGE = Path(__file__).parents[2] / "docs" / "campaigns.md"
+PAGE = Path(__file__).parents[2] / "docs" / "running-campaigns.md"
 ROW = re.compile(r"^\| `(\w+)` \| (\w+) \| (yes|no) \| .+ \|$", re.MULTILINE)
 
 
 def test_the_table_of_the_docs_is_the_code() -> None:
     """In the order of the code: each name, whose doing it is, and whether it counts."""
     text = PAGE.read_text("utf-8")
-    table = text[text.index("### Outcomes") : text.index("### Retries and their pauses")]
+    table = text[text.index("## Outcomes") : text.index("## Retries and their pauses")]
     assert ROW.findall(table) == [
         (outcome.value, outcome.blame.value, "yes" if outcome.counts else "no") for outcome in Outcome
     ]

@@ -369,7 +369,7 @@ def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(
 
 @pytest.mark.parametrize("wanted", [1, 2, 3, 4, 5])
 def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixture[str]) -> None:
-    """The harder end of what is told has the tension; a little beyond the easier end it begins."""
+    """The harder end of what is told has the tension; a little beyond the easier end it begins. The hardest has no end."""
     assert run(["tension", "KA-03", str(wanted), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["factors"]
     questions = load_decomposition(
@@ -377,7 +377,7 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
     )
     example = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
     [row] = [entry for entry in rows if entry["factor"] == "bystander_density_per_km2"]
-    for density in (row["from"] + 0.01, row["to"]):
+    for density in (row["from"] + 0.01, row["to"] or 10 * row["from"]):
         actors = tuple(
             entry.model_copy(update={"density_per_km2": density}) if entry.id == "civilians" else entry
             for entry in example.actors

@@ -14,7 +14,7 @@ import pytest
 from test_plugins_outside import DECOMPOSITION, OUTSIDE, install_outside
 
 from bench.campaign import measure_all, open_journal
-from bench.campaign.results import _measures
+from bench.campaign.planning import _measures
 from bench.contracts import MeasureRequest, Observation, Tape
 from bench.simspec import load_simspec
 

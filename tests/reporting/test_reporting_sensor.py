@@ -11,7 +11,7 @@ from made_campaign import AGENTS, OBSERVABLES, Made, make_campaign
 from test_reporting_page import Page, page_of
 
 from bench.reporting import load_report_data
-from bench.reporting.text._sensor import detector_sentences, only_about_sensor, sensor_observables
+from bench.reporting.statistics._sensor import detector_sentences, only_about_sensor, sensor_observables
 from bench.scoring import Standing
 from bench.simspec import DetectionModel, Perception
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from bench.agents import open_agent
+from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import (
     AgentManifest,
     AgentPlan,
@@ -88,10 +89,13 @@ def run(
     open_agent: OpenAgent = open_agent,
 ) -> tuple[SessionEnd, list[Record]]:
     records: list[Record] = []
+    starter = AgentStarter(open_agent)
     plan = SessionPlan(
-        spec or session_simspec(), manifest, folder, open_agent, folder / "scratch", records.append, clock
+        spec or session_simspec(), manifest, folder, starter.open, folder / "scratch", records.append, clock
     )
     end = run_session(plan)
+    if starter.output is not None:
+        (folder / "agent.log").write_bytes(starter.output)
     for record in records:
         assert_value_is_in_the_bytes(record)
     return end, records
@@ -242,7 +246,7 @@ def test_a_wrong_hello_is_told_to_the_agent_and_named_in_the_reason(
     assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
     if outcome is Outcome.AGENT_CRASHED:
         assert "ended with exit code 4" in end.reason
-    (answer,) = (line for line in (tmp_path / "scratch" / "agent.log").read_text().splitlines() if line)
+    (answer,) = (line for line in (tmp_path / "agent.log").read_text().splitlines() if line)
     assert words in json.loads(answer)["reason"]
 
 
@@ -257,7 +261,7 @@ def test_topics_of_other_cameras_are_no_mistake(tmp_path: Path) -> None:
     manifest = AgentManifest(name="mine", command=command, pace=("lockstep",))
     end, _ = run(tmp_path, manifest, clock=patient_clock())
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
-    assert json.loads((tmp_path / "scratch" / "agent.log").read_text().splitlines()[0])["kind"] == "tick"
+    assert json.loads((tmp_path / "agent.log").read_text().splitlines()[0])["kind"] == "tick"
 
 
 def test_a_missing_agent_program_is_no_doing_of_the_agent(tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_what_is_wrong_outside_is_told_before_takeoff(tmp_path: Path) -> None:
     assert "holds no token of 16 to 256" in text(air(tmp_path, "short"))
     assert "holds no token of 16 to 256" in text(air(tmp_path, "with a blank and a : colon"))
     gone = air(tmp_path).model_copy(update={"token_file": str(tmp_path / "none")})
-    assert "none cannot be read" in text(gone)
+    assert "none: there is no such file" in text(gone)
     assert "no interface 'eth77'" in text(air(tmp_path, interface="eth77"))
     missing = (OutsideLink(name="a", kind="serial", device=str(tmp_path / "ttyUSB9")),)
     spec = session_simspec(vehicle=VehicleSpec(model="x500", outside_links=missing))

@@ -88,6 +88,9 @@ class FakeAgent:
         self._host.spend(self._reply_s)
         return Ack(number=tick.number, links=self._links)
 
+    def end(self, reason: str) -> None:
+        """The reason is in the outcome."""
+
 
 class ScriptedVehicle(StillVehicle):
     """A still vehicle whose failures follow a script; `received` holds its count of MAVLink messages by

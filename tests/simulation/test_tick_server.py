@@ -211,7 +211,7 @@ def test_whoever_says_hello_wrong_is_told_what_is_wrong(
     assert told["kind"] == "end"
     assert words in str(told["reason"])
     assert str(told["reason"]).startswith("refused: it")
-    assert str(told["reason"]).endswith("see docs/agents.md")
+    assert str(told["reason"]).endswith("see docs/agents-protocol.md")
     assert peer.line() == {}, "closed"
     assert words in end.value.reason
     assert "\x1b" not in end.value.reason

@@ -1,22 +1,24 @@
-"""One decorated function declares a measure: its name, its options, and what docs/measures.md says about
+"""One decorated function declares a measure: its name, its options, and what `rebar measures` says about
 it.
 """
 
 from __future__ import annotations
 
 import importlib
+import pkgutil
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
 from made_run import simspec, tape
 
+import test_ports
+from bench.cli._app import run
 from bench.contracts import Evidence, Option, Tape, plugins
 from bench.simspec import SimSpec
-from test_ports import Finding, Limit, measure, not_considered
-from test_ports.documentation import PAGE, declared_in, main, measure_modules, with_tables
+from test_ports import DeclaredMeasure, Finding, Limit, measure, not_considered
 
-TEXT = PAGE.read_text(encoding="utf-8")
+PAGE = Path(__file__).parents[2] / "docs" / "measures.md"
 
 
 @measure
@@ -39,9 +41,9 @@ def example(
 
 
 def observed(**options: Option) -> tuple[float | None, str]:
-    run = simspec()
+    spec = simspec()
     observation = example(
-        "OBS-1", tape(run), run, {name.rstrip("_"): value for name, value in options.items()}
+        "OBS-1", tape(spec), spec, {name.rstrip("_"): value for name, value in options.items()}
     )
     assert observation.considered == (observation.x is not None)
     return observation.x, observation.evidence[0].text
@@ -110,64 +112,73 @@ def test_a_function_with_a_wrong_signature_is_refused_at_declaration() -> None:
         measure(with_list)
 
 
-def test_entry_points_code_and_page_have_the_same_names() -> None:
-    """Each entry point names the module that declares the measure; the page has a section for each module."""
-    declared = {
-        declared_measure.name: f"{module.__name__}:{declared_measure.name}"
-        for module in measure_modules()
-        for declared_measure in declared_in(module)
+def declared_measures() -> dict[str, tuple[str, DeclaredMeasure]]:
+    """Every measure of the package with its module, as the source has it."""
+    modules = [
+        importlib.import_module(info.name)
+        for info in pkgutil.walk_packages(test_ports.__path__, "test_ports.")
+    ]
+    return {
+        value.name: (module.__name__, value)
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, DeclaredMeasure) and value.find.__module__ == module.__name__
     }
+
+
+def test_entry_points_and_code_have_the_same_names() -> None:
     ours = {
-        name: entry.value
+        name: entry.module
         for name, entry in plugins("rebar.measures").items()
-        if entry.value.startswith("test_ports.")
+        if entry.module.startswith("test_ports.")
     }
-    assert ours == declared
-    assert {row.split("`")[1] for row in TEXT.splitlines() if row.startswith("| `")} == set(declared)
-    assert {line.split("`")[1] for line in TEXT.splitlines() if line.startswith("**`")} == set(declared)
+    assert ours == {name: module for name, (module, _) in declared_measures().items()}
 
 
 def test_every_measure_and_module_says_what_it_measures() -> None:
     """A sentence of its own for each measure."""
-    descriptions = [
-        declared_measure.description
-        for module in measure_modules()
-        for declared_measure in declared_in(module)
-    ]
+    descriptions = [declared.description for _, declared in declared_measures().values()]
     assert all(text.endswith(".") for text in descriptions)
     assert len(set(descriptions)) == len(descriptions)
-    assert all(module.__doc__ for module in measure_modules())
+    assert all(importlib.import_module(module).__doc__ for module, _ in declared_measures().values())
 
 
-def test_the_page_is_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:
-    """`python -m test_ports.documentation` would change nothing."""
-    assert main(["--check"]) == 0, capsys.readouterr().err
+def test_the_command_prints_each_measure_with_its_explanation(capsys: pytest.CaptureFixture[str]) -> None:
+    """The list has every first sentence; a measure or a module alone has everything, options included."""
 
+    def printed(*words: str) -> str:
+        assert run(["measures", *words]) == 0
+        return " ".join(capsys.readouterr().out.split())
 
-def test_an_out_of_date_page_is_found_and_updated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A default that changed on the page only comes back; the words around the tables stay."""
-    page = tmp_path / "measures.md"
-    page.write_text(TEXT.replace("`radius_m` (15)", "`radius_m` (16)") + "Last words.\n", encoding="utf-8")
-    monkeypatch.setattr(importlib.import_module("test_ports.documentation"), "PAGE", page)
-    assert main(["--check"]) == 1
-    assert "python -m test_ports.documentation" in capsys.readouterr().err
-    assert main([]) == 0
-    assert page.read_text(encoding="utf-8") == TEXT + "Last words.\n"
-
-
-def test_a_module_without_a_section_is_named() -> None:
-    """A new module with measures cannot be forgotten on the page."""
-    with pytest.raises(ValueError, match=r"modules with measures: .*test_ports\.safety\.limits"):
-        with_tables(TEXT.replace("measures of test_ports.safety.limits", "no measures"))
+    listed = printed()
+    explained: dict[str, str] = {}
+    for name, (module, declared) in declared_measures().items():
+        summary = " ".join(declared.description.split("\n\n")[0].split())
+        assert f" {name}: {summary}" in listed, name
+        explained.setdefault(module, printed(module))
+        assert f" {name}: {' '.join(declared.explanation.split())}" in explained[module], name
+        assert " ".join(declared.conventions.split()) in explained[module], name
+        assert all(f"- {option.name}" in explained[module] for option in declared.options), name
+    alone = printed("report_fields")
+    assert "- fields (evidence)" in alone
+    assert "evidence_count:" not in alone
+    assert '- during: "", gps_drift, gps_off ("")' in printed("uncertainty_honest")
+    assert "- role: bystander, adversary, clutter, sought, any (must be set)" in printed("track_share")
+    assert printed("orders") == printed("test_ports.operator.orders")
+    assert run(["measures", "order"]) == 2
+    assert "order is neither a measure nor a module" in capsys.readouterr().err.replace(": is", " is")
 
 
 def test_the_measure_on_the_page_works() -> None:
     """The example that an outside package would start from measures what it says."""
     names: dict[str, Any] = {"__name__": "your_package"}
-    exec(compile(TEXT.split("```python\n")[1].split("```")[0], "measures.md", "exec"), names)
-    run, spec = tape(simspec()), simspec(mission={"altitude_m": 62.0})
+    exec(
+        compile(
+            PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0], "measures.md", "exec"
+        ),
+        names,
+    )
+    flight, spec = tape(simspec()), simspec(mission={"altitude_m": 62.0})
     declared = names["cruise_height_kept"]
-    assert declared("OBS-1", run, spec, {}).x == 1.0
-    assert declared("OBS-1", run, spec, {"tolerance_m": 1.0}).x == 0.0
+    assert declared("OBS-1", flight, spec, {}).x == 1.0
+    assert declared("OBS-1", flight, spec, {"tolerance_m": 1.0}).x == 0.0

@@ -15,8 +15,7 @@ from cases.reliability import fault
 from made_run import answer, report, tracks
 
 from bench.campaign import measure_all
-from bench.contracts import Option
-from test_ports.documentation import declared_in, measure_modules
+from bench.contracts import Option, plugins
 
 TESTS = Path(__file__).parent
 GROUND = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
@@ -191,7 +190,9 @@ UNTEMPTED: Mapping[str, str] = {
 def test_no_measure_forgets_the_agent_that_it_tempts() -> None:
     """A new measure needs a run here, a test in the neighbouring files, or a reason."""
     in_null_agents = (TESTS / "test_ports_null_agents.py").read_text()
-    names = {measure.name for module in measure_modules() for measure in declared_in(module)}
+    names = {
+        name for name, entry in plugins("rebar.measures").items() if entry.module.startswith("test_ports.")
+    }
     listed = {*TEMPTED, *ELSEWHERE, *UNTEMPTED}
     assert listed <= names
     assert {name for name in names - listed if f'"{name}"' not in in_null_agents} == set()

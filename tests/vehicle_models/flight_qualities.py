@@ -207,7 +207,7 @@ def figures(autopilot: str) -> dict[str, float]:
 
 
 def table(flown: Mapping[str, Mapping[str, float]]) -> str:
-    """The table of docs/vehicle.md: real and simulated, autopilot by autopilot."""
+    """Real and simulated, autopilot by autopilot; docs/vehicle.md has some of the rows."""
     lines = [
         "| | PX4 real | PX4 here | ArduCopter real | ArduCopter here |",
         "| --- | ---: | ---: | ---: | ---: |",

@@ -1,10 +1,10 @@
-"""What parameters do: each is set to two values, and what the vehicle does is measured. docs/parameters.md
-lists them all.
+"""What parameters do: each is set to two values, and what the vehicle does is measured.
+`rebar tables parameters` lists them all.
 """
 
 from __future__ import annotations
 
-import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,10 +19,8 @@ from wing_effects import WING
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_wing, open_x500
 from vehicle_models.controller.ardupilot import _modes, _telemetry
-from vehicle_models.documentation import PARAMETER_SECTIONS, parameters_read
+from vehicle_models.tables import parameters_read
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "parameters.md"
 # ArduPilot stands for 42 s before it may be armed: half of each flight, and no effect that is shown here.
 START_SHORTENED = 8.0
 START_TIMES = (
@@ -95,43 +93,120 @@ def test_the_wing_does_what_the_parameter_says(client_of: Callable[..., Client],
 
 
 EFFECTS = {"px4": PX4, "ardupilot": ARDUPILOT, "wing": WING}
-ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
+ELSEWHERE: dict[str, dict[str, tuple[str, ...]]] = {
+    "px4": {
+        "failures": ("SYS_FAILURE_EN",),
+        "fence": (
+            "GF_ACTION",
+            "GF_MAX_HOR_DIST",
+            "GF_MAX_VER_DIST",
+            "RTL_TYPE",
+        ),
+        "identity": ("MAV_SYS_ID",),
+        "logs": (
+            "SDLOG_BACKEND",
+            "SDLOG_MODE",
+        ),
+        "logs_storage": ("SDLOG_UTC_OFFSET",),
+        "manoeuvres": ("COM_RC_OVERRIDE",),
+        "remarks": (
+            "SIM_BAT_DRAIN",
+            "SIM_BAT_ENABLE",
+            "SIM_BAT_MIN_PCT",
+        ),
+        "waypoints": ("MPC_XY_TRAJ_P",),
+    },
+    "ardupilot": {
+        "calibration": (
+            "COMPASS_ENABLE",
+            "COMPASS_USE",
+            "COMPASS_USE2",
+            "COMPASS_USE3",
+        ),
+        "failsafes": (
+            "SIM_BATT_VOLTAGE",
+            "SYSID_MYGCS",
+        ),
+        "log_blocks": (
+            "LOG_BACKEND_TYPE",
+            "LOG_DISARMED",
+            "LOG_MAV_BUFSIZE",
+        ),
+        "logs_ardupilot": ("LOG_FILE_DSRMROT",),
+        "remarks": (
+            "TERRAIN_ENABLE",
+            "TERRAIN_SPACING",
+        ),
+        "restart": ("SYSID_THISMAV",),
+        "streams": ("SR0_EXTRA1",),
+        "waypoints": (
+            "WPNAV_ACCEL_C",
+            "WPNAV_RADIUS",
+        ),
+    },
+    "wing": {
+        "wing": (
+            "NAV_LOITER_RAD",
+            "RTL_DESCEND_ALT",
+            "RTL_LAND_DELAY",
+            "RTL_LOITER_RAD",
+        ),
+    },
+}
+"""By the word in the name of the test file that sets the parameter."""
+NOT_SHOWN = {
+    "px4": {
+        *(
+            "COM_FLIGHT_UUID",
+            "COM_RC_STICK_OV",
+            "MPC_ACC_DOWN_MAX",
+            "MPC_XY_VEL_I_ACC",
+            "MPC_XY_VEL_P_ACC",
+            "MPC_Z_VEL_P_ACC",
+            "NAV_MC_ALT_RAD",
+        )
+    },
+    "ardupilot": {
+        *(
+            "ACRO_RP_RATE",
+            "FS_EKF_ACTION",
+            "LAND_ALT_LOW",
+            "PSC_JERK_Z",
+            "PSC_VELXY_I",
+            "PSC_VELXY_P",
+            "RALLY_INCL_HOME",
+            "RALLY_LIMIT_KM",
+            "SR0_EXTRA2",
+            "SR0_EXTRA3",
+            "SR0_EXT_STAT",
+            "SR0_RAW_SENS",
+            "SR0_RC_CHAN",
+        )
+    },
+    "wing": {
+        *(
+            "FW_AIRSPD_MAX",
+            "FW_AIRSPD_MIN",
+            "FW_LND_AIRSPD",
+            "FW_LND_ANG",
+            "FW_LND_FLALT",
+            "FW_LND_FL_SINK",
+        )
+    },
+}
+"""The code reads these, and no test measures what they do."""
 
 
-def on_the_page() -> dict[str, dict[str, tuple[float, str]]]:
-    """Default and proof of each parameter, by section and name."""
-    rows_by_section: dict[str, dict[str, tuple[float, str]]] = {}
-    tables, _, _ = PAGE.read_text().partition("## How many have an effect")
-    for line in tables.splitlines():
-        if line.startswith("## "):
-            section = rows_by_section.setdefault(line.removeprefix("## "), {})
-        elif row := ROW.fullmatch(line):
-            section[row[1]] = (float(row[2]), row[4])
-    return rows_by_section
+@pytest.mark.parametrize("section", EFFECTS)
+def test_every_parameter_that_the_code_reads_is_shown_or_known_not_to_be(section: str) -> None:
+    """Each stands once: in the tables above, in a test that sets the parameter, or among those not shown."""
+    elsewhere = [name for names in ELSEWHERE[section].values() for name in names]
+    names = [*{effect.name for effect in EFFECTS[section]}, *elsewhere, *NOT_SHOWN[section]]
+    assert Counter(names) == Counter(parameters_read()[section])
+    for word, parameters in ELSEWHERE[section].items():
+        test = (Path(__file__).parent / f"test_vehicle_{word}.py").read_text()
+        assert [name for name in parameters if name not in test] == []
 
 
-def test_the_page_lists_every_parameter_that_the_code_reads() -> None:
-    """A parameter that comes to have an effect gets a row, and one that loses it loses the row."""
-    assert {name: set(rows) for name, rows in on_the_page().items()} == parameters_read()
-
-
-def test_the_page_has_the_defaults() -> None:
-    for section, rows in on_the_page().items():
-        defaults = {
-            parameter.name: parameter.default
-            for parameter in PARAMETER_SECTIONS[section].parameters.definitions
-        }
-        assert {name: default for name, (default, _) in rows.items()} == {
-            name: defaults[name] for name in rows
-        }
-
-
-def test_the_page_says_where_each_effect_is_shown() -> None:
-    """By the tables above, or by a test that sets the parameter, or nowhere."""
-    for section, rows in on_the_page().items():
-        names = {effect.name for effect in EFFECTS[section]}
-        assert names == {name for name, (_, proof) in rows.items() if proof == "effects"}
-        for name, (_, proof) in rows.items():
-            if proof not in ("effects", "not shown"):
-                assert name in (Path(__file__).parent / f"test_vehicle_{proof}.py").read_text(), name
+def test_many_effects_are_measured() -> None:
     assert min(len(PX4), len(ARDUPILOT)) >= 25

@@ -13,20 +13,20 @@ from test_vehicle_missions import Row, download, ready_ardupilot, step, to, uplo
 from vehicle_client import NAN, Client, simspec
 
 from vehicle_models._geodesy import LocalFrame, TangentPlane
-from vehicle_models.controller._flight_state import (
+from vehicle_models.controller.ardupilot import ARDUPILOT
+from vehicle_models.controller.guidance._fence_boundary import FenceBoundary, fence_areas
+from vehicle_models.controller.policies._safety import Breach
+from vehicle_models.controller.px4 import PX4
+from vehicle_models.controller.safety._rally import Rally
+from vehicle_models.controller.state._flight_state import (
     Behaviour,
     FlightMode,
     FlightState,
     FlightTarget,
     ReferencePoint,
 )
-from vehicle_models.controller.ardupilot import ARDUPILOT
-from vehicle_models.controller.missions._store import MissionItem, StoredPlan
-from vehicle_models.controller.parameters._store import ParameterStore
-from vehicle_models.controller.policies._safety import Breach
-from vehicle_models.controller.px4 import PX4
-from vehicle_models.controller.safety._fence_boundary import FenceBoundary, fence_areas
-from vehicle_models.controller.safety._rally import Rally
+from vehicle_models.controller.state._parameter_store import ParameterStore
+from vehicle_models.controller.state._plan_store import MissionItem, StoredPlan
 
 Make = Callable[..., Client]
 

@@ -9,10 +9,10 @@ import pytest
 from log_client import ulog
 
 from vehicle_models.controller import PX4
-from vehicle_models.controller._flight_state import ReferencePoint
-from vehicle_models.controller.logs._records import SAMPLE, FlightSample, LoggedText, LogOpening
 from vehicle_models.controller.logs._storage import FlightLog, LogStorage
-from vehicle_models.controller.parameters._store import Parameter
+from vehicle_models.controller.state._flight_state import ReferencePoint
+from vehicle_models.controller.state._log_records import SAMPLE, FlightSample, LoggedText, LogOpening
+from vehicle_models.controller.state._parameter_store import Parameter
 
 
 @pytest.mark.parametrize(

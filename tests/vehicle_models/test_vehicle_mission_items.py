@@ -15,9 +15,9 @@ from vehicle_client import NAN, Client, simspec
 from vehicle_models.controller.ardupilot._missions import MISSIONS as ARDUPILOT
 from vehicle_models.controller.links._enums import MAV_CMD
 from vehicle_models.controller.missions._mission_flight import effect_of
-from vehicle_models.controller.missions._store import MISSION, MissionItem
 from vehicle_models.controller.px4._missions import MISSIONS as PX4
-from vehicle_models.documentation import mission_table
+from vehicle_models.controller.state._plan_store import MISSION, MissionItem
+from vehicle_models.tables import mission_table
 
 Make = Callable[..., Client]
 
@@ -96,7 +96,7 @@ def test_faults_have_the_verdict_of_the_first_check_that_finds_one() -> None:
 
 
 def test_the_table_says_of_every_item_that_is_taken_what_it_does() -> None:
-    rows = [row.strip("| ").split(" | ") for row in mission_table().splitlines()[2:]]
+    rows = mission_table()[1:]
     ardupilot = {int(number): cell for number, _, _, cell in rows}
     assert {number for number, cell in ardupilot.items() if cell != "refused"} == TAKEN
     assert {number for number, _, px4, _ in rows if px4 != "refused"} >= {"16", "2000", "4501"}

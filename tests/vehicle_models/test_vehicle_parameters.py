@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models import documentation
+from vehicle_models import tables
 from vehicle_models.controller import AUTOPILOTS
-from vehicle_models.controller.parameters._store import INT8, INT16, INT32, REAL32
-from vehicle_models.documentation import PARAMETER_SECTIONS, constant_subscripts
+from vehicle_models.controller.state._parameter_store import INT8, INT16, INT32, REAL32
+from vehicle_models.tables import PARAMETER_SECTIONS, constant_subscripts
 
 Make = Callable[..., Client]
 
@@ -145,7 +145,7 @@ def test_every_parameter_that_the_code_names_exists(autopilot: str) -> None:
     definitions = {parameter.name for parameter in PARAMETER_SECTIONS[autopilot].parameters.definitions}
     modes = {mode.name for mode in PARAMETER_SECTIONS[autopilot].modes.modes}
     named = set[str]()
-    for path in (Path(documentation.__file__).parent / "controller" / folder).glob("*.py"):
+    for path in (Path(tables.__file__).parent / "controller" / folder).glob("*.py"):
         named |= {name for name in constant_subscripts(path) if re.fullmatch(r"[A-Z0-9]+(_[A-Z0-9]+)+", name)}
     assert len(named) > 10
     assert named - modes <= definitions

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vehicle_models.controller._shaping import AxisShaping, StraightLine
+from vehicle_models.controller.state._shaping import AxisShaping, StraightLine
 
 
 def asked_mps(axis: AxisShaping, distance_m: float) -> float:

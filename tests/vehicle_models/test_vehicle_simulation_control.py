@@ -10,7 +10,7 @@ import pytest
 from vehicle_client import Client, mavlink, simspec
 
 from vehicle_models.controller import AUTOPILOTS
-from vehicle_models.documentation import SIMULATED_SENSORS
+from vehicle_models.tables import SIMULATED_SENSORS
 
 Make = Callable[..., Client]
 

@@ -13,9 +13,9 @@ from vehicle_client import Client, mavlink, simspec
 
 from bench.contracts import Vector
 from vehicle_models.controller import ARDUPILOT, PX4, FlightState, ReferencePoint
-from vehicle_models.controller.guidance._limits import FlightLimits, PathLimits
 from vehicle_models.controller.guidance._waypoints import PathSegment, WaypointApproach, WaypointPath
-from vehicle_models.controller.parameters._store import ParameterStore
+from vehicle_models.controller.state._flight_limits import FlightLimits, PathLimits
+from vehicle_models.controller.state._parameter_store import ParameterStore
 
 Make = Callable[..., Client]
 STEP_NS = 20_000_000

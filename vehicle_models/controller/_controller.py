@@ -10,24 +10,9 @@ from typing import Any, TypeVar
 from bench.contracts import MavlinkTap
 
 from .._geodesy import LocalFrame
-from ._autopilot import Autopilot
-from ._flight_state import Airframe, Behaviour, FlightState, FlightTarget
-from ._liftoff import LiftoffAndLanding
-from ._service import (
-    AnswersRequests,
-    ChannelStream,
-    HandlesCommands,
-    HandlesMessages,
-    MessageAnswer,
-    MessageHandler,
-    MessageSender,
-    Stream,
-    StreamsMessages,
-    Ticks,
-)
-from ._service_context import ServiceContext
 from .files._ftp import FileTransfer
 from .files._served_files import FileContent, ServedFiles
+from .guidance._fence_boundary import FenceBoundary
 from .guidance._guidance import Guidance
 from .guidance._manoeuvres import Manoeuvres
 from .links._frames import KINDS, Decoder, Packer, message_id, sender
@@ -41,18 +26,14 @@ from .logs._streaming import LogStreaming
 from .logs._transfer import LogTransfer
 from .missions._mission_flight import MissionFlight
 from .missions._protocol import MissionProtocol
-from .missions._store import StoredPlans
-from .parameters._parameters import Parameters
-from .parameters._store import ParameterStore
 from .payload._camera import CameraComponent
 from .payload._equipment import Equipment
 from .payload._gimbal import Gimbal
+from .policies._autopilot import Autopilot
 from .policies._identity import CalibrationProtocol
-from .safety._battery_monitor import BatteryMonitor
 from .safety._failsafe import Failsafe
 from .safety._failure_injection import FailureInjection
 from .safety._fence import Fence
-from .safety._fence_boundary import FenceBoundary
 from .safety._health import Health
 from .safety._rally import Rally
 from .services._accelerometer_calibration import AccelerometerCalibration
@@ -64,15 +45,35 @@ from .services._compass_calibration import CompassCalibration
 from .services._follow_target import FollowTargetService
 from .services._home import HomeKeeper
 from .services._identity import Identity
+from .services._liftoff import LiftoffAndLanding
 from .services._manual_control import ManualControl
 from .services._modes import Modes
 from .services._motor_test import MotorTest
 from .services._navigator import Navigator
+from .services._parameters import Parameters
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
 from .services._shell import Shell
 from .services._signing_keys import SigningKeys
+from .state._flight_state import Airframe, Behaviour, FlightState, FlightTarget
+from .state._parameter_store import ParameterStore
+from .state._plan_store import StoredPlans
+from .state._service import (
+    AnswersRequests,
+    ChannelStream,
+    HandlesCommands,
+    HandlesMessages,
+    MessageAnswer,
+    MessageHandler,
+    MessageSender,
+    Stream,
+    StreamsMessages,
+    Ticks,
+)
+from .state._service_context import ServiceContext
+from .state._texts import FlightEvent, Texts
 from .telemetry._attitude import AttitudeCache
+from .telemetry._battery_monitor import BatteryMonitor
 from .telemetry._events import EventService
 from .telemetry._ground_texts import GroundTexts
 from .telemetry._motion import MotionTelemetry
@@ -83,7 +84,6 @@ from .telemetry._streams import Streams
 from .telemetry._system import SystemTelemetry
 from .telemetry._targets import TargetTelemetry
 from .telemetry._terrain import Terrain
-from .telemetry._texts import FlightEvent, Texts
 from .telemetry._truth import TruthStream
 
 R = TypeVar("R")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from bench.contracts import Vector
 
-from ..controller._flight_state import Cause
 from ..controller.links._frames import Packer, message_id, sender
+from ..controller.state._flight_state import Cause
 
 _HEARTBEAT, _ATTITUDE, _GLOBAL_POSITION_INT, _COMMAND_LONG, _AUTOPILOT_VERSION = 0, 30, 33, 76, 148
 _PARAM_VALUE, _PARAM_SET, _REAL32 = 22, 23, 9

@@ -1,4 +1,4 @@
-"""Prints the table of docs/agents.md: what each rung holds."""
+"""Prints the table of docs/agents-confinement.md: what each rung holds."""
 
 from __future__ import annotations
 

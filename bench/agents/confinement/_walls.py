@@ -150,7 +150,7 @@ def wall_text(name: str) -> str:
 
 
 def walls_table() -> str:
-    """The table of docs/agents.md."""
+    """The table of docs/agents-confinement.md."""
     rows = [["wall", *HOLDINGS], ["---"] * (1 + len(HOLDINGS))]
     rows += [[wall, *(holdings[wall].text for holdings in HOLDINGS.values())] for wall in Wall]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -19,12 +19,13 @@ from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
 from bench.visible_text import visible
 
+from .._parallel import WorkersUnusable
 from .._versions import versions
 from ..storage._dropped import DroppedRecording, note_pending
 from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
 from ._executor import OnStart
 from ._pool import open_scratch
-from ._task import Task, WorkerPlan, WorkersUnusable
+from ._task import Task, WorkerPlan
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -14,13 +14,14 @@ from bench.contracts import SessionResult
 from bench.temporary_folders import temporary_folder
 from decompositions import decomposition_of
 
+from .._parallel import WorkersUnusable
 from .._versions import versions
 from ..storage._elsewhere import store_recording
 from ..storage._folder import RECORDING
 from ._blocking import first_error_alone
 from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
 from ._pool import open_local_pool
-from ._task import Task, WorkerPlan, WorkersUnusable
+from ._task import Task, WorkerPlan
 
 STORE_LIMIT_S = 300.0
 """Host seconds that a recording may take to its store. Chosen: one of 10 MB needs 270 kbit/s."""

@@ -23,6 +23,7 @@ import anyio
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.removal import remove_tree
 
+from .._parallel import WorkersUnusable
 from ._executor import OnStart
 from ._processes import await_exit, kill_tree, processes_marked
 from ._task import (
@@ -32,7 +33,6 @@ from ._task import (
     TaskProgress,
     WorkerPlan,
     WorkerReady,
-    WorkersUnusable,
 )
 
 # The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short

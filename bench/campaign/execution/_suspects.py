@@ -1,5 +1,5 @@
 """Sessions that ended as an agent could have made them end: marked, flown again, and charged to the agent when it happens
-again to it and to no neighbour. docs/campaigns.md states the rule and what it cannot tell.
+again to it and to no neighbour. docs/running-campaigns.md states the rule and what it cannot tell.
 """
 
 from __future__ import annotations

@@ -91,10 +91,6 @@ class TaskEnded:
     result: SessionResult
 
 
-class WorkersUnusable(RebarError):
-    """No worker can be started. No realization has a result because of it."""
-
-
 class BenchBroken(RebarError):
     """The first sessions all ended with bench errors, so the others would too."""
 

@@ -20,7 +20,7 @@ from bench.statistics import mcnemar_power, pairs_for_difference, runs_for_half_
 
 from .._document import Campaign
 from .._overhead import check_surrogates, fly_overhead
-from ..results._measures import load_measurable_decomposition
+from ._measures import load_measurable_decomposition
 from ._realizations import realizations
 
 MAX_SCENES = 200

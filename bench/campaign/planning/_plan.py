@@ -15,9 +15,9 @@ from decompositions import Decomposition
 from .._document import Campaign
 from ..storage._files import digest_of
 from ..storage._folder import CampaignFolder
-from ..storage._inputs import write_input
 from ..storage._journal import Journal, JournalEntry, PlannedRealization
 from ..storage._results import write_result
+from ._inputs import write_input
 from ._realizations import intents_of, realizations
 from ._scenes import open_scene_writer, write_scenes
 

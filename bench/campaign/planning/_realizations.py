@@ -120,7 +120,7 @@ def campaign_quality(campaign: Campaign) -> DesignQuality:
     """
     from bench.reporting import measure_design
 
-    from ..results._measures import load_measurable_decomposition
+    from ._measures import load_measurable_decomposition
 
     return measure_design(
         campaign.bases,
@@ -139,7 +139,7 @@ def situation_tensions(campaign: Campaign) -> dict[str, tuple[int, ...]]:
     # Imported here: scoring brings its arrays along, and the rest of planning does without.
     from bench.scoring import configuration_tension, difficulty_of
 
-    from ..results._measures import load_measurable_decomposition
+    from ._measures import load_measurable_decomposition
 
     decomposition = load_measurable_decomposition(campaign.decomposition)
     chooser = next((factor for factor in campaign.design.factors if factor.chooses_base), None)
@@ -162,6 +162,6 @@ def _rating(campaign: Campaign) -> Rating | None:
         return None
     from bench.reporting import difficulty_rating
 
-    from ..results._measures import load_measurable_decomposition
+    from ._measures import load_measurable_decomposition
 
     return difficulty_rating(load_measurable_decomposition(campaign.decomposition), campaign.study)

@@ -15,7 +15,7 @@ from pathlib import Path
 from bench.documents import dump_json
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 
-from ..execution._parallel import open_helpers
+from .._parallel import open_helpers
 from ..storage._files import sync_files_below, write_whole
 from ..storage._folder import CampaignFolder
 

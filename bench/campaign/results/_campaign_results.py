@@ -10,8 +10,8 @@ from bench.contracts import Outcome, SessionResult, truth_sightings_of
 from bench.errors import SetupError
 
 from ..early_stopping._decisions import PointKey, outcome_name
+from ..planning._evidence_check import evidence_faults
 from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
-from ..storage._evidence_check import evidence_faults
 from ..storage._files import digest_of
 from ..storage._firmware_ends import drawn_out_realizations
 from ..storage._folder import RESULT, CampaignFolder, writing_process

@@ -32,22 +32,22 @@ from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
 from .._document import Campaign
+from .._parallel import OnDone, map_in_processes
 from .._versions import arithmetic, versions
 from ..early_stopping._decisions import is_after_stop
-from ..execution._parallel import OnDone, map_in_processes
+from ..planning._evidence_check import changed_tables, check_evidence
+from ..planning._inputs import write_input
+from ..planning._measures import load_measurable_decomposition
 from ..storage._completeness import Completeness
 from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
-from ..storage._evidence_check import changed_tables, check_evidence
 from ..storage._files import FileDigests, write_whole
 from ..storage._folder import RECORDING, CampaignFolder, existing_campaign, is_campaign, open_lock
-from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import write_result
 from ._campaign_results import CampaignResults
 from ._heap import frozen_heap
-from ._measures import load_measurable_decomposition
 from ._rescore import pack_rescored, recording_faults, rescore, unpack_rescored
 
 RATED_SITUATIONS = 256

@@ -14,10 +14,10 @@ from decompositions import Decomposition
 from .._document import Campaign, parse_shard
 from .._overhead import check_fidelity
 from .._runner import CampaignSummary, Finish, run_campaign_sync
+from ..planning._evidence_check import verify_folder
 from ..planning._plan import plan_campaign
 from ..storage._completeness import accepted_realizations, adopt_accepted
 from ..storage._dropped import dropped_recording
-from ..storage._evidence_check import verify_folder
 from ..storage._files import digest_of
 from ..storage._firmware_ends import add_firmware_ends, firmware_ends
 from ..storage._folder import RESULT, CampaignFolder, open_lock

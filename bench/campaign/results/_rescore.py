@@ -11,11 +11,11 @@ from bench.errors import Fault, SetupError
 from bench.recording import check_whole, read_simspec, read_tape
 from decompositions import Decomposition
 
+from ..execution._honeypots import truth_details
+from ..planning._measures import measure_all, measures_of
 from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT, campaign_of
-from ._honeypots import truth_details
-from ._measures import measure_all, measures_of
 
 CUT_OFF = "the recording has no end event: its session was cut off"
 # A campaign knows its recordings by their digests, so there a result that is deleted lets no other one in.

@@ -17,7 +17,7 @@ from bench.statistics import NodeComparison, compare_nodes
 
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
-from ..text._sensor import perception_in_short
+from ._sensor import perception_in_short
 
 
 @dataclass(frozen=True, slots=True)

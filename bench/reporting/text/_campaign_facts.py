@@ -15,8 +15,8 @@ from bench.simspec import FACTORS, SimSpec
 
 from .._campaign_data import Configuration, ReportData
 from .._simspec_files import situations_of
+from ..statistics._sensor import perception_in_short
 from ._format import listed, plural
-from ._sensor import perception_in_short
 from ._situation import events_text, group_text, intelligence_text, rules_text
 
 # Chosen: a fact stays a line or two.

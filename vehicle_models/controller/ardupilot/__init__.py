@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._autopilot import Autopilot
+from ..policies._autopilot import Autopilot
 from ._commands import COMMANDS
 from ._identity import IDENTITY
 from ._logs import LOGS

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from .._flight_state import Behaviour, FlightState, LandedState
-from .._service import Command, CommandResult, Refusal
-from ..guidance._limits import FlightLimits
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
-from ..telemetry._texts import INFO, NOTICE, WARNING
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import Behaviour, FlightState, LandedState
+from ..state._service import Command, CommandResult, Refusal
+from ..state._texts import INFO, NOTICE, WARNING
 from ._modes import knows_position
 
 # Accepted in any state, and without effect here.

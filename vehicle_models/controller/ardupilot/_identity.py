@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from .._flight_state import FlightState
 from ..files._packed_parameters import packed_parameters
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT
-from ..parameters._store import ParameterStore
 from ..policies._identity import BootText, CalibrationProtocol, IdentityPolicy
-from ..telemetry._texts import CRITICAL, INFO, FlightEvent
+from ..state._flight_state import FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._texts import CRITICAL, INFO, FlightEvent
 from ._modes import ALIGNED_S, ESTIMATOR_S, POSITION_S, RECEIVER_S, USES_GPS_S
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 
-from .._flight_state import FlightState
 from ..logs._dataflash import DataflashEncoder
-from ..logs._records import LogOpening
-from ..parameters._store import ParameterStore
 from ..policies._logs import BlockLogPolicy, LogPolicy
-from ..telemetry._texts import ERROR, INFO
+from ..state._flight_state import FlightState
+from ..state._log_records import LogOpening
+from ..state._parameter_store import ParameterStore
+from ..state._texts import ERROR, INFO
 from ._commands import BANNER
 
 # LOG_BACKEND_TYPE

@@ -6,7 +6,9 @@ import math
 from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
-from ..missions._store import (
+from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..state._parameter_store import ParameterStore
+from ..state._plan_store import (
     ABOVE_GROUND,
     ABOVE_HOME,
     ABOVE_SEA,
@@ -16,9 +18,7 @@ from ..missions._store import (
     RALLY,
     MissionItem,
 )
-from ..parameters._store import ParameterStore
-from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
-from ..telemetry._texts import DEBUG, INFO, WARNING, StatusText
+from ..state._texts import DEBUG, INFO, WARNING, StatusText
 
 # Commands of missions, with the names in the text that is sent as an item begins.
 _NAMES: dict[int, str] = {

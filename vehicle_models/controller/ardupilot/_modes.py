@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from .._flight_state import Behaviour, FlightMode, FlightState, StickControl
-from .._service import CommandResult, Refusal, has_flag
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
-from ..parameters._store import ParameterStore
 from ..policies._modes import ModePolicy
-from ..telemetry._texts import CRITICAL, WARNING
+from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from ..state._parameter_store import ParameterStore
+from ..state._service import CommandResult, Refusal, has_flag
+from ..state._texts import CRITICAL, WARNING
 from ._safety import battery_volts
 
 # Simulated seconds after the start at which the SITL was seen to reach each state.

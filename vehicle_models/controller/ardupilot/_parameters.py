@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from .._shaping import AxisShaping, MotionShaping
-from ..guidance._limits import FlightLimits, FollowTargetLimits, PathLimits, StickLimits
-from ..parameters._store import ParameterStore
-from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy, ParameterPush
+from ..state._flight_limits import FlightLimits, FollowTargetLimits, PathLimits, StickLimits
+from ..state._parameter_store import ParameterStore
+from ..state._parameter_table import read_parameters
+from ..state._shaping import AxisShaping, MotionShaping
 
 
 def limits(p: ParameterStore) -> FlightLimits:

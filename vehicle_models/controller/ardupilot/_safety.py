@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-from .._flight_state import Behaviour, FlightState
-from .._service import CommandResult, Refusal
-from ..parameters._store import ParameterStore
 from ..policies._safety import (
     AidingTexts,
     BatteryStep,
@@ -17,7 +14,10 @@ from ..policies._safety import (
     Reaction,
     SafetyPolicy,
 )
-from ..telemetry._texts import CRITICAL, INFO, NOTICE, WARNING, StatusText
+from ..state._flight_state import Behaviour, FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._service import CommandResult, Refusal
+from ..state._texts import CRITICAL, INFO, NOTICE, WARNING, StatusText
 
 _BATTERY_ACTIONS = {
     1: Behaviour.LAND,

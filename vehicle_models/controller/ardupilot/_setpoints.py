@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .._flight_state import Behaviour
 from ..links._enums import MAV_FRAME
 from ..policies._setpoints import SetpointPolicy
-from ..telemetry._texts import INFO
+from ..state._flight_state import Behaviour
+from ..state._texts import INFO
 
 SETPOINTS = SetpointPolicy(
     local_frames={

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from .._flight_state import Behaviour, FlightState
-from .._service import CommandResult
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..links._frames import KINDS
-from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
-from ..telemetry._texts import INFO
+from ..policies._telemetry import SensorBits, TelemetryPolicy
+from ..state._flight_state import Behaviour, FlightState, GpsQuality
+from ..state._service import CommandResult
+from ..state._texts import INFO
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
 
 _GROUPS: dict[int, tuple[str, ...]] = {

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
-from ..parameters._store import crc32_plain
+from ..state._parameter_store import crc32_plain
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 from ._served_files import ServedFiles
 
 # Bytes of data in one payload.

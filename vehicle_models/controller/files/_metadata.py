@@ -9,8 +9,8 @@ import lzma
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..parameters._store import REAL32, Parameter, crc32_plain
-from ..telemetry._event_names import EventName
+from ..state._event_names import EventName
+from ..state._parameter_store import REAL32, Parameter, crc32_plain
 from ._served_files import FileContent
 
 FOLDER = "etc/extras"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from urllib.parse import parse_qs
 
-from ..parameters._store import INT8, INT16, INT32, REAL32, ParameterStore
+from ..state._parameter_store import INT8, INT16, INT32, REAL32, ParameterStore
 
 _MAGIC, _MAGIC_DEFAULTS = 0x671B, 0x671C
 # Magic, number here, number in all.

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from .._flight_state import Behaviour, FlightState, FlightTarget, NorthEast, ReferencePoint
-from ._limits import FlightLimits
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import Behaviour, FlightState, FlightTarget, NorthEast, ReferencePoint
 from ._manoeuvres import Circle, Land, Manoeuvre, Manoeuvres, ManualFlight, Return
 
 _MIN_FACING_SPEED_MPS = 0.5

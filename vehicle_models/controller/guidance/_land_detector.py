@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .._flight_state import FlightState, FlightTarget
+from ..state._flight_state import FlightState, FlightTarget
 
 
 class LandDetector:

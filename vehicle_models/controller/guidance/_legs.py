@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from .._flight_state import FlightState, FlightTarget, LandedState, NorthEast
-from .._shaping import UNSHAPED
-from ._limits import FlightLimits
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import FlightState, FlightTarget, LandedState, NorthEast
+from ..state._shaping import UNSHAPED
 from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
 from ._waypoints import WaypointApproach, WaypointPath
 

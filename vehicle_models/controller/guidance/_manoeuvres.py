@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import Literal, Protocol
 
-from .._flight_state import (
+from ..state._flight_limits import FlightLimits, PathLimits
+from ..state._flight_state import (
     FlightState,
     FlightTarget,
     NorthEast,
@@ -15,8 +16,7 @@ from .._flight_state import (
     StickPositions,
     TargetAttitude,
 )
-from .._shaping import UNSHAPED, StraightLine
-from ._limits import FlightLimits, PathLimits
+from ..state._shaping import UNSHAPED, StraightLine
 
 # The airframe brakes harder than this when it must.
 _STOPPING_MPS2 = 2.0

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from bench.contracts import Vector
 
-from .._flight_state import FlightState, NorthEast
-from .._shaping import StraightLine
-from ._limits import FlightLimits, PathLimits
+from ..state._flight_limits import FlightLimits, PathLimits
+from ..state._flight_state import FlightState, NorthEast
+from ..state._shaping import StraightLine
 
 # PX4 turns towards a point of the line so far ahead, or farther where the acceptance radius is larger.
 _LEAST_LEAD_M = 5.0

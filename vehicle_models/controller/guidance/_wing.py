@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from bench.values import value_class
 
-from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint
+from ..state._flight_limits import FlightLimits, Seconds
+from ..state._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint
 from ._legs import GotoLeg, TurnsLeg
-from ._limits import FlightLimits, Seconds
 from ._manoeuvres import Circle, FollowSetpoints, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
 
 # How far ahead on a line it aims, in seconds of flight; the airframe's lateral law is made for it.

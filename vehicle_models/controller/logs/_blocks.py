@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..policies._logs import BlockLogPolicy, LogPolicy
+from ..state._log_records import SAMPLE, FlightSample, LogEncoder, Note
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 from ._recorder import FlightRecorder
-from ._records import SAMPLE, FlightSample, LogEncoder, Note
 
 # Bytes of data in one block.
 DATA_BYTES = 200

@@ -11,8 +11,8 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from .._flight_state import Cause, ReferencePoint
-from ._records import CAUSES, FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
+from ..state._flight_state import Cause, ReferencePoint
+from ..state._log_records import CAUSES, FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
 
 _MARK = b"\xa3\x95"
 _FMT_NUMBER = 128

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from .._flight_state import ReferencePoint
-from .._service_context import ServiceContext
 from ..policies._identity import IdentityPolicy
 from ..policies._logs import LogPolicy
-from ..policies._telemetry import GpsQuality
-from ..safety._battery_monitor import BatteryMonitor
-from ._records import LoggedHome, LoggedParameter, LoggedText, LogOpening, Note, pack_sample
+from ..state._flight_state import GpsQuality, ReferencePoint
+from ..state._log_records import LoggedHome, LoggedParameter, LoggedText, LogOpening, Note, pack_sample
+from ..state._service_context import ServiceContext
+from ..telemetry._battery_monitor import BatteryMonitor
 from ._storage import FlightLog, LogStorage
 
 # Ten samples a second; PX4 logs positions as often by default.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ._records import SAMPLE, FlightSample, LogEncoder, LoggedText, LogOpening, Note
+from ..state._log_records import SAMPLE, FlightSample, LogEncoder, LoggedText, LogOpening, Note
 
 # What the samples of all logs may take: half a day at ten samples a second.
 MAX_RECORDED_BYTES = 64 << 20

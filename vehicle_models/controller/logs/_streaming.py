@@ -12,12 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..policies._logs import LogPolicy
+from ..state._log_records import SAMPLE, FlightSample, LogEncoder, Note
+from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 from ._recorder import FlightRecorder
-from ._records import SAMPLE, FlightSample, LogEncoder, Note
 from ._ulog import HEADER_BYTES, message_starts
 
 # Bytes of data in one message, and the offset that stands for none.

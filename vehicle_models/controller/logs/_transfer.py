@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._radio import Channel
 from ..policies._logs import LogPolicy
-from ..telemetry._texts import StatusText
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import StatusText
 from ._recorder import FlightRecorder
 from ._storage import FlightLog, LogStorage
 

@@ -11,11 +11,11 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from .._flight_state import ReferencePoint
 from ..links._enums import MAV_TYPE
-from ..parameters._store import REAL32, Parameter
+from ..state._flight_state import ReferencePoint
+from ..state._log_records import FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
+from ..state._parameter_store import REAL32, Parameter
 from ..telemetry._attitude import attitude_quaternion
-from ._records import FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
 
 _MAGIC = b"ULog\x01\x12\x35\x01"
 _HEAD = struct.Struct("<HB")

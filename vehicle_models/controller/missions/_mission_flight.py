@@ -10,9 +10,7 @@ from typing import Any
 
 from bench.contracts import Vector
 
-from .._flight_state import Behaviour, FlightMode, FlightState, NorthEast
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
-from .._service_context import ServiceContext
+from ..guidance._fence_boundary import FenceBoundary
 from ..guidance._guidance import Guidance
 from ..guidance._legs import ClimbLeg, DescendLeg, GotoLeg, MissionLeg, TurnsLeg, bearing
 from ..guidance._manoeuvres import Hold, Land, stopping_m, stopping_place
@@ -21,12 +19,14 @@ from ..links._enums import MAV_CMD
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import Gimbal
 from ..policies._missions import MissionPolicy
-from ..safety._fence_boundary import FenceBoundary
 from ..services._home import HomeKeeper
 from ..services._modes import Modes
-from ..telemetry._texts import INFO, StatusText
+from ..state._flight_state import Behaviour, FlightMode, FlightState, NorthEast
+from ..state._plan_store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
+from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
+from ..state._service_context import ServiceContext
+from ..state._texts import INFO, StatusText
 from ._payload_items import PAYLOAD_ITEMS, use_payload
-from ._store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
 
 _TAKEOFFS = (MAV_CMD.NAV_TAKEOFF, MAV_CMD.NAV_VTOL_TAKEOFF)
 _LANDINGS = (MAV_CMD.NAV_LAND, MAV_CMD.NAV_VTOL_LAND)

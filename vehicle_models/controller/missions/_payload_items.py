@@ -7,7 +7,7 @@ import math
 from ..links._enums import MAV_CMD, MAV_MOUNT_MODE
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import KNOWN_FLAGS, NEUTRAL, Gimbal
-from ._store import MissionItem
+from ..state._plan_store import MissionItem
 
 PAYLOAD_ITEMS: dict[int, str] = {
     MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "carried out with a gimbal",

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._missions import MissionPolicy, MissionResult
-from ..telemetry._texts import CRITICAL, StatusText
-from ._store import FENCE, MISSION, RALLY, MissionItem, StoredPlans, identity_of
+from ..state._plan_store import FENCE, MISSION, RALLY, MissionItem, StoredPlans, identity_of
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL, StatusText
 
 # MAV_MISSION_TYPE_ALL
 _ALL = 255

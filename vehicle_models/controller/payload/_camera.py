@@ -13,12 +13,12 @@ from typing import Any
 
 from bench.simspec import Camera as CameraSpec
 
-from .._flight_state import NorthEast
-from .._service import CommandResult, Fields, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_AUTOPILOT, MAV_CMD, MAV_STATE, MAV_TYPE
 from ..links._frames import KINDS, Packer, wire_values
 from ..links._radio import Channel
+from ..state._flight_state import NorthEast
+from ..state._service import CommandResult, Fields, MessageSender
+from ..state._service_context import ServiceContext
 from ..telemetry._attitude import quaternion
 from ._gimbal import DEVICE, level_quaternion
 

@@ -11,8 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .._flight_state import FlightState
-from .._service import (
+from ..links._enums import MAV_CMD, MAV_MOUNT_MODE
+from ..policies._commands import CommandPolicy
+from ..state._flight_state import FlightState
+from ..state._service import (
     Command,
     CommandHandler,
     CommandResult,
@@ -23,9 +25,7 @@ from .._service import (
     Stream,
     Values,
 )
-from .._service_context import ServiceContext
-from ..links._enums import MAV_CMD, MAV_MOUNT_MODE
-from ..policies._commands import CommandPolicy
+from ..state._service_context import ServiceContext
 
 # Gimbal device ids 1 to 6 are devices that are no components of their own.
 DEVICE = 1

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from .._flight_state import FlightState
-from .._service import Command, CommandResult, Refusal
-from ..guidance._limits import FlightLimits
 from ..links._enums import MAV_CMD
-from ..telemetry._texts import StatusText
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import FlightState
+from ..state._service import Command, CommandResult, Refusal
+from ..state._texts import StatusText
 
 
 @dataclass(frozen=True, slots=True)

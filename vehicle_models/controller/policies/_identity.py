@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from .._flight_state import FlightState
 from ..files._metadata import Metadata
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT, MAV_TYPE
-from ..parameters._store import ParameterStore
-from ..telemetry._event_names import EventName
-from ..telemetry._texts import FlightEvent, StatusText
+from ..state._event_names import EventName
+from ..state._flight_state import FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._texts import FlightEvent, StatusText
 
 Seconds = float
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .._flight_state import FlightState
-from ..logs._records import LogEncoder, LogOpening
-from ..parameters._store import ParameterStore
-from ..telemetry._texts import StatusText
+from ..state._flight_state import FlightState
+from ..state._log_records import LogEncoder, LogOpening
+from ..state._parameter_store import ParameterStore
+from ..state._texts import StatusText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

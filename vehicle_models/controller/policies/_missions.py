@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from ..missions._store import PLACELESS, MissionItem
-from ..parameters._store import ParameterStore
-from ..telemetry._texts import StatusText
+from ..state._parameter_store import ParameterStore
+from ..state._plan_store import PLACELESS, MissionItem
+from ..state._texts import StatusText
 
 
 class MissionResult(IntEnum):

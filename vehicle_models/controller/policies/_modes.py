@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from .._flight_state import Behaviour, FlightMode, FlightState
-from .._service import CommandResult, Refusal
-from ..parameters._store import ParameterStore
-from ..telemetry._texts import WARNING, StatusText
+from ..state._flight_state import Behaviour, FlightMode, FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._service import CommandResult, Refusal
+from ..state._texts import WARNING, StatusText
 
 
 def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from ..guidance._limits import FlightLimits
-from ..parameters._store import Parameter, ParameterStore
+from ..state._flight_limits import FlightLimits
+from ..state._parameter_store import Parameter, ParameterStore
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from .._flight_state import Behaviour, FlightState
-from .._service import Refusal
-from ..parameters._store import ParameterStore
-from ..telemetry._texts import StatusText
+from ..state._flight_state import Behaviour, FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._service import Refusal
+from ..state._texts import StatusText
 
 Seconds = float
 

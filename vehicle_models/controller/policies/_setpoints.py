@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from .._flight_state import Behaviour
-from ..telemetry._texts import StatusText
+from ..state._flight_state import Behaviour
+from ..state._texts import StatusText
 
 LocalFrame = Literal["local", "offset", "body", "body-velocity"]
 GlobalFrame = Literal["amsl", "home", "ground"]

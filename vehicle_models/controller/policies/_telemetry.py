@@ -5,21 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from .._flight_state import FlightState
-from .._service import CommandResult
-from ..telemetry._texts import StatusText
-
-
-@dataclass(frozen=True, slots=True)
-class GpsQuality:
-    """The fields of GPS_RAW_INT about the quality of a fix."""
-
-    fix_type: int
-    eph: int
-    epv: int
-    h_acc_mm: int
-    v_acc_mm: int
-    satellites: int = 10
+from ..state._flight_state import FlightState, GpsQuality
+from ..state._service import CommandResult
+from ..state._texts import StatusText
 
 
 @dataclass(frozen=True, slots=True)

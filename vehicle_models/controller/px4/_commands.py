@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from .._flight_state import FlightState
-from .._service import Command, CommandResult, Refusal
-from ..guidance._limits import FlightLimits
 from ..links._enums import MAV_CMD
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
-from ..telemetry._texts import CRITICAL
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import FlightState
+from ..state._service import Command, CommandResult, Refusal
+from ..state._texts import CRITICAL
 
 # Accepted without effect, unless a service has a handler: handlers come first.
 _ACCEPTED = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..files._metadata import Metadata
 from ..links._enums import MAV_AUTOPILOT
 from ..policies._identity import CalibrationProtocol, IdentityPolicy
-from ..telemetry._event_names import EventName
-from ..telemetry._texts import CRITICAL, INFO, FlightEvent
+from ..state._event_names import EventName
+from ..state._texts import CRITICAL, INFO, FlightEvent
 from ._parameters import PARAMETERS
 
 # The beginning of a text, and the event that goes with it. The names imitate PX4's; the file that we serve as

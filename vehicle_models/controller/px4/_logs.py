@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 from datetime import UTC, datetime
 
-from .._flight_state import FlightState
-from ..logs._records import LogOpening
 from ..logs._ulog import UlogEncoder, UlogIdentity
-from ..parameters._store import ParameterStore
 from ..policies._logs import LogPolicy
+from ..state._flight_state import FlightState
+from ..state._log_records import LogOpening
+from ..state._parameter_store import ParameterStore
 from ._identity import IDENTITY
 from ._modes import MODES
 

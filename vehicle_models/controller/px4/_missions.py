@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ..links._enums import MAV_CMD, MAV_FRAME
-from ..missions._store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
-from ..parameters._store import ParameterStore
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
-from ..telemetry._texts import CRITICAL, ERROR, INFO
+from ..state._parameter_store import ParameterStore
+from ..state._plan_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
+from ..state._texts import CRITICAL, ERROR, INFO
 
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
 _FENCE_AREAS = (*_POLYGONS, MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION)

@@ -5,12 +5,12 @@ A mode that cannot be armed shows system_status 0 on the ground.
 
 from __future__ import annotations
 
-from .._flight_state import Behaviour, FlightMode, FlightState, StickControl
-from .._service import CommandResult, Refusal, has_flag
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
-from ..parameters._store import ParameterStore
 from ..policies._modes import ModePolicy
-from ..telemetry._texts import CRITICAL
+from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from ..state._parameter_store import ParameterStore
+from ..state._service import CommandResult, Refusal, has_flag
+from ..state._texts import CRITICAL
 
 # "Resolve system health failures first" until then.
 READY_S = 4.2

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from .._flight_state import Behaviour
-from .._shaping import AxisShaping, MotionShaping
-from ..guidance._limits import FlightLimits, FollowTargetLimits, StickLimits
-from ..parameters._store import ParameterStore
-from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy
+from ..state._flight_limits import FlightLimits, FollowTargetLimits, StickLimits
+from ..state._flight_state import Behaviour
+from ..state._parameter_store import ParameterStore
+from ..state._parameter_table import read_parameters
+from ..state._shaping import AxisShaping, MotionShaping
 
 _AUTOMATIC = frozenset(
     {Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND}

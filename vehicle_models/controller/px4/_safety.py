@@ -8,9 +8,6 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from .._flight_state import Behaviour, FlightState
-from .._service import CommandResult, Refusal
-from ..parameters._store import ParameterStore
 from ..policies._safety import (
     BatteryStep,
     Breach,
@@ -21,7 +18,10 @@ from ..policies._safety import (
     SafetyPolicy,
     SimulatedDischarge,
 )
-from ..telemetry._texts import CRITICAL, EMERGENCY, WARNING, StatusText
+from ..state._flight_state import Behaviour, FlightState
+from ..state._parameter_store import ParameterStore
+from ..state._service import CommandResult, Refusal
+from ..state._texts import CRITICAL, EMERGENCY, WARNING, StatusText
 
 _ACTIONS: dict[int, Behaviour] = {
     1: Behaviour.HOLD,

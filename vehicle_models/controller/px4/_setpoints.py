@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..links._enums import MAV_FRAME
 from ..policies._setpoints import SetpointPolicy
-from ..telemetry._texts import CRITICAL
+from ..state._texts import CRITICAL
 
 SETPOINTS = SetpointPolicy(
     # In the body frame PX4 takes velocities and accelerations, and no positions.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .._flight_state import FlightState
-from .._service import CommandResult
 from ..links._enums import GPS_FIX_TYPE
-from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
+from ..policies._telemetry import SensorBits, TelemetryPolicy
+from ..state._flight_state import FlightState, GpsQuality
+from ..state._service import CommandResult
 from ._modes import knows_position, ready
 
 _PREARM = 0x10000000

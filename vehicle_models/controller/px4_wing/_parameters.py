@@ -6,8 +6,8 @@ import math
 from dataclasses import fields, replace
 
 from ..guidance._wing import WingLimits
-from ..parameters._store import INT32, Parameter, ParameterStore
 from ..px4._parameters import PARAMETERS as MULTICOPTER_PARAMETERS
+from ..state._parameter_store import INT32, Parameter, ParameterStore
 
 _WING_PARAMETERS = (
     Parameter("FW_AIRSPD_MAX", 20.0, unit="m/s", description="Greatest airspeed"),

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from .._flight_state import Behaviour, Cause, FlightMode, FlightState
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_TYPE
 from ..policies._safety import AidingTexts, BatteryStep, FailsafeSettings, Reaction, SafetyPolicy
 from ..services._modes import Modes
 from ..services._setpoints import Setpoints
-from ..telemetry._texts import StatusText
-from ._battery_monitor import BatteryMonitor
+from ..state._flight_state import Behaviour, Cause, FlightMode, FlightState
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import StatusText
+from ..telemetry._battery_monitor import BatteryMonitor
 
 _STRENGTH = {Behaviour.HOLD: 1, Behaviour.RETURN: 2, Behaviour.LAND: 3, Behaviour.TERMINATE: 4}
 # Looked up once, because every step compares with them.

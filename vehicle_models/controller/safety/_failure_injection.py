@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .._service import Command, CommandHandler, CommandResult
 from ..links._enums import MAV_CMD
-from ..parameters._store import ParameterStore
 from ..payload._equipment import BreakPart
+from ..state._parameter_store import ParameterStore
+from ..state._service import Command, CommandHandler, CommandResult
 
 # FAILURE_UNIT. A battery cannot be repaired, so FAILURE_UNIT_SYSTEM_BATTERY is not offered.
 _UNITS = {4: "gps_off", 101: "motor_off", 105: "link_loss"}

@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from .._flight_state import Cause, FlightState, FlightTarget
-from .._service import Command, CommandHandler, CommandResult, Stream, Values
-from .._service_context import ServiceContext
+from ..guidance._fence_boundary import FenceBoundary
 from ..links._enums import MAV_CMD
 from ..policies._safety import Breach
 from ..services._modes import Modes
+from ..state._flight_state import Cause, FlightState, FlightTarget
+from ..state._service import Command, CommandHandler, CommandResult, Stream, Values
+from ..state._service_context import ServiceContext
 from ._failsafe import Failsafe
-from ._fence_boundary import FenceBoundary
 
 # Ten checks a second are enough for a vehicle that moves at 20 m/s.
 _CHECK_NS = 100_000_000

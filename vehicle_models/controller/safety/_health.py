@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .._service import Command, CommandHandler, CommandResult
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
-from ..telemetry._texts import CRITICAL
+from ..state._service import Command, CommandHandler, CommandResult
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL
 
 _CHECK_NS = 1_000_000_000
 _REPEAT_NS, _REPEAT_AFTER_RECOVERY_NS = 30_000_000_000, 4_000_000_000

@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 
 from ..._geodesy import LocalFrame
-from .._flight_state import FlightState, NorthEast, ReferencePoint
-from ..missions._store import MissionItem, StoredPlan
-from ..parameters._store import ParameterStore
+from ..guidance._fence_boundary import local_place
 from ..policies._safety import FencePolicy
-from ._fence_boundary import local_place
+from ..state._flight_state import FlightState, NorthEast, ReferencePoint
+from ..state._parameter_store import ParameterStore
+from ..state._plan_store import MissionItem, StoredPlan
 
 
 class Rally:

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from enum import Enum, auto
 from typing import Any
 
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..links._radio import Channel
 from ..policies._commands import CommandAnswer
-from ..telemetry._texts import CRITICAL, INFO, StatusText
+from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL, INFO, StatusText
 from ._commands import Commands
 
 # Values of the fifth parameter.

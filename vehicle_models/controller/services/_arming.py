@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from .._flight_state import Behaviour, LandedState
-from .._service import Command, CommandHandler, CommandResult, Refusal
-from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
-from ..telemetry._texts import FlightEvent
+from ..state._flight_state import Behaviour, LandedState
+from ..state._service import Command, CommandHandler, CommandResult, Refusal
+from ..state._service_context import ServiceContext
+from ..state._texts import FlightEvent
 from ._home import HomeKeeper
 from ._modes import Modes
 

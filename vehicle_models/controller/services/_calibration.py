@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-from .._service import Command, CommandHandler, CommandResult
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
-from ..telemetry._texts import CRITICAL, INFO, StatusText
+from ..state._service import Command, CommandHandler, CommandResult
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL, INFO, StatusText
 
 _STEP_NS = 500_000_000
 # How long PX4 waits for the next side of a vehicle that nobody turns; chosen, not measured.

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import ChannelStream, MessageHandler, MessageSender, Stream, Values
-from .._service_context import ServiceContext
 from ..links._radio import Channel
+from ..state._service import ChannelStream, MessageHandler, MessageSender, Stream, Values
+from ..state._service_context import ServiceContext
 
 
 class ClockService:

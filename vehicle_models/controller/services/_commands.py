@@ -8,10 +8,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..policies._commands import CommandAnswer, CommandPolicy
+from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 
 _RESULT_SPACING_NS = 1_000_000_000
 # X or y of COMMAND_INT: left out.

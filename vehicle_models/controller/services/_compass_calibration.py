@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from .._service import ChannelStream, Command, CommandHandler, CommandResult, Stream, Values
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..links._frames import KINDS
 from ..links._radio import Channel
-from ..telemetry._texts import NOTICE
+from ..state._service import ChannelStream, Command, CommandHandler, CommandResult, Stream, Values
+from ..state._service_context import ServiceContext
+from ..state._texts import NOTICE
 
 _ALL_COMPASSES = 0xFF
 _FIRST_ATTEMPT = 1

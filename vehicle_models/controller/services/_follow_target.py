@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .._flight_state import Behaviour, FlightState, FlightTarget, NorthEast
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
-from ..guidance._limits import FlightLimits, FollowTargetLimits
 from ..guidance._manoeuvres import beyond_dead_zone
+from ..state._flight_limits import FlightLimits, FollowTargetLimits
+from ..state._flight_state import Behaviour, FlightState, FlightTarget, NorthEast
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 
 # Looked up once, because every step compares with it.
 _FOLLOW_TARGET = Behaviour.FOLLOW_TARGET

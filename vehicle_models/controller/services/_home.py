@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._flight_state import FlightState, ReferencePoint
-from .._service import (
+from ..links._enums import MAV_CMD
+from ..policies._commands import CommandPolicy
+from ..state._flight_state import FlightState, ReferencePoint
+from ..state._service import (
     Command,
     CommandHandler,
     CommandResult,
@@ -17,9 +19,7 @@ from .._service import (
     Stream,
     Values,
 )
-from .._service_context import ServiceContext
-from ..links._enums import MAV_CMD
-from ..policies._commands import CommandPolicy
+from ..state._service_context import ServiceContext
 from ..telemetry._attitude import attitude_quaternion
 
 _NO_ATTITUDE = (math.nan,) * 4

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .._flight_state import FlightMode
-from .._service import Command, CommandHandler, CommandResult, Fields, MessageAnswer
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
+from ..state._flight_state import FlightMode
+from ..state._service import Command, CommandHandler, CommandResult, Fields, MessageAnswer
+from ..state._service_context import ServiceContext
 
 # MAV_MODE_PROPERTY
 _NOT_USER_SELECTABLE = 2

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._flight_state import Behaviour, Cause, FlightState, StickPositions
-from .._service import MessageHandler, MessageSender, Stream
-from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
 from ..policies._modes import ModePolicy
 from ..policies._setpoints import SetpointPolicy
-from ..telemetry._texts import FlightEvent
+from ..state._flight_state import Behaviour, Cause, FlightState, StickPositions
+from ..state._service import MessageHandler, MessageSender, Stream
+from ..state._service_context import ServiceContext
+from ..state._texts import FlightEvent
 from ._modes import Modes
 
 # A simulated radio at rest: throttle at its lowest.

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._flight_state import Behaviour, FlightMode
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Refusal
-from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
 from ..guidance._manoeuvres import Land, Takeoff
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
-from ..telemetry._texts import FlightEvent
+from ..state._flight_state import Behaviour, FlightMode
+from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Refusal
+from ..state._service_context import ServiceContext
+from ..state._texts import FlightEvent
 
 # Looked up once, because every step compares with it.
 _TAKEOFF = Behaviour.TAKEOFF

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .._service import Command, CommandHandler, CommandResult
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
-from ..telemetry._texts import CRITICAL, INFO
+from ..state._service import Command, CommandHandler, CommandResult
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL, INFO
 
 # MOTOR_TEST_THROTTLE_TYPE
 _PERCENT, _PWM, _PILOT = 0, 1, 2

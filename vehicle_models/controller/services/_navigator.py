@@ -7,8 +7,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from .._flight_state import Behaviour
-from .._service import (
+from ..guidance._fence_boundary import FenceBoundary
+from ..guidance._guidance import FixedHeading, Guidance, HeadingToPlace
+from ..guidance._manoeuvres import Circle, Hold, Manoeuvre
+from ..links._enums import MAV_CMD
+from ..policies._commands import CommandPolicy
+from ..policies._missions import MissionResult
+from ..policies._modes import ModePolicy
+from ..state._flight_state import Behaviour
+from ..state._service import (
     Command,
     CommandHandler,
     CommandResult,
@@ -18,15 +25,8 @@ from .._service import (
     Stream,
     Values,
 )
-from .._service_context import ServiceContext
-from ..guidance._guidance import FixedHeading, Guidance, HeadingToPlace
-from ..guidance._manoeuvres import Circle, Hold, Manoeuvre
-from ..links._enums import MAV_CMD
-from ..policies._commands import CommandPolicy
-from ..policies._missions import MissionResult
-from ..policies._modes import ModePolicy
-from ..safety._fence_boundary import FenceBoundary
-from ..telemetry._texts import FlightEvent
+from ..state._service_context import ServiceContext
+from ..state._texts import FlightEvent
 from ._modes import Modes
 
 # Towards the centre.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .._service import Command, CommandHandler, CommandResult
-from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..links._signing import Signing
 from ..logs._storage import LogStorage
-from ..missions._store import MissionItem
 from ..policies._commands import CommandPolicy
+from ..state._plan_store import MissionItem
+from ..state._service import Command, CommandHandler, CommandResult
+from ..state._service_context import ServiceContext
 
 # Reboot; reboot and stay in the bootloader, where the autopilot accepts that.
 _REBOOTS = (1.0, 3.0)

@@ -9,15 +9,15 @@ from typing import Any
 
 from bench.contracts import Vector
 
-from .._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
+from ..guidance._fence_boundary import FenceBoundary
 from ..guidance._guidance import Guidance
-from ..guidance._limits import FlightLimits
 from ..guidance._manoeuvres import FollowSetpoints
 from ..policies._setpoints import SetpointPolicy
-from ..safety._fence_boundary import FenceBoundary
-from ..telemetry._texts import CRITICAL
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
+from ..state._texts import CRITICAL
 
 # Bits of POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK.
 _FORCE, _IGNORE_YAW, _IGNORE_YAW_RATE = 0x200, 0x400, 0x800

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
-from .._service_context import ServiceContext
 from ..links._radio import Channel
-from ..parameters._store import REAL32
 from ..policies._identity import IdentityPolicy
+from ..state._parameter_store import REAL32
+from ..state._service import MessageHandler, MessageSender
+from ..state._service_context import ServiceContext
 from ..telemetry._attitude import quaternion
 
 # SERIAL_CONTROL_DEV, SERIAL_CONTROL_FLAG

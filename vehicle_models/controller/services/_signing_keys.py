@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import MessageHandler, MessageSender
 from ..links._signing import Signing
+from ..state._service import MessageHandler, MessageSender
 
 
 class SigningKeys:

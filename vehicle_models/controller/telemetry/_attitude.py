@@ -6,7 +6,7 @@ import math
 
 from bench.contracts import Vector
 
-from .._flight_state import FlightState
+from ..state._flight_state import FlightState
 
 
 def quaternion(flight: FlightState) -> tuple[float, float, float, float]:

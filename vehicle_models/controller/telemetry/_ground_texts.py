@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .._service_context import ServiceContext
 from ..policies._identity import IdentityPolicy
+from ..state._service_context import ServiceContext
 
 # Above the place of the takeoff; up there nothing in the ground disturbs the compass.
 _CLEAR_M = 2.5

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from .._service import Stream, Values
-from .._service_context import ServiceContext
 from ..policies._telemetry import TelemetryPolicy
+from ..state._service import Stream, Values
+from ..state._service_context import ServiceContext
 from ._attitude import AttitudeCache
 from ._units import heading_cdeg, hundredths
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from .._service import Stream, Values
-from .._service_context import ServiceContext
 from ..policies._telemetry import TelemetryPolicy
-from ..safety._battery_monitor import BatteryMonitor
+from ..state._service import Stream, Values
+from ..state._service_context import ServiceContext
+from ._battery_monitor import BatteryMonitor
 from ._units import hundredths
 
 # Chosen, not measured.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from .._service import Stream, Values
-from .._service_context import ServiceContext
+from ..state._service import Stream, Values
+from ..state._service_context import ServiceContext
 
 # 2019-01-01, from which Open Drone ID counts.
 _EPOCH_US = 1_546_300_800_000_000

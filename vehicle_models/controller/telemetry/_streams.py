@@ -9,7 +9,11 @@ from typing import Any
 
 from bench.errors import Fault, SetupError
 
-from .._service import (
+from ..links._enums import MAV_CMD, MAV_DATA_STREAM
+from ..links._frames import KINDS
+from ..links._radio import Channel
+from ..policies._telemetry import TelemetryPolicy
+from ..state._service import (
     ChannelStream,
     Command,
     CommandHandler,
@@ -20,11 +24,7 @@ from .._service import (
     MessageSender,
     Stream,
 )
-from .._service_context import ServiceContext
-from ..links._enums import MAV_CMD, MAV_DATA_STREAM
-from ..links._frames import KINDS
-from ..links._radio import Channel
-from ..policies._telemetry import TelemetryPolicy
+from ..state._service_context import ServiceContext
 
 _NAMES = {kind.id: name for name, kind in KINDS.items()}
 _HEARTBEAT = KINDS["HEARTBEAT"].id

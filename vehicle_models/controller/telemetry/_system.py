@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from .._service import ChannelStream, Stream, Values
-from .._service_context import ServiceContext
 from ..links._radio import Channel
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
 from ..policies._telemetry import TelemetryPolicy
-from ..safety._battery_monitor import BatteryMonitor
+from ..state._service import ChannelStream, Stream, Values
+from ..state._service_context import ServiceContext
+from ._battery_monitor import BatteryMonitor
 from ._units import hundredths
 
 # Of HEARTBEAT; it did not change with MAVLink 2.

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from .._service import Stream, Values
-from .._service_context import ServiceContext
+from ..state._service import Stream, Values
+from ..state._service_context import ServiceContext
 
 # Metres of 1e-7 degree, as ArduPilot has them.
 _METRES_PER_E7 = 0.011131884502145034

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._service import Stream
+from ..state._service import Stream
 
 
 class TruthStream:
