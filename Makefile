@@ -15,7 +15,7 @@ PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
-.PHONY: demo test quick slow clients real mutants check lock lock-check clean
+.PHONY: bench demo test quick slow clients real check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -42,13 +42,13 @@ slow: $(VENV)/.dev
 clients: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/python -m pytest -m clients
 
+# The benchmarks in their short forms, and one table of their figures; about a minute.
+bench: $(VENV)/.dev
+	$(BIN)/python benchmarks/run_all.py
+
 # Flies real autopilots: REBAR_PX4=FOLDER REBAR_ARDUCOPTER=PROGRAM make real. See docs/real-autopilots.md.
 real: $(VENV)/.dev
 	$(BIN)/python -m pytest -m real
-
-# Plants 300 faults, one at a time, and counts how many the tests notice; some forty minutes. See docs/mutants.md.
-mutants: $(VENV)/.mutants
-	$(BIN)/python .ci/mutants.py
 
 check: test
 
@@ -68,10 +68,6 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
 	$(COMPILE_AGENTS)
 	@touch $@ $(VENV)/.run
 
-$(VENV)/.mutants: requirements-mutants.lock $(VENV)/.dev
-	$(BIN)/python -m pip $(PIP_INSTALL) --require-hashes -r requirements-mutants.lock
-	@touch $@
-
 # Clients of other makers, wheels alone: nothing is compiled.
 $(CLIENTS)/.built: requirements-clients.lock | $(VENV)/bin/python
 	$(BIN)/python -m venv --clear $(CLIENTS)
@@ -86,7 +82,6 @@ UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cyc
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
 	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --extra sign --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
-	uv pip compile --group pyproject.toml:mutants --constraint requirements-dev.lock --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-mutants.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 
 # Needs uv. Whether every locked dependency has a wheel for each Python that pyproject.toml names; installs nothing.

@@ -1,6 +1,6 @@
 """CPU milliseconds of a rendered frame on one core, and how many plain warps of the same size that is.
 
-python benchmarks/camera_speed.py [RENDERER]
+python benchmarks/camera_speed.py [RENDERER] [REPEATS]
 
 The scene is a village with about 350 visible faces, seen obliquely from 38 m, in clear light with shadows. A plain warp is
 one `cv2.warpPerspective` of a colour texture to the size of the picture, in the same run: milliseconds depend on the
@@ -30,13 +30,13 @@ REPEATS, FRAMES = 15, 10
 LIMIT_MS = {(640, 480): 12.0, (1280, 720): 30.0}
 
 
-def cpu_ms(work: Callable[[int], object], plain: Callable[[], object]) -> tuple[float, float]:
+def cpu_ms(work: Callable[[int], object], plain: Callable[[], object], repeats: int) -> tuple[float, float]:
     """Least milliseconds of the work over several repeats, and the median of its ratio to plain warps beside each.
 
     What other processes add is no property of the renderer; it comes and goes, so both are timed by turns.
     """
     best, ratios = math.inf, []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         began = time.process_time()
         for _ in range(FRAMES):
             plain()
@@ -56,6 +56,7 @@ def measure(
     truth: str,
     plain: Callable[[], object],
     open_renderer: OpenRenderer,
+    repeats: int,
 ) -> tuple[float, float, int]:
     """Milliseconds of a frame, its ratio to a plain warp, and its visible faces."""
     simspec = simspec_with(VILLAGE[:10], VILLAGE_ROADS)
@@ -84,13 +85,14 @@ def measure(
             frame.picture.depth_m()
         return frame
 
-    return *cpu_ms(capture, plain), capture(0).picture.face_count
+    return *cpu_ms(capture, plain, repeats), capture(0).picture.face_count
 
 
 def main() -> None:
     """Print the table."""
     cv2.setNumThreads(1)
     name = sys.argv[1] if len(sys.argv) > 1 else DEFAULT_RENDERER
+    repeats = int(sys.argv[2]) if len(sys.argv) > 2 else REPEATS
     open_renderer: OpenRenderer = load_plugin("rebar.renderers", name)
     texture = np.random.default_rng(0).integers(0, 255, (2048, 2048, 3), np.uint8)
     oblique = np.array(((0.6, 0.15, 20.0), (0.02, 0.4, 30.0), (1e-5, 2e-4, 1.0)))
@@ -111,8 +113,10 @@ def main() -> None:
                 "",
             ),
         ):
-            ms, ratio, faces = measure(*size, conditions, truth, plain, open_renderer)
-            print(f"  {label:28s} {ms:6.2f} ms {ratio:6.2f} plain warps {faces:5d} faces")
+            ms, ratio, faces = measure(*size, conditions, truth, plain, open_renderer, repeats)
+            print(
+                f"  {size[0]}x{size[1]}, {label:28s} {ms:6.2f} ms {ratio:6.2f} plain warps {faces:5d} faces"
+            )
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ from itertools import product
 
 import numpy as np
 from scipy import stats
+from statsmodels.stats.proportion import proportion_confint
 
 from bench.arrays import Floats
-from bench.statistics import bounded_mean, clopper_pearson, effective_size, wilson
+from bench.statistics import bounded_mean, clopper_pearson, effective_size
 
 CLUSTERS = (5, 10, 24, 100)
 SHARES = (0.5, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -143,7 +144,7 @@ def print_wilson() -> None:
     print("| n | mean | least | at |\n| --- | --- | --- | --- |")
     for n in (10, 14, 30, 100, 215):
         count = np.arange(n + 1)
-        low, high = wilson(count, np.full(n + 1, n))
+        low, high = proportion_confint(count, n, method="wilson")
         # Coverage jumps at the ends of the intervals: its least value is just beside one of them.
         even = (np.arange(20_000) + 0.5) / 20_000
         beside = np.concatenate([low[1:] - 1e-9, high[:-1] + 1e-9])

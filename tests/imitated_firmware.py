@@ -23,10 +23,10 @@ from firmware_stand_in._px4 import fly_px4
 from bench.contracts import LinkSpec, Vector, VehiclePlan
 from bench.documents import validate_document
 from bench.simspec import Gps, SimSpec
+from vehicle_models._aircraft import Aircraft, Plant, SteeredAirframe
 from vehicle_models._battery import BatteryModel
 from vehicle_models._jsbsim import StartPose, VehicleMotion
 from vehicle_models._navigation import Navigation
-from vehicle_models._vehicle import Aircraft, Plant, SteeredAirframe
 from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
 from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
 

@@ -12,6 +12,6 @@ with open_x500(plan) as vehicle:
 
 from __future__ import annotations
 
+from ._aircraft import open_x500 as open_x500
 from ._geodesy import TangentPlane as TangentPlane
-from ._vehicle import open_x500 as open_x500
 from ._wing import open_wing as open_wing

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 from bench.contracts import MavlinkTap, VehiclePlan
 
+from ._aircraft import Aircraft, Plant, SteeredAirframe
 from ._battery import BatteryModel
 from ._jsbsim import StartPose
-from ._vehicle import Aircraft, Plant, SteeredAirframe
 from .controller import WING_AUTOPILOTS, WingManoeuvres, open_links
 from .wing import WingAirframe, WingPlant
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.simspec import SimSpec
 
-from ._vehicle import X500, open_x500
+from ._aircraft import X500, open_x500
 from .controller import AUTOPILOTS, WING_AUTOPILOTS, Autopilot, FlightState, ReferencePoint, open_links
 from .controller.links._enums import MAV_CMD, MAV_FRAME
 from .controller.links._frames import Packer

@@ -8,14 +8,16 @@ import os
 import secrets
 import shutil
 import socket
+import ssl
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import quote, unquote, urlsplit
+from urllib.parse import quote
 
+from bench.brokers import BrokerOptions, parse_broker_url
 from bench.documents import read_text
 from bench.errors import Fault, LinkLost, SetupError
 
@@ -23,7 +25,12 @@ OWN_BROKER = "mosquitto"
 BRIDGE_USER, AGENT_USER = "bridge", "agent"
 # Debian keeps mosquitto where only root's search path looks.
 PROGRAM_PLACES = "/usr/sbin:/usr/local/sbin:/sbin"
-_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_OPTIONS = BrokerOptions(
+    "--broker",
+    "--ca",
+    "service:NAME, mqtt://HOST or mqtts://USER@HOST:8883/PREFIX",
+    "give a file: --password-file",
+)
 # Host seconds in which a broker of one's own listens: it takes 0.01 s on a quiet machine.
 START_S = 10.0
 # Between looking for a free port and binding it, another process may take it.
@@ -49,7 +56,7 @@ class BrokerAddress:
     prefix: str
     bridge: Account
     agent: Account
-    tls: bool = False
+    tls: ssl.SSLContext | None = field(default=None, repr=False)
     authority: Path | None = None
 
     @property
@@ -74,24 +81,11 @@ def broker_address(
     """
     if url.startswith("service:"):
         url = _service_url(url, variables)
-    try:
-        parts = urlsplit(url)
-        port = parts.port or _PORTS.get(parts.scheme, 0)
-    except ValueError as error:
-        raise _fault(url, str(error)) from None
-    if parts.scheme not in _PORTS or not parts.hostname or parts.query or parts.fragment:
-        raise _fault(url, "it is no address of a broker")
-    if parts.password is not None:
-        remedy = "give a file: --password-file"
-        raise SetupError(Fault("--broker", "a password in the command is visible to all users", remedy))
-    if authority is not None and parts.scheme != "mqtts":
-        raise SetupError(Fault("--ca", "mqtt:// has no TLS", "use mqtts://, or leave --ca out"))
+    parts = parse_broker_url(url, authority, _OPTIONS)
     password = _read_password(account_file) if account_file is not None else ""
-    account = Account(unquote(parts.username or ""), password)
-    prefix = unquote(parts.path).strip("/") or f"rebar/{secrets.token_hex(8)}"
-    if any(mark in prefix for mark in "+#\0$"):
-        raise _fault(url, f"{prefix!r} is no prefix of topics")
-    return BrokerAddress(parts.hostname, port, prefix, account, account, parts.scheme == "mqtts", authority)
+    account = Account(parts.user, password)
+    prefix = parts.prefix or f"rebar/{secrets.token_hex(8)}"
+    return BrokerAddress(parts.host, parts.port, prefix, account, account, parts.tls, authority)
 
 
 def _service_url(url: str, variables: Mapping[str, str]) -> str:
@@ -110,16 +104,6 @@ def _read_password(path: Path) -> str:
     except SetupError as error:
         remedy = "write the password into its first line, and name the file under `read` of the manifest"
         raise SetupError([Fault(fault.where, fault.what, remedy) for fault in error.faults]) from None
-
-
-def _fault(url: str, what: str) -> SetupError:
-    return SetupError(
-        Fault(
-            "--broker",
-            f"{url!r}: {what}",
-            "write service:NAME, mqtt://HOST or mqtts://USER@HOST:8883/PREFIX; an IPv6 address stands in brackets",
-        )
-    )
 
 
 @contextmanager

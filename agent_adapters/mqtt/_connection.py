@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import ssl
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -13,8 +12,7 @@ from typing import Any, NamedTuple
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
-from bench.documents import open_file
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import LinkLost
 
 from ._broker import BrokerAddress
 
@@ -53,8 +51,8 @@ class BrokerConnection:
         self._client.on_socket_open = _send_at_once
         if address.bridge.user:
             self._client.username_pw_set(address.bridge.user, address.bridge.password)
-        if address.tls:
-            self._client.tls_set_context(_tls_context(address))
+        if address.tls is not None:
+            self._client.tls_set_context(address.tls)
         self._client.reconnect_delay_set(1, 2)
 
     def connect(self, host: str, port: int) -> None:
@@ -140,21 +138,6 @@ def _send_at_once(_: paho.Client, __: Any, opened: Any) -> None:
     # Nagle's algorithm with delayed acknowledgements costs 40 ms a message.
     if isinstance(opened, socket.socket):
         opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def _tls_context(address: BrokerAddress) -> ssl.SSLContext:
-    if address.authority is not None:
-        # First: OpenSSL would wait at a pipe.
-        open_file(address.authority).close()
-    try:
-        return ssl.create_default_context(
-            cafile=None if address.authority is None else str(address.authority)
-        )
-    except (OSError, ssl.SSLError) as error:
-        where = str(address.authority)
-        raise SetupError(
-            Fault(where, f"cannot be read as certificates: {error}", "give a PEM file")
-        ) from None
 
 
 @contextmanager

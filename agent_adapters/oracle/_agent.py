@@ -9,7 +9,7 @@ from agent_adapters.client import AgentEnvironment, open_bench
 from ..reference._agent import LINK, Agent, AgentParts, wanted
 from ..reference._log import Publish
 from ..reference._settings import Settings
-from ..reference.flight._vehicle import PilotedVehicle, Sender
+from ..reference.flight._piloted_vehicle import PilotedVehicle, Sender
 from ..reference.perception._pose import PoseHistory
 from ._log import OracleLog
 from ._mission import SECOND_SIDE_DEG, OracleMission

@@ -18,7 +18,7 @@ from ..reference._watch import Watch
 from ..reference.flight._limits import HEIGHT_RULE_MARGIN_M
 from ..reference.flight._paths import Place, bearing_rad, length_m
 from ..reference.flight._pilot import Pilot
-from ..reference.flight._vehicle import PilotedVehicle
+from ..reference.flight._piloted_vehicle import PilotedVehicle
 from ..reference.mission._findings import Findings
 from ..reference.mission._mission import SEARCH_S, SearchMission
 from ..reference.mission._planner import SearchTask

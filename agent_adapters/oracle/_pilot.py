@@ -16,8 +16,8 @@ from ..reference.flight._caution import Caution
 from ..reference.flight._control import TurnBack
 from ..reference.flight._paths import Place, Walk, ring
 from ..reference.flight._pilot import OVER_HOME_M, SLOW_MPS, Pilot, never
+from ..reference.flight._piloted_vehicle import PositionSetpoint
 from ..reference.flight._reserve import ROUTE_AGE_S, Reserve
-from ..reference.flight._vehicle import PositionSetpoint
 from ..reference.mission._planner import Planner
 from ..reference.perception._tracks import Track
 from ._caution import OracleCaution

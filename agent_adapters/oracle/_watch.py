@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..reference._log import Log
 from ..reference._watch import Watch
-from ..reference.flight._vehicle import PilotedVehicle
+from ..reference.flight._piloted_vehicle import PilotedVehicle
 from ._log import SilentLog
 from ._perception import TruthPerception
 from ._truth import Truth

@@ -21,7 +21,7 @@ from bench.values import value_class
 from ._log import Log, Publish
 from ._settings import Eyes, PolicyName, Settings
 from ._watch import Watch
-from .flight._vehicle import PilotedVehicle, Sender
+from .flight._piloted_vehicle import PilotedVehicle, Sender
 from .mission._mission import SearchMission
 from .perception._perception import ObjectPerception
 from .perception._pose import PoseHistory

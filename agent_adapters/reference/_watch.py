@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from ._log import Log
-from .flight._vehicle import PilotedVehicle
+from .flight._piloted_vehicle import PilotedVehicle
 from .perception._perception import ObjectPerception
 
 # Several frames at the rates that cameras have: one late frame is not blindness. Chosen, not measured.

@@ -5,6 +5,7 @@ Only the air network crosses from here to an agent.
 
 from __future__ import annotations
 
+from ._manifest import installed_agents as installed_agents
 from ._manifest import load_manifest as load_manifest
 from ._process import LocalProcess as LocalProcess
 from ._process import open_agent as open_agent

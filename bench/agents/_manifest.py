@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
-from bench.contracts import AgentManifest, load_plugin
+from bench.contracts import AgentManifest, AgentRole, load_plugin, plugins
 from bench.documents import load_document
 from bench.errors import Fault, SetupError
 from bench.simspec import agent_name, is_manifest_file
@@ -22,6 +24,20 @@ def load_manifest(name_or_path: str | Path, *, relative_to: Path | None = None) 
     path = (relative_to or Path.cwd()) / (Path(text) if is_manifest_file(text) else _path_of_plugin(text))
     manifest = load_document(path, AgentManifest)
     return manifest.model_copy(update={"name": agent_name(text)}), path.resolve().parent
+
+
+@cache
+def installed_agents(role: AgentRole) -> tuple[str, ...]:
+    """Names of the installed agents with this role in their manifest, in alphabetical order.
+
+    A manifest that cannot be read has none: whoever names its agent is told why.
+    """
+    names = []
+    for name in sorted(plugins("rebar.agents")):
+        with suppress(SetupError):
+            if load_manifest(name)[0].role == role:
+                names.append(name)
+    return tuple(names)
 
 
 def _path_of_plugin(name: str) -> Path:

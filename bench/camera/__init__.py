@@ -17,6 +17,7 @@ from ._camera import actors_in as actors_in
 from ._camera import open_camera as open_camera
 from ._camera import pose_of as pose_of
 from ._camera import stage_of as stage_of
+from ._canvas import Canvas as Canvas
 from ._conditions import Conditions as Conditions
 from ._conditions import Exposure as Exposure
 from ._conditions import conditions_of as conditions_of
@@ -36,3 +37,7 @@ from ._looks import look_of as look_of
 from ._looks import look_tables as look_tables
 from ._renderer import open_opencv_renderer as open_opencv_renderer
 from ._sensor import FrameState as FrameState
+from ._view import NEAR_M as NEAR_M
+from ._view import actor_axes as actor_axes
+from ._view import in_view as in_view
+from ._view import reach_m as reach_m

@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from .execution._executor import Executor as Executor
     from .execution._executor import OnStart as OnStart
     from .execution._executor import OpenExecutor as OpenExecutor
-    from .execution._host_clock import HostClock as HostClock
     from .execution._pool import open_local_pool as open_local_pool
+    from .execution._run_clock import HostClock as HostClock
     from .execution._single_flight import fly_realization as fly_realization
     from .execution._task import BenchBroken as BenchBroken
     from .execution._task import Job as Job
@@ -63,7 +63,6 @@ if TYPE_CHECKING:
     from .execution._task import WorkerPlan as WorkerPlan
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
-    from .planning._before_takeoff import takeoff_faults as takeoff_faults
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
     from .planning._evidence_check import check_run as check_run
@@ -76,6 +75,7 @@ if TYPE_CHECKING:
     from .planning._realizations import realizations as realizations
     from .planning._realizations import situation_tensions as situation_tensions
     from .planning._scenes import write_scenes as write_scenes
+    from .planning._takeoff_faults import takeoff_faults as takeoff_faults
     from .results._finish import CampaignRuns as CampaignRuns
     from .results._finish import FinishedCampaign as FinishedCampaign
     from .results._finish import campaign_completeness as campaign_completeness
@@ -140,7 +140,7 @@ _MODULES = {
     "Finish": "_runner",
     "FinishedCampaign": "results._finish",
     "FloorPlan": "_document",
-    "HostClock": "execution._host_clock",
+    "HostClock": "execution._run_clock",
     "Job": "execution._task",
     "Journal": "storage._journal",
     "JournalEntry": "storage._journal",
@@ -209,7 +209,7 @@ _MODULES = {
     "store_faults": "storage._elsewhere",
     "sign_manifest": "storage._signature",
     "situation_tensions": "planning._realizations",
-    "takeoff_faults": "planning._before_takeoff",
+    "takeoff_faults": "planning._takeoff_faults",
     "verify_folder": "planning._evidence_check",
     "versions": "_versions",
     "with_floor": "_document",

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from bench.agents import installed_agents
 from bench.documents import Document, is_default, load_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import BASE, Bases, Design, DesignFactor, with_number_levels
@@ -67,22 +68,12 @@ class Stopping(Document):
     ] = "design_point"
 
 
-NULL_AGENTS = (
-    "null-idle",
-    "null-orders",
-    "null-land",
-    "null-hover",
-    "null-repeat",
-    "null-repeat-hover",
-    "null-repeat-detailed",
-    "null-repeat-hover-detailed",
-    "null-announce",
-    "null-everywhere",
-    "null-mark",
-    "null-random",
-    "null-refuse",
-)
-"""The shipped null agents, by the names of their entry points."""
+def _floor_agents() -> tuple[AgentSpec, ...]:
+    return tuple(AgentSpec(manifest=name) for name in installed_agents("floor"))
+
+
+def _ceiling_agent() -> AgentSpec | None:
+    return next((AgentSpec(manifest=name) for name in installed_agents("ceiling")), None)
 
 
 class FloorPlan(Document):
@@ -92,11 +83,18 @@ class FloorPlan(Document):
     """
 
     agents: Annotated[
-        tuple[AgentSpec, ...], Field(min_length=1, description="The null agents; the shipped ones if absent.")
-    ] = tuple(AgentSpec(manifest=name) for name in NULL_AGENTS)
+        tuple[AgentSpec, ...],
+        Field(
+            min_length=1,
+            description="The null agents; if absent, all installed ones whose manifest has the role floor.",
+        ),
+    ] = Field(default_factory=_floor_agents)
     oracle: Annotated[
-        AgentSpec | None, Field(description="The agent that is given the truth; null for none.")
-    ] = AgentSpec(manifest="oracle")
+        AgentSpec | None,
+        Field(
+            description="The agent that is given the truth, null for none; if absent, the first installed one whose manifest has the role ceiling."
+        ),
+    ] = Field(default_factory=_ceiling_agent)
     share: Annotated[
         float, Field(gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed.")
     ] = 0.1
@@ -209,7 +207,7 @@ class Campaign(Document):
     floor: Annotated[
         FloorPlan | None,
         Field(
-            description="Fly null agents and an oracle on a share of the scenes; true for the shipped ones."
+            description="Fly null agents and an oracle on a share of the scenes; true for the installed ones."
         ),
     ] = None
     pace: Annotated[
@@ -362,7 +360,7 @@ def _sets_base(factor: object) -> bool:
 
 
 def with_floor(campaign: Campaign) -> Campaign:
-    """The campaign with the shipped null agents and the oracle beside its agents, if it names no others.
+    """The campaign with the installed null agents and the oracle beside its agents, if it names no others.
 
     Raises SetupError if one of them is an agent under test, or no session is flown.
     """

@@ -23,10 +23,10 @@ from .early_stopping._early_stopping import EarlyStopping
 from .execution._blocking import blocking, first_error_alone
 from .execution._dispatcher import Deadline, Dispatcher, StartGate, no_gate
 from .execution._executor import OpenExecutor
-from .execution._host_clock import HostClock, MonotonicClock
 from .execution._pool import open_local_pool
 from .execution._retention import Retention
 from .execution._retries import Retries
+from .execution._run_clock import HostClock, MonotonicClock
 from .execution._stop_request import open_stop_request
 from .execution._suspects import SuspectWatch, no_memory_kills, scenes_of, watch_for_agents
 from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
@@ -252,7 +252,7 @@ def _takeoff_check(campaign: Campaign, job: str) -> CheckTakeoff:
     if campaign.fidelity == OVERHEAD or job != FLIGHT_JOB:
         return lambda simspecs: []
     # Imported here: it brings the simulator along, and a finished campaign does without.
-    from .planning._before_takeoff import takeoff_faults
+    from .planning._takeoff_faults import takeoff_faults
 
     return takeoff_faults
 

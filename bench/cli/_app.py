@@ -19,7 +19,6 @@ from . import (
     _camera,
     _compare,
     _decomposition,
-    _evidence,
     _examples,
     _export,
     _fit_detector,
@@ -34,6 +33,7 @@ from . import (
     _scores,
     _sessions,
     _status,
+    _verification,
 )
 from . import _campaigns as _campaigns
 from ._fault_paths import path_fault
@@ -74,7 +74,7 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _evidence, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
+    *(_campaigns, _verification, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
     *(
         _camera,
         _graph,

@@ -14,7 +14,7 @@ import typer
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.simspec import MAX_LATITUDE_DEG
+from bench.simspec import DEFAULT_VEHICLE, MAX_LATITUDE_DEG
 
 if TYPE_CHECKING:
     from bench.simspec import BoardAutopilot
@@ -36,7 +36,7 @@ def fly(
     autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
     vehicle: Annotated[
         str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")
-    ] = "x500",
+    ] = DEFAULT_VEHICLE,
     mavlink: Annotated[
         list[str] | None,
         typer.Option(

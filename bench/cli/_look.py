@@ -1,10 +1,10 @@
-"""Commands about documents: schema and difficulty, and the commands that are planned."""
+"""Commands about documents: schema and difficulty."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
     from decompositions import Decomposition
 
-PLANNED_EXIT_CODE = 2
 RULED_BY = "Ruled by"
 
 
@@ -27,7 +26,6 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
     app.command()(schema)
     app.command()(difficulty)
-    app.command(name="view", help="Watch a campaign while it runs. (planned)")(_planned("view"))
 
 
 def schema(
@@ -261,12 +259,3 @@ def _span_text(change: FactorChange) -> str:
         return f"impossible: its tables end at {change.most:g}"
     unit = "" if change.unit == "1" else f" {change.unit}"
     return f"{change.value:g} -> {f'{change.harder} than ' if change.past else ''}{change.to:.6g}{unit}"
-
-
-def _planned(name: str) -> Callable[[], None]:
-    # Registered although it does nothing: --help shows what is planned, and a script gets a clear answer.
-    def command() -> None:
-        print(f"rebar {name} is planned and not available yet; docs/scope.md says what is available.")
-        raise typer.Exit(PLANNED_EXIT_CODE)
-
-    return command

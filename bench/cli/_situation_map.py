@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bench.polygons import is_inside
+
 if TYPE_CHECKING:
     from bench.simspec import SimSpec
 
@@ -82,9 +84,9 @@ def situation_text(drawing: SituationMap, columns: int = TEXT_COLUMNS) -> Iterat
     for row in range(rows):
         for column in range(columns):
             middle = (west + (column + 0.5) * metres, north - (row + 0.5) * metres * CHARACTER_ASPECT)
-            if any(_is_inside(middle, corners) for _, corners in drawing.no_fly):
+            if any(is_inside(middle, corners) for _, corners in drawing.no_fly):
                 grid[row][column] = "x"
-            elif _is_inside(middle, drawing.area):
+            elif is_inside(middle, drawing.area):
                 grid[row][column] = "."
     for road in drawing.roads:
         for place in _along(road, metres):
@@ -141,15 +143,6 @@ def _letters(groups: dict[str, None]) -> dict[str, str]:
         )
         letters[group] = next((letter for letter in candidates if letter not in letters.values()), "?")
     return letters
-
-
-def _is_inside(place: Place, corners: Sequence[Place]) -> bool:
-    """Whether a ray to the east crosses the outline an odd number of times."""
-    inside = False
-    for (x1, y1), (x2, y2) in zip(corners, [*corners[1:], corners[0]], strict=True):
-        if (y1 > place[1]) != (y2 > place[1]) and place[0] < x1 + (place[1] - y1) / (y2 - y1) * (x2 - x1):
-            inside = not inside
-    return inside
 
 
 def _along(road: Sequence[Place], step_m: float) -> Iterator[Place]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ._agent import AgentManifest as AgentManifest
     from ._agent import AgentPlan as AgentPlan
     from ._agent import AgentProcess as AgentProcess
+    from ._agent import AgentRole as AgentRole
     from ._agent import AgentUsage as AgentUsage
     from ._agent import HasProcessRoot as HasProcessRoot
     from ._agent import MavlinkNeed as MavlinkNeed
@@ -184,6 +185,7 @@ _MODULES = {
     "AgentEndpoints": "_agent",
     "AgentLimits": "_agent",
     "AgentManifest": "_agent",
+    "AgentRole": "_agent",
     "AgentPlan": "_agent",
     "AgentProcess": "_agent",
     "AgentUsage": "_agent",

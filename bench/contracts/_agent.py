@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
 
 from ._truth_documents import TruthDocument
@@ -49,6 +49,9 @@ class AgentLimits(Document):
     )
 
 
+AgentRole = Literal["tested", "floor", "ceiling"]
+
+
 class AgentManifest(Document):
     """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group
     `rebar.agents`.
@@ -80,6 +83,13 @@ class AgentManifest(Document):
             description="The agent is given the truth: an oracle, which shows what can be reached, and never a result."
         ),
     ] = False
+    role: Annotated[
+        AgentRole,
+        Field(
+            description="What its results stand for: an agent under test, what needs no merit (floor), or what can be reached (ceiling).",
+            exclude_if=is_default("tested"),
+        ),
+    ] = "tested"
     isolation: Annotated[
         Isolation,
         Field(description="How the agent is confined; auto is the strongest that works here."),

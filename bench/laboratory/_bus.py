@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import aiomqtt
 
+from bench.brokers import check_topic
 from bench.campaign import (
     CampaignEvent,
     CampaignPaused,
@@ -26,7 +27,7 @@ from bench.campaign import (
 )
 from bench.visible_text import visible
 
-from ._broker import Broker, check_topic
+from ._broker import Broker
 from ._documents import CampaignMessage, CampaignStatus, StandMessage, State, message_of
 
 MAX_WAITING_MESSAGES = 10_000

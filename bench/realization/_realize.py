@@ -137,7 +137,7 @@ def _plan(
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
     if not agents:
         raise SetupError(
-            Fault("agents", "no agent is given", "add at least one, for example manifest: reference-naive")
+            Fault("agents", "no agent is given", "add at least one, for example manifest: my_agent.yaml")
         )
     # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]

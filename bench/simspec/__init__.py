@@ -89,17 +89,18 @@ if TYPE_CHECKING:
     from ._sun import sun_at as sun_at
     from ._sun import sun_of as sun_of
     from ._time_window import TimeWindow as TimeWindow
-    from ._vehicle import DEFAULT_BAUD as DEFAULT_BAUD
-    from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
-    from ._vehicle import Battery as Battery
-    from ._vehicle import BoardAutopilot as BoardAutopilot
-    from ._vehicle import Camera as Camera
-    from ._vehicle import Distortion as Distortion
-    from ._vehicle import Failure as Failure
-    from ._vehicle import Gps as Gps
-    from ._vehicle import OutsideLink as OutsideLink
-    from ._vehicle import RealAutopilot as RealAutopilot
-    from ._vehicle import VehicleSpec as VehicleSpec
+    from ._vehicle_spec import DEFAULT_BAUD as DEFAULT_BAUD
+    from ._vehicle_spec import DEFAULT_RENDERER as DEFAULT_RENDERER
+    from ._vehicle_spec import DEFAULT_VEHICLE as DEFAULT_VEHICLE
+    from ._vehicle_spec import Battery as Battery
+    from ._vehicle_spec import BoardAutopilot as BoardAutopilot
+    from ._vehicle_spec import Camera as Camera
+    from ._vehicle_spec import Distortion as Distortion
+    from ._vehicle_spec import Failure as Failure
+    from ._vehicle_spec import Gps as Gps
+    from ._vehicle_spec import OutsideLink as OutsideLink
+    from ._vehicle_spec import RealAutopilot as RealAutopilot
+    from ._vehicle_spec import VehicleSpec as VehicleSpec
     from ._weather import Environment as Environment
     from ._weather import Wind as Wind
 
@@ -181,17 +182,18 @@ _MODULES = {
     "sun_at": "_sun",
     "sun_of": "_sun",
     "TimeWindow": "_time_window",
-    "DEFAULT_RENDERER": "_vehicle",
-    "Battery": "_vehicle",
-    "Camera": "_vehicle",
-    "Distortion": "_vehicle",
-    "Failure": "_vehicle",
-    "Gps": "_vehicle",
-    "OutsideLink": "_vehicle",
-    "RealAutopilot": "_vehicle",
-    "BoardAutopilot": "_vehicle",
-    "VehicleSpec": "_vehicle",
-    "DEFAULT_BAUD": "_vehicle",
+    "DEFAULT_RENDERER": "_vehicle_spec",
+    "DEFAULT_VEHICLE": "_vehicle_spec",
+    "Battery": "_vehicle_spec",
+    "Camera": "_vehicle_spec",
+    "Distortion": "_vehicle_spec",
+    "Failure": "_vehicle_spec",
+    "Gps": "_vehicle_spec",
+    "OutsideLink": "_vehicle_spec",
+    "RealAutopilot": "_vehicle_spec",
+    "BoardAutopilot": "_vehicle_spec",
+    "VehicleSpec": "_vehicle_spec",
+    "DEFAULT_BAUD": "_vehicle_spec",
     "Environment": "_weather",
     "Wind": "_weather",
 }

@@ -32,7 +32,7 @@ from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
 from ._services import OutsideAir, OutsideService, raise_clashes
-from ._vehicle import Camera, VehicleSpec
+from ._vehicle_spec import Camera, VehicleSpec
 from ._weather import Environment
 
 
@@ -171,6 +171,9 @@ def is_manifest_file(manifest: str) -> bool:
 Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
 
 
+DEFAULT_AGENT = "reference-naive"
+
+
 class AgentSpec(Document):
     """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its
     options.
@@ -181,7 +184,7 @@ class AgentSpec(Document):
         Field(
             description="Name of an entry point, or path of a manifest relative to the file that names it."
         ),
-    ] = "reference-naive"
+    ] = DEFAULT_AGENT
     options: dict[str, str | float | int | bool] = {}
     isolation: Annotated[
         Isolation | None,

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from bench.documents import Document, is_default
+from bench.polygons import is_inside
 
 from ._quantities import Identifier, Metres
 
@@ -36,14 +37,9 @@ class Polygon(Document):
         return abs(twice) / 2.0
 
     def contains(self, point: Point) -> bool:
-        """Whether `point` is inside (even-odd rule). A point on the edge may count either way."""
-        inside = False
-        for a, b in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
-            # The two corners differ in their north here, so the division below is safe.
-            if (a.north_m > point.north_m) != (b.north_m > point.north_m):
-                share = (point.north_m - a.north_m) / (b.north_m - a.north_m)
-                inside ^= point.east_m < a.east_m + share * (b.east_m - a.east_m)
-        return inside
+        """Whether `point` is inside. A point on the edge may count either way."""
+        corners = [(corner.east_m, corner.north_m) for corner in self.corners]
+        return is_inside((point.east_m, point.north_m), corners)
 
     @model_validator(mode="after")
     def _encloses_an_area(self) -> Self:

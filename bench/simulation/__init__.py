@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from ._before_takeoff import camera_faults as camera_faults
-from ._before_takeoff import renderer_faults as renderer_faults
-from ._before_takeoff import session_faults as session_faults
 from ._camera import CameraNumbers as CameraNumbers
 from ._camera import PinholeCamera as PinholeCamera
 from ._forfeit import open_forfeit as open_forfeit
@@ -18,6 +15,9 @@ from ._session import SessionEnd as SessionEnd
 from ._session import SessionPlan as SessionPlan
 from ._session import open_session as open_session
 from ._session import run_session as run_session
+from ._session_faults import camera_faults as camera_faults
+from ._session_faults import renderer_faults as renderer_faults
+from ._session_faults import session_faults as session_faults
 from ._standalone import DEFAULT_HOME as DEFAULT_HOME
 from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
 from ._standalone import fly as fly

@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.polygons import is_inside
 from bench.simspec import Motion, Polygon
 
 from ._box_intersection import crosses_rectangle
@@ -136,13 +137,8 @@ class ReachableGround:
         return drawn
 
     def inside(self, place: Place) -> bool:
-        """Even-odd rule: a ray to the east crosses the border an odd number of times. True where nothing binds."""
-        east, north = place
-        inside = not self.edges
-        for e0, n0, e1, n1 in self.edges:
-            if (n0 > north) != (n1 > north) and east < e0 + (north - n0) / (n1 - n0) * (e1 - e0):
-                inside = not inside
-        return inside
+        """Whether a place is in the area; true where nothing binds."""
+        return not self.edges or is_inside(place, [edge[:2] for edge in self.edges])
 
     def _meets(self, start: Place, end: Place, solid: Solid) -> bool:
         *_, half_along_m, half_across_m = solid

@@ -60,7 +60,6 @@ from bench.simspec import SimSpec
 from ._agent_input import AgentInput
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
-from ._before_takeoff import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
 from ._further_cameras import FurtherCameras, scene_faults
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_cores import usable_cores
@@ -71,7 +70,8 @@ from ._outside_links import outside_links, recorded_links
 from ._pictures import camera_pictures
 from ._ports import reserved_udp_port
 from ._progress_updates import ProgressUpdates
-from ._services import Services, open_services
+from ._service_relays import Services, open_services
+from ._session_faults import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
 from ._step_timing import StepClock, judged
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server

@@ -22,7 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
-from bench.simspec import BoardAutopilot, SimSpec
+from bench.simspec import DEFAULT_VEHICLE, BoardAutopilot, SimSpec
 
 from ._parameter_file import HasParameters, ParameterFile
 from ._step_timing import StepClock
@@ -54,7 +54,7 @@ def run_standalone(
     stop: threading.Event | None = None,
     say: Callable[[str], None] | None = None,
     parameter_file: Path | None = None,
-    model: str = "x500",
+    model: str = DEFAULT_VEHICLE,
     camera: bool = False,
     firmware: str = "",
     board: BoardAutopilot | None = None,
@@ -138,7 +138,7 @@ def standalone_simspec(
     autopilot: str,
     home: tuple[float, float, float, float],
     parameters: Mapping[str, float],
-    model: str = "x500",
+    model: str = DEFAULT_VEHICLE,
     camera: bool = False,
     firmware: str = "",
     board: BoardAutopilot | None = None,

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from ._intervals import bounded_mean as bounded_mean
     from ._intervals import clopper_pearson as clopper_pearson
     from ._intervals import effective_size as effective_size
-    from ._intervals import wilson as wilson
     from ._power import mcnemar_power as mcnemar_power
     from ._power import pairs_for_difference as pairs_for_difference
     from ._power import runs_for_claim as runs_for_claim
@@ -95,7 +94,6 @@ _MODULES = {
     "bounded_mean": "_intervals",
     "clopper_pearson": "_intervals",
     "effective_size": "_intervals",
-    "wilson": "_intervals",
     "mcnemar_power": "_power",
     "pairs_for_difference": "_power",
     "runs_for_claim": "_power",

@@ -2,9 +2,8 @@
 competence.
 
 As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood,
-which stays finite where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum
-likelihood estimates", Biometrika 80(1), 27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine
-21(16), 2409-2419. Its 50 % point rises when easy runs fail, so it is never used as the number
+which stays finite where passes and failures are separated: Heinze, G. and Schemper, M. (2002), Statistics in
+Medicine 21(16), 2409-2419. Its 50 % point rises when easy runs fail, so it is never used as the number
 (docs/rulings.md 17).
 """
 
@@ -20,17 +19,13 @@ from scipy import stats
 
 from bench.arrays import Floats
 
+from ._firth import DistinctRows, maximize, probability
 from ._intervals import CONFIDENCE_LEVEL
 
 # With fewer runs no curve is drawn. Chosen, not measured.
 MIN_RUNS = 10
 
 _GRID_POINTS = 101
-_MAX_ROUNDS = 100
-
-# The largest step of a coefficient in one round, on the logit scale of standardised difficulty: longer ones
-# overshoot.
-_MAX_STEP = 5.0
 
 
 class CurveState(StrEnum):
@@ -87,7 +82,7 @@ def difficulty_response(
         return Curve(state, hard.size, empty, empty, empty, empty, None)
     middle, scale = float(hard.mean()), float(hard.std())
     design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
-    beta = _fit(design, ok)
+    beta, _ = maximize(DistinctRows.of(ok, design), np.zeros(2), np.ones(2, dtype=bool))
     spread = np.linalg.inv(_information(design, beta)) * _dispersion(design, ok, beta, design_points)
     grid = np.linspace(hard.min(), hard.max(), _GRID_POINTS)
     rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
@@ -95,8 +90,8 @@ def difficulty_response(
     half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(
         np.einsum("ij,jk,ik->i", rows, spread, rows)
     )
-    ends = (_logistic(logit - half_width), _logistic(logit + half_width))
-    return Curve(state, hard.size, grid, _logistic(logit), *ends, _even_chance(beta, middle, scale, grid))
+    ends = (probability(logit - half_width), probability(logit + half_width))
+    return Curve(state, hard.size, grid, probability(logit), *ends, _even_chance(beta, middle, scale, grid))
 
 
 def _state(hard: Floats, ok: Floats) -> CurveState:
@@ -112,33 +107,8 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
     return CurveState.FITTED
 
 
-def _fit(design: Floats, ok: Floats) -> Floats:
-    """The coefficients of the highest penalised likelihood, by Fisher scoring with step halving."""
-    beta: Floats = np.zeros(design.shape[1])
-    for _ in range(_MAX_ROUNDS):
-        inverse = np.linalg.inv(_information(design, beta))
-        chance = _logistic(design @ beta)
-        leverage = chance * (1.0 - chance) * np.einsum("ij,jk,ik->i", design, inverse, design)
-        step = inverse @ (design.T @ (ok - chance + leverage * (0.5 - chance)))
-        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
-        before = _likelihood(design, ok, beta)
-        while _likelihood(design, ok, beta + step) < before - 1e-12 and np.abs(step).max() > 1e-10:
-            step = step / 2.0
-        beta = np.asarray(beta + step, dtype=np.float64)
-        if np.abs(step).max() < 1e-9:
-            return beta
-    return beta
-
-
-def _likelihood(design: Floats, ok: Floats, beta: Floats) -> float:
-    """Logarithm of the likelihood and of Firth's penalty."""
-    logit = design @ beta
-    penalty = 0.5 * float(np.linalg.slogdet(_information(design, beta))[1])
-    return float(np.sum(ok * logit - np.logaddexp(0.0, logit))) + penalty
-
-
 def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
-    chance = _logistic(design @ beta)
+    chance = probability(design @ beta)
     return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design, dtype=np.float64)
 
 
@@ -152,15 +122,11 @@ def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequenc
     free = int(point.max()) + 1 - design.shape[1]
     if free < 1:
         return 1.0
-    chance = _logistic(design @ beta)
+    chance = probability(design @ beta)
     excess = np.bincount(point, weights=ok - chance)
     expected = np.bincount(point, weights=chance * (1.0 - chance))
     scatter = float(np.sum(excess**2 / expected)) / free
     return scatter if scatter > 1.0 else 1.0
-
-
-def _logistic(logit: Floats) -> Floats:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(logit, -500.0, 500.0))), dtype=np.float64)
 
 
 def _even_chance(beta: Floats, middle: float, scale: float, grid: Floats) -> float | None:

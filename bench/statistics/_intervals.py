@@ -2,7 +2,7 @@
 (docs/rulings.md 18).
 
 Clopper, C. J. and Pearson, E. S. (1934), "The use of confidence or fiducial limits illustrated in the case of
-the binomial", Biometrika 26(4), 404-413. Wilson, E. B. (1927), JASA 22(158), 209-212. Korn, E. L. and
+the binomial", Biometrika 26(4), 404-413. Korn, E. L. and
 Graubard, B. I. (1998), "Confidence intervals for proportions with small expected number of positive counts
 estimated from survey data", Survey Methodology 24(2), 193-201. Gaffke, N. (2005), "Three test statistics for
 a nonparametric one-sided hypothesis on the mean of a nonnegative variable", Mathematical Methods of
@@ -46,20 +46,6 @@ def clopper_pearson(
         1.0,
     )
     return np.where(n > 0.0, low, 0.0), np.where(n > 0.0, high, 1.0)
-
-
-def wilson(passed: ArrayLike, tried: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Score interval for `passed` of `tried`; shorter than the exact one, and with the right coverage on
-    average only.
-    """
-    k, n = np.asarray(passed, dtype=np.float64), np.asarray(tried, dtype=np.float64)
-    z = float(stats.norm.ppf(1.0 - (1.0 - level) / 2.0))
-    count = np.where(n > 0.0, n, 1.0)
-    share = k / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    low, high = np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
-    return np.where((n > 0) & (k > 0), low, 0.0), np.where((n > 0) & (k < n), high, 1.0)
 
 
 def effective_size(

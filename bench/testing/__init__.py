@@ -9,5 +9,5 @@ from __future__ import annotations
 
 from ._manifest import BEHAVIOURS as BEHAVIOURS
 from ._manifest import agent_manifest as agent_manifest
-from ._vehicle import StillVehicle as StillVehicle
-from ._vehicle import open_still_vehicle as open_still_vehicle
+from ._still_vehicle import StillVehicle as StillVehicle
+from ._still_vehicle import open_still_vehicle as open_still_vehicle

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Floats
+from bench.polygons import are_inside
 from bench.simspec import Point
 
 
@@ -22,15 +23,4 @@ def distance_beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
     offset = places_m[:, None] - starts[None]
     share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
     distance: Floats = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
-    return np.where(_inside(places_m, starts, ends), -distance, distance)
-
-
-def _inside(places_m: Floats, starts: Floats, ends: Floats) -> Bools:
-    """(n,) whether places lie inside: a ray to the east crosses an odd number of edges."""
-    north = places_m[:, None, 1]
-    crosses = (starts[None, :, 1] > north) != (ends[None, :, 1] > north)
-    # An edge that runs due east never crosses the ray, so its divisor may be anything but 0.
-    rise = np.where(ends[:, 1] == starts[:, 1], 1.0, ends[:, 1] - starts[:, 1])
-    at_east = starts[:, 0] + (north - starts[None, :, 1]) * (ends[:, 0] - starts[:, 0]) / rise
-    inside: Bools = (crosses & (places_m[:, None, 0] < at_east)).sum(axis=1) % 2 == 1
-    return inside
+    return np.where(are_inside(places_m, starts), -distance, distance)

@@ -1,4 +1,4 @@
-"""Each cheat that ships with the package, in a session: it gains nothing, harms nobody, leaves nothing, has its outcome."""
+"""Each cheat, in a session: it gains nothing, harms nobody, leaves nothing, has its outcome."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from pathlib import Path
 
 import pytest
 from anyio.from_thread import start_blocking_portal
+from cheats import _resources
+from cheats._catalogue import CHEATS
 
-from agent_adapters.cheats import _resources
-from agent_adapters.cheats._catalogue import CHEATS
-from agent_adapters.cheats.manifests import FOLDER
 from bench.agents import load_manifest
 from bench.agents.confinement import rungs
 from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open_local_pool
@@ -43,7 +42,7 @@ from bench.simspec import (
     World,
 )
 
-ROOT = Path(__file__).parents[2]
+MANIFEST = Path(__file__).parent / "cheats" / "cheat.yaml"
 DECOMPOSITION = "search-and-report-full"
 LIMIT_S = 4.0
 LONG_S = {"flood-decisions": 8.0, "flood-link": 30.0}
@@ -199,9 +198,11 @@ class Range:
         folder.mkdir(parents=True)
         marker = f"rebar-cheat-{os.getpid()}-{name}"
         trick = agent.removeprefix("cheat-")
+        manifest = agent if trick == agent else str(MANIFEST)
         spec = simspec(
-            AgentSpec(manifest=agent, isolation=None if isolation == "auto" else rung_named(isolation)),
+            AgentSpec(manifest=manifest, isolation=None if isolation == "auto" else rung_named(isolation)),
             LONG_S.get(trick, LIMIT_S),
+            trick=trick,
             marker=marker,
             session=str(folder),
             neighbour=str(self._neighbour),
@@ -316,20 +317,12 @@ def test_without_walls_a_cheat_gets_something(trick: str, flights: Range) -> Non
     assert any(flight.gains.values()) or flight.remains
 
 
-def test_there_are_enough_of_them_and_each_says_what_it_is() -> None:
-    """Every cheat has a manifest of the same name, which states its description and the limits that it tries."""
-    assert len(CHEATS) >= 20
-    assert {path.stem for path in FOLDER.glob("*.yaml")} == {f"cheat-{name}" for name in CHEATS}
-    for name, entry in CHEATS.items():
-        manifest, folder = load_manifest(f"cheat-{name}")
-        assert folder == FOLDER
-        assert manifest.name == f"cheat-{name}"
-        assert manifest.command[1:] == ("-m", "agent_adapters.cheats", name)
-        assert manifest.description == entry.paragraphs[0]
-        limits = manifest.limits
-        assert limits.memory_mb == _resources.MEMORY_MB
-        assert limits.processes == _resources.PROCESSES
-        assert limits.scratch_mb == _resources.SCRATCH_MB
+def test_the_tricks_stay_within_the_limits_of_their_manifest() -> None:
+    """What a trick takes to try a limit is the limit that the manifest sets."""
+    limits = load_manifest(MANIFEST)[0].limits
+    assert limits.memory_mb == _resources.MEMORY_MB
+    assert limits.processes == _resources.PROCESSES
+    assert limits.scratch_mb == _resources.SCRATCH_MB
 
 
 @pytest.mark.process
@@ -337,7 +330,7 @@ def test_there_are_enough_of_them_and_each_says_what_it_is() -> None:
 def test_a_cheat_refuses_to_run_outside_a_session(given: dict[str, str]) -> None:
     """Also with a part of what a session gives. It says why, and tries nothing."""
     done = subprocess.run(
-        [sys.executable, "-m", "agent_adapters.cheats", "kill-everything"],
+        [sys.executable, str(MANIFEST.with_name("__main__.py")), "kill-everything"],
         env=given,
         capture_output=True,
         text=True,

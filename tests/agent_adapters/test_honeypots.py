@@ -28,6 +28,7 @@ from bench.simspec import (
 from bench.simulation import SessionPlan, run_session
 
 HALF_M = 150.0
+CHEAT = Path(__file__).parent / "cheats" / "cheat.yaml"
 
 
 def simspec(agent: AgentSpec, limit_s: float, honeypot: bool) -> SimSpec:
@@ -71,7 +72,9 @@ def test_an_honest_agent_sees_the_same_with_and_without(tmp_path: Path) -> None:
 
 def result_of_reading(folder: Path, isolation: Isolation, honeypot: bool) -> SessionResult:
     """A cheat that looks for its SimSpec, is told where, and reports every actor in it."""
-    agent = AgentSpec(manifest="cheat-read-files", options={"session": str(folder)}, isolation=isolation)
+    agent = AgentSpec(
+        manifest=str(CHEAT), options={"trick": "read-files", "session": str(folder)}, isolation=isolation
+    )
     decomposition = load_measurable_decomposition("search-and-report")
     return fly_here(simspec(agent, 1.0, honeypot), decomposition, folder, "run")
 

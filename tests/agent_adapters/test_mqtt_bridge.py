@@ -295,7 +295,8 @@ def test_a_restarted_broker_is_found_again() -> None:
         ("mqtt://", "no address of a broker"),
         ("mqtt://a:secret@broker", "visible to all users"),
         ("mqtt://broker:none", "Port could not be cast"),
-        ("mqtt://broker/a+b", "no prefix of topics"),
+        ("mqtt://broker/a+b", "no topic to send to"),
+        ("mqtt://broker/a?b=c", "query"),
     ],
 )
 def test_addresses_that_cannot_be_meant(url: str, words: str) -> None:

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from camera_stages import NOON, Placement, cast_rays, lens, pose, stage
+from gl_renderer import PACKAGE, declare, needs_gl, open_moderngl_renderer
 from scipy.ndimage import binary_erosion, minimum_filter
 
 from bench.arrays import Bools, Floats
 from bench.camera import Conditions, actors_in, open_opencv_renderer
-from bench.camera.gl import open_moderngl_renderer
 from bench.camera.sheet import SceneActor, simspec_with
-from bench.contracts import CameraPose, ChecksHost, Labels, NamesBuild, Picture, Stage, plugins
+from bench.contracts import CameraPose, ChecksHost, Labels, NamesBuild, Picture, Stage
 from bench.errors import SetupError
 from bench.simulation import camera_faults
-
-needs_gl = pytest.mark.skipif(
-    bool(open_moderngl_renderer.host_faults()), reason="needs the extra [gl] and a driver for EGL"
-)
 
 VILLAGE: list[Placement] = [
     ("house", 0.0, 14.0, 20.0),
@@ -255,13 +254,11 @@ def gl_faults() -> list[str]:
 
 def test_without_opengl_the_field_and_the_fix_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the package is missing, and where it finds no driver; the entry point itself imports neither."""
-    assert plugins("rebar.renderers")["moderngl"].load() is open_moderngl_renderer
+    declare(monkeypatch)
     assert isinstance(open_moderngl_renderer, ChecksHost)
     scene, _, _ = stage([], NOON)
     monkeypatch.setitem(sys.modules, "moderngl", None)
-    with pytest.raises(
-        SetupError, match=r"moderngl is not installed \(pip install 'rebar-bench\[gl\]', or leave"
-    ):
+    with pytest.raises(SetupError, match=r"moderngl is not installed \(pip install moderngl, or leave"):
         open_moderngl_renderer(scene)
     faults = gl_faults()
     assert len(faults) == 1
@@ -272,3 +269,33 @@ def test_without_opengl_the_field_and_the_fix_are_named(monkeypatch: pytest.Monk
     assert fault.startswith(
         "vehicle.camera.renderer: OpenGL 4.3 cannot be opened through EGL (libEGL.so not loaded"
     )
+
+
+JOIN = """
+import json, sys
+sys.modules["moderngl"] = None
+from bench.camera.sheet import simspec_with
+from bench.contracts import package_of
+from bench.simulation import camera_faults
+spec = simspec_with([])
+camera = spec.vehicle.camera.model_copy(update={"renderer": "moderngl"})
+vehicle = spec.vehicle.model_copy(update={"camera": camera})
+faults = camera_faults(spec.model_copy(update={"vehicle": vehicle}))
+print(json.dumps([package_of("rebar.renderers", "moderngl"), *map(str, faults)]))
+"""
+
+
+@pytest.mark.process
+def test_installed_from_outside_it_is_found_by_its_name(tmp_path: Path) -> None:
+    """By pip, into a folder of its own: the bench asks the package whether it can draw here."""
+    install = "install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target"
+    subprocess.run(
+        [sys.executable, "-m", "pip", *install.split(), str(tmp_path), str(PACKAGE)],
+        check=True,
+        capture_output=True,
+    )
+    code = f"import site; site.addsitedir({str(tmp_path)!r})" + JOIN
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    package, fault = json.loads(done.stdout)
+    assert package == "rebar-gl"
+    assert fault.startswith("vehicle.camera.renderer: the package moderngl is not installed (")

@@ -26,7 +26,7 @@ from bench.campaign import (
     open_journal,
     verify_folder,
 )
-from bench.campaign.storage._evidence import EvidenceLog
+from bench.campaign.storage._evidence_log import EvidenceLog
 from bench.contracts import Outcome
 from bench.errors import SetupError
 

@@ -8,7 +8,6 @@ import pytest
 from campaign_fakes import Script, fly, small_campaign
 
 from bench.campaign import Campaign, FloorPlan, load_campaign, open_journal, realizations, with_floor
-from bench.campaign._document import NULL_AGENTS
 from bench.campaign.planning._realizations import floor_scenes
 from bench.contracts import Outcome, plugins
 from bench.errors import SetupError
@@ -97,9 +96,11 @@ def test_a_campaign_file_asks_for_it(tmp_path: Path) -> None:
 
 def test_the_shipped_agents_are_there() -> None:
     """Every default name is an entry point, so that `--floor` works after an installation."""
-    labels = {spec.manifest for spec in FloorPlan().specs}
-    assert labels == {*NULL_AGENTS, "oracle"}
-    assert labels <= set(plugins("rebar.agents"))
+    plan = FloorPlan()
+    null = sorted(name for name in plugins("rebar.agents") if name.startswith("null-"))
+    assert [spec.manifest for spec in plan.agents] == null
+    assert len(null) == 13
+    assert plan.oracle == AgentSpec(manifest="oracle")
     assert with_floor(small_campaign()).floor == FloorPlan()
 
 

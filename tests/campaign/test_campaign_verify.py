@@ -38,7 +38,7 @@ from bench.campaign import (
 from bench.campaign._versions import _processor_flags, arithmetic, versions
 from bench.campaign.results._refly import _other_versions
 from bench.cli._app import run
-from bench.cli._evidence import _exit_for
+from bench.cli._verification import _exit_for
 from bench.contracts import (
     CAMERA_OPENED,
     SESSION_EVENTS,

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from agent_adapters.mqtt._broker import broker_address
-from agent_adapters.mqtt._connection import _tls_context
 from bench.agents import load_manifest
 from bench.campaign import load_campaign
 from bench.campaign.storage._manifest import read_manifest
@@ -171,7 +170,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "token": lambda path: read_token(OutsideAir(interface="lo", token_file=str(path))),
     "parameters": lambda path: ParameterFile(path).load(),
     "certificates of the laboratory": lambda path: parse_broker("mqtts://broker", authority=path),
-    "certificates of a bridge": lambda path: _tls_context(broker_address("mqtts://broker", None, path, {})),
+    "certificates of a bridge": lambda path: broker_address("mqtts://broker", None, path, {}),
     "password of a bridge": lambda path: broker_address("mqtt://broker", path, None, {}),
 }
 COMMANDS: dict[str, Callable[[Path], list[str]]] = {

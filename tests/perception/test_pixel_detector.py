@@ -6,9 +6,8 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
-from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,9 @@ from bench.contracts import Detection, PixelDetector, VersionedDetector, load_pl
 from bench.errors import SetupError
 from bench.perception.pixels import SmallDetector, load_model, open_small_detector
 from bench.perception.pixels._decoding import CELL_PX, cells_of, decode, overlap, without_duplicates
-from bench.perception.pixels.training._evaluation import CONDITIONS, HD, VGA, match
-from bench.perception.pixels.training._scenes import (
+from bench.simspec import CLASS_LABELS, SimSpec
+from examples.training._evaluation import CONDITIONS, HD, VGA, match
+from examples.training._scenes import (
     GROUPS,
     LABELS,
     LabelledFrame,
@@ -28,7 +28,6 @@ from bench.perception.pixels.training._scenes import (
     frames_of,
     generator_of,
 )
-from bench.simspec import CLASS_LABELS, SimSpec
 
 SEED = 77  # no seed of training or of the tables
 
@@ -272,39 +271,3 @@ def test_seeds_and_splits_give_scenes_of_their_own() -> None:
     first = frames(5, True)[0]
     assert (repeated.bgr == first.bgr).all()
     assert (repeated.boxes_px == first.boxes_px).all()
-
-
-@pytest.mark.slow
-def test_two_short_trainings_repeat_to_the_bit_and_so_does_one_cut_short(tmp_path: Path) -> None:
-    pytest.importorskip("torch")
-    pytest.importorskip("onnx")
-    from bench.perception.pixels.training._export import read_onnx, write_onnx
-    from bench.perception.pixels.training._learning import Plan, train
-    from bench.perception.pixels.training._network import layers_of
-    from bench.perception.pixels.training._samples import open_samples
-
-    samples = open_samples(tmp_path, SEED, 1)
-    layers = layers_of(len(LABELS))
-    digests: list[str] = []
-    reports: list[str] = []
-    for plan, interrupts in (
-        (Plan(8, 4), repeat(False)),
-        (Plan(8, 4), repeat(False)),
-        (Plan(20, 4), chain(repeat(False, 8), repeat(True))),
-    ):
-        random = np.random.default_rng(1)
-        *_, checkpoint = train(layers, samples, plan, random, reports.append, partial(next, interrupts))
-        assert (checkpoint.steady_steps, checkpoint.falling_steps, checkpoint.last) == (8, 4, True)
-        write_onnx(layers, checkpoint.weights, tmp_path / "weights.onnx")
-        digests.append(hashlib.sha256((tmp_path / "weights.onnx").read_bytes()).hexdigest())
-
-    assert len(set(digests)) == 1
-    write_onnx(layers, read_onnx(layers, tmp_path / "weights.onnx"), tmp_path / "again.onnx")
-    assert hashlib.sha256((tmp_path / "again.onnx").read_bytes()).hexdigest() == digests[0]
-    assert [report.split(":")[0] for report in reports] == [
-        "step 12 of 12",
-        "step 12 of 12",
-        "cut short after 8 steady steps",
-        "step 12 of 12",
-    ]
-    assert open_samples(tmp_path, SEED, 1).digest == samples.digest

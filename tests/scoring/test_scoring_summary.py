@@ -25,7 +25,7 @@ from bench.scoring import (
     summary_frame,
 )
 from bench.scoring._summary import SUMMARY_COLUMNS
-from bench.statistics import bounded_mean, clopper_pearson, effective_size, wilson
+from bench.statistics import bounded_mean, clopper_pearson, effective_size
 from decompositions import (
     Decomposition,
     DecompositionDocument,
@@ -323,13 +323,6 @@ def test_exact_intervals() -> None:
     low, high = clopper_pearson([0, 10, 7, 0], [10, 10, 10, 0])
     assert low == pytest.approx([0.0, 0.6915, 0.3475, 0.0], abs=5e-5)
     assert high == pytest.approx([0.3085, 1.0, 0.9333, 1.0], abs=5e-5)
-
-
-def test_wilson_intervals() -> None:
-    """Textbook values of the score interval; the ends are exact where all or none pass."""
-    low, high = wilson([0, 10, 7, 0], [10, 10, 10, 0])
-    assert low == pytest.approx([0.0, 0.7225, 0.3968, 0.0], abs=5e-5)
-    assert high == pytest.approx([0.2775, 1.0, 0.8922, 1.0], abs=5e-5)
 
 
 @pytest.mark.parametrize("n", [5, 12, 40])

@@ -11,13 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from gl_renderer import declare, needs_gl
 from scipy.spatial.transform import Rotation
 from test_session_pictures import TOPICS, FlownSession, document, fly, watched_simspec
 
 from bench.agents import open_agent
 from bench.arrays import Floats
 from bench.camera import decode_depth, decode_mask, open_camera
-from bench.camera.gl import open_moderngl_renderer
 from bench.contracts import (
     SESSION_EVENTS,
     START,
@@ -289,11 +289,12 @@ def test_a_recording_says_what_a_renderer_rests_on() -> None:
     assert _build_of(silent, "opencv") == f"rebar-bench {version('rebar-bench')}"
 
 
-@pytest.mark.skipif(
-    bool(open_moderngl_renderer.host_faults()), reason="needs the extra [gl] and a driver for EGL"
-)
-def test_a_session_flies_with_another_renderer_for_one_of_its_cameras(tmp_path: Path) -> None:
+@needs_gl
+def test_a_session_flies_with_another_renderer_for_one_of_its_cameras(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The recording names renderer and driver, and both cameras see the same people in the same places."""
+    declare(monkeypatch)
     spec = two_cameras()
     front = spec.vehicle.camera.model_copy(update={"renderer": "moderngl", "gimbal": False})
     twin = front.model_copy(update={"name": "twin", "renderer": "opencv"})

@@ -20,7 +20,7 @@ from bench.contracts import Outcome, Record, ServiceUse
 from bench.simspec import AgentSpec, Mission, OutsideService, SimSpec, load_simspec
 from bench.simulation import SessionEnd, SessionPlan, run_session, session_faults
 from bench.simulation._service_relay import MAX_CONNECTIONS
-from bench.simulation._services import open_services
+from bench.simulation._service_relays import open_services
 from bench.testing import agent_manifest
 
 # A host that hangs must not hang the tests; no result depends on it.

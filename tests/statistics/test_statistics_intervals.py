@@ -1,6 +1,4 @@
-"""What the intervals of confidence cover: exact ones everywhere, Wilson's on average, the clustered one on
-clustered runs.
-"""
+"""What the intervals of confidence cover: exact ones everywhere, the clustered one on clustered runs."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, t
 
-from bench.statistics import bounded_mean, clopper_pearson, effective_size, wilson
+from bench.statistics import bounded_mean, clopper_pearson, effective_size
 
 SHARES = np.linspace(0.001, 0.999, 499)
 
@@ -25,15 +23,6 @@ def test_the_exact_interval_covers_everywhere(n: int) -> None:
     """At least 95 % at every one of 499 true shares."""
     k = np.arange(n + 1)
     assert coverage(*clopper_pearson(k, np.full(n + 1, n)), n).min() >= 0.95 - 1e-12
-
-
-@pytest.mark.parametrize("n", [10, 14, 30, 100, 215])
-def test_wilson_covers_on_average(n: int) -> None:
-    """Within a point of 95 % averaged over the true shares from ten runs on; not at each of them."""
-    k = np.arange(n + 1)
-    covered = coverage(*wilson(k, np.full(n + 1, n)), n)
-    assert abs(covered.mean() - 0.95) <= 0.01
-    assert covered.min() < 0.95
 
 
 def clustered(p: float, points: int, replicates: int, campaigns: int, seed: int) -> np.ndarray:

@@ -11,12 +11,11 @@ from statsmodels.regression.linear_model import OLS
 
 from bench.arrays import Floats
 from bench.statistics import FactorColumn, correlation, logistic
+from bench.statistics._firth import MAX_HAT_ROWS, DistinctRows
 from bench.statistics._regression import (
     CLUSTERED_LIKELIHOOD,
     FIRTH,
     LIKELIHOOD,
-    MAX_HAT_ROWS,
-    DistinctRows,
     FirthFit,
     fit_logistic,
     separated,

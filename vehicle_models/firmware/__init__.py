@@ -3,5 +3,5 @@
 from __future__ import annotations
 
 from ._firmware import Budgets as Budgets
-from ._vehicle import FirmwareX500 as FirmwareX500
-from ._vehicle import open_firmware_x500 as open_firmware_x500
+from ._firmware_x500 import FirmwareX500 as FirmwareX500
+from ._firmware_x500 import open_firmware_x500 as open_firmware_x500

@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from agent_adapters.client.documents import MissionOrder
+from bench.polygons import is_inside
 from bench.values import value_class
 
 from ._paths import Place
@@ -77,7 +78,7 @@ class Airspace:
 
     def allows(self, place: Place) -> bool:
         """Whether a place may be flown over, margins included."""
-        return (self.fence is None or _inside(self.fence, place)) and not any(
+        return (self.fence is None or is_inside(place, self.fence)) and not any(
             block.holds(place) for block in self.blocks
         )
 
@@ -196,15 +197,6 @@ def _foot(a: Place, b: Place, place: Place) -> Place:
     share = ((place[0] - a[0]) * along[0] + (place[1] - a[1]) * along[1]) / square if square > 0.0 else 0.0
     share = min(max(share, 0.0), 1.0)
     return a[0] + share * along[0], a[1] + share * along[1]
-
-
-def _inside(corners: Sequence[Place], place: Place) -> bool:
-    """Even-odd rule."""
-    inside = False
-    for (ae, an), (be, bn) in _edges(corners):
-        if (an > place[1]) != (bn > place[1]):
-            inside ^= place[0] < ae + (place[1] - an) / (bn - an) * (be - ae)
-    return inside
 
 
 def _hull(places: Sequence[Place]) -> tuple[Place, ...]:

@@ -13,7 +13,7 @@ from .._orders import Orders
 from .._settings import Settings
 from .._steps import Steps
 from ..perception._pose import VehiclePose
-from ._vehicle import PilotedVehicle, PositionSetpoint
+from ._piloted_vehicle import PilotedVehicle, PositionSetpoint
 
 Phase = str
 

@@ -24,8 +24,8 @@ from ._control import Control, TurnBack
 from ._landing import LandingPlace
 from ._limits import MissionLimits
 from ._paths import Place, Walk, bearing_rad
+from ._piloted_vehicle import PilotedVehicle, PositionSetpoint
 from ._reserve import Reserve
-from ._vehicle import PilotedVehicle, PositionSetpoint
 
 # Reached by the takeoff command; the rest is climbed on the way, which saves time. Chosen, not measured.
 FIRST_HEIGHT_M = 6.0

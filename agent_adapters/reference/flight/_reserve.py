@@ -10,7 +10,7 @@ from .._settings import Settings
 from .._watch import Watch
 from ..mission._planner import Planner
 from ._paths import Place
-from ._vehicle import PilotedVehicle
+from ._piloted_vehicle import PilotedVehicle
 
 # How old the length of the way home may be where it leads round something: routing ten times a second is not
 # needed.

@@ -23,7 +23,7 @@ from .._watch import Watch
 from ..flight._control import TurnBack
 from ..flight._paths import Place, bearing_rad, lawnmower, length_m, ring
 from ..flight._pilot import Pilot, never
-from ..flight._vehicle import PilotedVehicle, PositionSetpoint
+from ..flight._piloted_vehicle import PilotedVehicle, PositionSetpoint
 from ..perception._perception import ObjectPerception
 from ..perception._tracks import Track
 from ._findings import Findings

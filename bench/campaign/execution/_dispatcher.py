@@ -38,9 +38,9 @@ from ..storage._results import write_result
 from ._bench_faults import BenchFaultWatch
 from ._executor import Executor
 from ._firmware_watch import FirmwareWatch
-from ._host_clock import HostClock
 from ._retention import Retention
 from ._retries import Retries
+from ._run_clock import HostClock
 from ._stop_request import StopRequest
 from ._suspects import SuspectWatch
 from ._task import Task

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.realization import Design, DesignFactor
 
-from ._evidence import UNDECIDED_PASS_RATES, FactorEvidence, OpenDifference
+from ._factor_evidence import UNDECIDED_PASS_RATES, FactorEvidence, OpenDifference
 
 # Removing a factor that matters costs more than flying one that does not, so a factor is removed only if all
 # three hold.

@@ -21,7 +21,7 @@ from .._document import Campaign
 from ..results._finish import read_campaign_folder
 from ._campaign_file import campaign_file
 from ._design_rules import propose_design
-from ._evidence import FactorEvidence
+from ._factor_evidence import FactorEvidence
 from ._factor_rules import FactorProposal, propose_factor
 
 

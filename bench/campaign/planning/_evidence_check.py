@@ -10,7 +10,7 @@ from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
 from ..storage._dropped import DROPPED
-from ..storage._evidence import EvidenceEntry, EvidenceLog
+from ..storage._evidence_log import EvidenceEntry, EvidenceLog
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
 from ..storage._journal import Journal, JournalEntry, RealizationState, open_journal_to_read

@@ -30,7 +30,7 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
 
-from ._evidence import EvidenceLog
+from ._evidence_log import EvidenceLog
 from ._files import digest_of
 from ._folder import EVIDENCE
 

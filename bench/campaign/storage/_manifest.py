@@ -14,7 +14,7 @@ from bench.documents import Document, dump_json
 from bench.errors import Fault, SetupError
 
 from ._completeness import Completeness
-from ._evidence import EvidenceLog
+from ._evidence_log import EvidenceLog
 from ._files import FileDigests, digest_of, is_deleted_over_nfs, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
 from ._journal import settled_journal_sha256

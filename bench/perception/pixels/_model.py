@@ -104,7 +104,7 @@ class NetworkModel:
 
 def _network_of(weights: bytes) -> cv2.dnn.Net:
     """The network on the older of OpenCV 5's two engines, which is that of OpenCV 4: it takes three quarters of the
-    newer one's time (`benchmarks/pixel_detector.py`).
+    newer one's time.
     """
     engine = getattr(cv2.dnn, "ENGINE_CLASSIC", None)
     if engine is None:

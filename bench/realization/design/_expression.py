@@ -4,72 +4,57 @@ Numbers, quoted texts, true and false, factors by name; `+ - * / % **`, comparis
 b else c`, brackets, and min, max, abs, round, floor, ceil, sqrt. There are no attributes, other calls or
 loops, so an expression from an untrusted file always ends and has no side effects. Names may contain hyphens:
 `fog-level` is one name, `fog - level` is a difference.
+
+Python's own parser reads them, word by word translated; of its syntax only what is listed here passes.
 """
 
 from __future__ import annotations
 
+import ast
 import math
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from bisect import bisect, bisect_left
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NoReturn
 
 Value = bool | float | str
 
-
 MAX_CHARACTERS = 500
-
 
 MAX_DEPTH = 40
 
-
 MAX_NUMBER = 1e300
-
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<text>'[^']*'|\"[^\"]*\")"
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*)|(?P<sign>\*\*|==|!=|<=|>=|[-+*/%()<>,]))"
 )
 
+_KEYWORDS = {word: word for word in ("and", "or", "not", "if", "else")} | {"true": "True", "false": "False"}
 
-_KEYWORDS = frozenset({"and", "or", "not", "if", "else", "true", "false"})
-
-
-_EQUALITY: dict[str, Callable[[object, object], bool]] = {"==": operator.eq, "!=": operator.ne}
-
-
-_COMPARISONS: dict[str, Callable[[float, float], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
+_WORK: dict[type[ast.AST], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: operator.mod,
+    ast.Pow: math.pow,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
 }
 
-
-_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "%": operator.mod,
-    "**": math.pow,
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "min": min,
+    "max": max,
+    "abs": abs,
+    "round": round,
+    "floor": math.floor,
+    "ceil": math.ceil,
+    "sqrt": math.sqrt,
 }
-
-
-# By name: the number of arguments (0 means one or more) and the function.
-_FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    "min": (0, min),
-    "max": (0, max),
-    "abs": (1, abs),
-    "round": (1, round),
-    "floor": (1, math.floor),
-    "ceil": (1, math.ceil),
-    "sqrt": (1, math.sqrt),
-}
-
-
-Evaluate = Callable[[Mapping[str, object]], Value]
 
 
 class InactiveFactor(Exception):
@@ -83,7 +68,7 @@ class Expression:
     text: str
     names: frozenset[str]
     compared: frozenset[tuple[str, str | bool]]
-    _evaluate: Evaluate
+    _tree: ast.expr
 
     def value(self, levels: Mapping[str, object]) -> Value:
         """The value at these levels; every number is a float.
@@ -92,9 +77,10 @@ class Expression:
         InactiveFactor when it reads a name that `levels` lacks.
         """
         try:
-            return self._evaluate(levels)
+            return _value(self._tree, levels)
         except (ArithmeticError, ValueError) as error:
-            raise ValueError(f"{self.text!r} has no value at {_shown(self.names, levels)}: {error}") from None
+            shown = ", ".join(f"{name}={levels[name]}" for name in sorted(self.names) if name in levels)
+            raise ValueError(f"{self.text!r} has no value at {shown or 'any level'}: {error}") from None
 
     def holds(self, levels: Mapping[str, object]) -> bool:
         """Whether it is true; raises as `value` does, and ValueError when the value is not a truth value."""
@@ -108,195 +94,154 @@ def parse_expression(text: str) -> Expression:
     """Parse an expression. Raises ValueError that says what is wrong, and where."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"an expression has at most {MAX_CHARACTERS} characters, this one {len(text)}")
-    reader = _Reader(text)
-    evaluate = reader.whole()
-    return Expression(text, frozenset(reader.names), frozenset(reader.compared), evaluate)
-
-
-def _shown(names: frozenset[str], levels: Mapping[str, object]) -> str:
-    return ", ".join(f"{name}={levels[name]}" for name in sorted(names) if name in levels) or "any level"
+    reader = _Reader()
+    try:
+        tree = reader.read(text)
+    except ValueError as error:
+        raise ValueError(f"{text!r}: {error}") from None
+    return Expression(text, frozenset(reader.names), frozenset(reader.compared), tree)
 
 
 class _Reader:
-    """A recursive-descent parser, loosest binding first; fills `names` and `compared` while it parses."""
+    """Reads one expression; fills `names` and `compared` while it does."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self) -> None:
         self.names: set[str] = set()
         self.compared: set[tuple[str, str | bool]] = set()
-        self._text = text
-        self._tokens = list(self._split())
-        self._place = 0
-        self._depth = 0
+        self._words: list[str] = []
+        self._translated: list[str] = []
 
-    def whole(self) -> Evaluate:
-        evaluate = self._conditional()
-        if self._kind():
-            self._fail(f"{self._word()!r} is after the end of the expression")
-        return evaluate
+    def read(self, text: str) -> ast.expr:
+        self._translate(text.rstrip())
+        try:
+            tree = ast.parse(" ".join(self._translated), mode="eval").body
+        except SyntaxError as error:
+            raise ValueError(self._explanation(error)) from None
+        except (MemoryError, RecursionError):
+            raise ValueError(f"is nested deeper than {MAX_DEPTH}") from None
+        self._check(tree, 1)
+        return tree
 
-    def _split(self) -> Iterator[tuple[str, str]]:
-        place, text = 0, self._text.rstrip()
+    def _translate(self, text: str) -> None:
+        """Put it into Python word by word: names become `n0`, `n1` ..., so that none is a word of Python's."""
+        place = depth = 0
         while place < len(text):
             match = _TOKEN.match(text, place)
             if match is None:
-                raise ValueError(
-                    f"{self._text!r}: {text[place:].strip()[:1]!r} is not allowed in an expression"
-                )
-            place = match.end()
-            kind = str(match.lastgroup)
+                raise ValueError(f"{text[place:].strip()[:1]!r} is not allowed in an expression")
+            place, kind = match.end(), str(match.lastgroup)
             word = match[kind]
-            yield ("word" if kind == "name" and word in _KEYWORDS else kind), word
+            depth += (word == "(") - (word == ")")
+            # A limit far below that of Python's parser: a hostile file gets a sentence, whatever the version.
+            if depth > MAX_DEPTH:
+                raise ValueError(f"is nested deeper than {MAX_DEPTH}")
+            translated = word
+            if kind == "number":
+                if float(word) > MAX_NUMBER:
+                    raise ValueError(f"{word} is larger than {MAX_NUMBER:g}")
+                translated = repr(float(word))
+            elif kind == "text":
+                # Python would join two texts in a row.
+                if self._words and self._words[-1][0] in "'\"":
+                    raise ValueError(f"{word} cannot stand after {self._words[-1]}")
+                translated = repr(word[1:-1])
+            elif kind == "name":
+                translated = _KEYWORDS.get(word, f"n{len(self._words)}")
+            self._words.append(word)
+            self._translated.append(translated)
 
-    def _kind(self) -> str:
-        return self._tokens[self._place][0] if self._place < len(self._tokens) else ""
+    def _explanation(self, error: SyntaxError) -> str:
+        """What Python's parser says, in the words of the expression."""
+        if not error.offset:
+            return "a number, a text or a factor is missing at the end"
+        starts = [sum(len(word) + 1 for word in self._translated[:n]) for n in range(len(self._translated))]
+        first = bisect(starts, error.offset - 1) - 1
+        if "comma" in error.msg:
+            last = bisect_left(starts, (error.end_offset or 0) - 1)
+            return f"a sign or a comma is missing in {' '.join(self._words[first:last])!r}"
+        if not error.msg.startswith("invalid syntax"):
+            return error.msg
+        after = f"after {self._words[first - 1]!r}" if first else "at the beginning"
+        return f"{self._words[first]!r} cannot stand {after}"
 
-    def _word(self) -> str:
-        return self._tokens[self._place][1] if self._place < len(self._tokens) else "the end"
+    def _check(self, node: ast.AST, depth: int) -> None:
+        """Raise ValueError for whatever the words allow and the language does not; give names their spelling."""
+        if depth > MAX_DEPTH:
+            raise ValueError(f"is nested deeper than {MAX_DEPTH}")
+        children = [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
+        match node:
+            case ast.Name():
+                node.id = self._words[int(node.id.removeprefix("n"))]
+                self.names.add(node.id)
+            case ast.Call():
+                children = node.args
+                name = self._words[int(node.func.id[1:])] if isinstance(node.func, ast.Name) else "(...)"
+                node.func = ast.Name(name)
+                if node.keywords:
+                    raise ValueError("'*' and '**' stand between two numbers")
+                if name not in _FUNCTIONS:
+                    raise ValueError(f"there is no function {name!r}; there are {', '.join(_FUNCTIONS)}")
+                if len(children) != 1 and not (children and name in ("min", "max")):
+                    raise ValueError(f"{name} takes one number, not {len(children)}")
+            case ast.Tuple():
+                raise ValueError("a comma stands between the arguments of min or max, and nowhere else")
+            case ast.Starred():
+                raise ValueError("'*' and '**' stand between two numbers")
+        for child in children:
+            # A long sum is no deep one, although its tree is.
+            self._check(child, depth + (child is not getattr(node, "left", None)))
+        if isinstance(node, ast.Compare):
+            self._note_compared(node)
 
-    def _accept(self, *words: str) -> str | None:
-        """Consume one of these words or signs and return it; None if the next token is another."""
-        if self._kind() not in ("word", "sign") or self._word() not in words:
-            return None
-        self._place += 1
-        return self._tokens[self._place - 1][1]
+    def _note_compared(self, node: ast.Compare) -> None:
+        for sign, *pair in zip(node.ops, [node.left, *node.comparators], node.comparators, strict=False):
+            for terms in (pair, pair[::-1]):
+                match sign, *terms:
+                    case ast.Eq() | ast.NotEq(), ast.Name(id=name), ast.Constant(
+                        value=str() | bool() as value
+                    ):
+                        self.compared.add((name, value))
 
-    def _expect(self, word: str) -> None:
-        if self._accept(word) is None:
-            self._fail(f"{word!r} is missing before {self._word()!r}")
 
-    def _fail(self, what: str) -> NoReturn:
-        raise ValueError(f"{self._text!r}: {what}")
+def _value(node: ast.expr, levels: Mapping[str, object]) -> Value:
+    match node:
+        case ast.Name():
+            return _level(levels, node.id)
+        case ast.Constant(value=bool() | float() | str() as constant):
+            return constant
+        case ast.BinOp():
+            first, second = _number(_value(node.left, levels)), _number(_value(node.right, levels))
+            return _number(_WORK[type(node.op)](first, second))
+        case ast.Compare():
+            return _compare(node, levels)
+        case ast.BoolOp():
+            decisive = isinstance(node.op, ast.Or)
+            return any(_truth(_value(term, levels)) is decisive for term in node.values) is decisive
+        case ast.IfExp():
+            return _value(node.body if _truth(_value(node.test, levels)) else node.orelse, levels)
+        case ast.UnaryOp(op=ast.Not()):
+            return not _truth(_value(node.operand, levels))
+        case ast.UnaryOp():
+            number = _number(_value(node.operand, levels))
+            return -number if isinstance(node.op, ast.USub) else number
+        case ast.Call(func=ast.Name(id=name)):
+            numbers = [_number(_value(argument, levels)) for argument in node.args]
+            return float(_FUNCTIONS[name](numbers) if name in ("min", "max") else _FUNCTIONS[name](*numbers))
+    raise AssertionError(node)
 
-    def _conditional(self) -> Evaluate:
-        self._depth += 1
-        # A limit far below Python's recursion limit: a hostile file gets a sentence, not a RecursionError.
-        if self._depth > MAX_DEPTH:
-            self._fail(f"is nested deeper than {MAX_DEPTH}")
-        first = self._disjunction()
-        if self._accept("if"):
-            condition = self._disjunction()
-            self._expect("else")
-            other = self._conditional()
-            chosen = first
-            evaluate: Evaluate = lambda levels: chosen(levels) if _truth(condition(levels)) else other(levels)  # noqa: E731
+
+def _compare(node: ast.Compare, levels: Mapping[str, object]) -> bool:
+    first = _value(node.left, levels)
+    for sign, term in zip(node.ops, node.comparators, strict=True):
+        second = _value(term, levels)
+        if isinstance(sign, ast.Eq | ast.NotEq):
+            holds = (first == second) is isinstance(sign, ast.Eq)
         else:
-            evaluate = first
-        self._depth -= 1
-        return evaluate
-
-    def _disjunction(self) -> Evaluate:
-        evaluate = self._conjunction()
-        while self._accept("or"):
-            evaluate = _or(evaluate, self._conjunction())
-        return evaluate
-
-    def _conjunction(self) -> Evaluate:
-        evaluate = self._negation()
-        while self._accept("and"):
-            evaluate = _and(evaluate, self._negation())
-        return evaluate
-
-    def _negation(self) -> Evaluate:
-        times = 0
-        while self._accept("not"):
-            times += 1
-        evaluate = self._comparison()
-        if not times:
-            return evaluate
-        return lambda levels: _truth(evaluate(levels)) is (times % 2 == 0)
-
-    def _comparison(self) -> Evaluate:
-        places = [self._place]
-        terms, signs = [self._sum()], []
-        while sign := self._accept(*_EQUALITY, *_COMPARISONS):
-            signs.append(sign)
-            places.append(self._place)
-            terms.append(self._sum())
-        self._note_compared(places, signs)
-        return _chain(terms, signs) if signs else terms[0]
-
-    def _note_compared(self, places: list[int], signs: list[str]) -> None:
-        """Record names that are compared with a text, true or false.
-
-        `places` are the first tokens of terms; the sign lies between.
-        """
-        ends = [*(place - 1 for place in places[1:]), self._place]
-        single_tokens = [
-            self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)
-        ]
-        for sign, term, next_term in zip(signs, single_tokens, single_tokens[1:], strict=False):
-            for (kind, name), (other_kind, other_word) in ((term, next_term), (next_term, term)):
-                if sign in _EQUALITY and kind == "name" and other_kind in ("text", "word"):
-                    self.compared.add(
-                        (name, other_word[1:-1] if other_kind == "text" else other_word == "true")
-                    )
-
-    def _sum(self) -> Evaluate:
-        evaluate = self._product()
-        while sign := self._accept("+", "-"):
-            evaluate = _combined(sign, evaluate, self._product())
-        return evaluate
-
-    def _product(self) -> Evaluate:
-        evaluate = self._signed()
-        while sign := self._accept("*", "/", "%"):
-            evaluate = _combined(sign, evaluate, self._signed())
-        return evaluate
-
-    def _signed(self) -> Evaluate:
-        negative, signed = False, False
-        while sign := self._accept("-", "+"):
-            negative, signed = negative ^ (sign == "-"), True
-        evaluate = self._power()
-        if not signed:
-            return evaluate
-        return lambda levels: -_number(evaluate(levels)) if negative else _number(evaluate(levels))
-
-    def _power(self) -> Evaluate:
-        evaluate = self._atom()
-        if not self._accept("**"):
-            return evaluate
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            self._fail(f"is nested deeper than {MAX_DEPTH}")
-        power = _combined("**", evaluate, self._signed())
-        self._depth -= 1
-        return power
-
-    def _atom(self) -> Evaluate:
-        if self._accept("("):
-            inner = self._conditional()
-            self._expect(")")
-            return inner
-        if word := self._accept("true", "false"):
-            return lambda _: word == "true"
-        kind, word = self._kind(), self._word()
-        if kind not in ("number", "text", "name"):
-            self._fail(f"a number, a text or a factor is missing before {word!r}")
-        self._place += 1
-        if kind == "number":
-            number = float(word)
-            return lambda _: number
-        if kind == "text":
-            return lambda _: word[1:-1]
-        if self._accept("("):
-            return self._call(word)
-        self.names.add(word)
-        return lambda levels: _level(levels, word)
-
-    def _call(self, name: str) -> Evaluate:
-        if name not in _FUNCTIONS:
-            self._fail(f"there is no function {name!r}; there are {', '.join(_FUNCTIONS)}")
-        arguments = [self._conditional()]
-        while self._accept(","):
-            arguments.append(self._conditional())
-        self._expect(")")
-        takes, function = _FUNCTIONS[name]
-        if takes and len(arguments) != takes:
-            self._fail(f"{name} takes one number, not {len(arguments)}")
-        if name in ("min", "max"):
-            return lambda levels: function([_number(argument(levels)) for argument in arguments])
-        return lambda levels: float(function(_number(arguments[0](levels))))
+            holds = bool(_WORK[type(sign)](_number(first), _number(second)))
+        if not holds:
+            return False
+        first = second
+    return True
 
 
 def _level(levels: Mapping[str, object], name: str) -> Value:
@@ -319,33 +264,3 @@ def _truth(value: Value) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"{value!r} is neither true nor false")
     return value
-
-
-def _and(first: Evaluate, second: Evaluate) -> Evaluate:
-    return lambda levels: _truth(first(levels)) and _truth(second(levels))
-
-
-def _or(first: Evaluate, second: Evaluate) -> Evaluate:
-    return lambda levels: _truth(first(levels)) or _truth(second(levels))
-
-
-def _combined(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
-    work = _ARITHMETIC[sign]
-    return lambda levels: _number(work(_number(first(levels)), _number(second(levels))))
-
-
-def _chain(terms: list[Evaluate], signs: list[str]) -> Evaluate:
-    def holds(levels: Mapping[str, object]) -> bool:
-        first_value = terms[0](levels)
-        for sign, term in zip(signs, terms[1:], strict=True):
-            second_value = term(levels)
-            if not (
-                _EQUALITY[sign](first_value, second_value)
-                if sign in _EQUALITY
-                else _COMPARISONS[sign](_number(first_value), _number(second_value))
-            ):
-                return False
-            first_value = second_value
-        return True
-
-    return holds

@@ -16,6 +16,7 @@ from pathlib import Path
 import networkx as nx
 import polars as pl
 
+from bench.agents import installed_agents
 from bench.errors import Fault, SetupError, command_line
 from bench.scoring import EXCLUDED_OUTCOMES, Standing, rate
 from bench.simspec import factor_values
@@ -36,12 +37,6 @@ from decompositions import Decomposition, KeyFactor, Level
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
 from ._agent_comparison import scene_digest
-
-NULL_AGENT_PREFIX = "null-"
-ORACLE = "oracle"
-"""Null agents and the oracle are left out unless they are named: the first fail for want of trying and the
-other knows the truth, so neither shows how hard a situation is.
-"""
 
 
 class TableResult(StrEnum):
@@ -367,9 +362,10 @@ def _chosen_agents(flown: Sequence[str], agents: Sequence[str]) -> tuple[str, ..
     ]
     if faults:
         raise SetupError(faults)
-    chosen = tuple(dict.fromkeys(agents)) or tuple(
-        agent for agent in flown if not agent.startswith(NULL_AGENT_PREFIX) and agent != ORACLE
-    )
+    # Null agents and the oracle are left out unless they are named: the first fail for want of trying and the
+    # other knows the truth, so neither shows how hard a situation is.
+    others = {*installed_agents("floor"), *installed_agents("ceiling")}
+    chosen = tuple(dict.fromkeys(agents)) or tuple(agent for agent in flown if agent not in others)
     if len(chosen) < 2:
         only = f"only {chosen[0]!r}" if chosen else "none"
         raise SetupError(

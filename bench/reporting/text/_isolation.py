@@ -10,7 +10,7 @@ from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
 from ._format import listed, plural
-from ._services import services_sentence
+from ._service_use import services_sentence
 
 NOT_RECORDED = "not recorded"
 UNCONFINED = "none"

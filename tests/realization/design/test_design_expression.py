@@ -45,6 +45,10 @@ LEVELS: dict[str, object] = {
         ("'far' if a > 5 else 'near' if a > 2 else 'here'", "near"),
         ("not not night and true", True),
         ("false and 1 / 0 == 1", False),
+        ("012 + 1e0", 13.0),
+        ("+".join(["a"] * 250), 750.0),
+        ("(" * 40 + "a" + ")" * 40, 3.0),
+        ("-" * 39 + "a", -3.0),
     ],
 )
 def test_expressions_have_the_values_of_arithmetic(text: str, value: object) -> None:
@@ -56,19 +60,34 @@ def test_expressions_have_the_values_of_arithmetic(text: str, value: object) -> 
     ("text", "message"),
     [
         ("", "is missing"),
-        ("a +", "a factor is missing before 'the end'"),
-        ("a b", "'b' is after"),
+        ("a +", "a factor is missing at the end"),
+        ("a b", "'b' cannot stand after 'a'"),
+        ("* a", "'\\*' cannot stand at the beginning"),
+        ("(a b + 2)", "a sign or a comma is missing in 'a b \\+ 2'"),
+        ("'x' 'y'", "'y' cannot stand after 'x'"),
+        ("f'x'", "'x'\" cannot stand after 'f'"),
+        ("a, b", "a comma stands between the arguments"),
+        ("()", "a comma stands between the arguments"),
+        ("min(*a)", "stand between two numbers"),
+        ("min(**a)", "stand between two numbers"),
+        ("true(1)", "there is no function"),
+        ("max(a)(b)", "there is no function"),
+        ("1e900", "1e900 is larger than 1e"),
+        ("a < > b", "'>' cannot stand after '<'"),
         ("a.real", "'.' is not allowed"),
         ("__import__('os')", "no function '__import__'"),
         ("open('x')", "no function 'open'"),
         ("a[0]", r"'\[' is not allowed"),
         ("lambda: 1", "':' is not allowed"),
-        ("min()", "is missing before"),
+        ("min()", "min takes one number"),
         ("sqrt(1, 2)", "takes one number"),
-        ("(a", r"'\)' is missing"),
-        ("a if b", "'else' is missing"),
+        ("(a", r"'\(' was never closed"),
+        ("a)", r"unmatched '\)'"),
+        ("a if b", "expected 'else' after 'if'"),
         ("(" * 41 + "a" + ")" * 41, "nested deeper"),
         ("2" + "**2" * 60, "nested deeper"),
+        ("-" * 499 + "a", "nested deeper"),
+        ("not " * 41 + "night", "nested deeper"),
         ("1+" * 300 + "1", "at most 500 characters"),
     ],
 )
@@ -97,6 +116,19 @@ def test_what_has_no_value_says_why(text: str, message: str) -> None:
     """Sums without a result, and texts among numbers, raise a sentence with the levels."""
     with pytest.raises(ValueError, match=message):
         parse_expression(text).value(LEVELS)
+
+
+def test_words_of_python_are_names_like_others() -> None:
+    """Also those that Python gives a meaning, and names that differ in a hyphen only."""
+    levels: dict[str, object] = {"lambda": 1, "in": 2, "None": 4, "n0": 8, "fog-in": 16, "fog": 100}
+    assert parse_expression("lambda + in + None + n0 + fog-in").value(levels) == 31.0
+
+
+def test_comparisons_with_texts_and_truth_values_are_known() -> None:
+    """Either way round, in a chain too; not those of order, nor with numbers."""
+    expression = parse_expression("a == 'N' != b and true == c and d < 'x' and e == 1 and 'S' == (f)")
+    assert expression.compared == {("a", "N"), ("b", "N"), ("c", True), ("f", "S")}
+    assert expression.names == set("abcdef")
 
 
 def test_what_comes_to_an_absent_factor_is_absent() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from bench.polygons import is_inside
+
 from ..._geodesy import LocalFrame
 from ..links._enums import MAV_CMD
 from ..policies._safety import Breach, FenceLimits, FencePolicy
@@ -28,17 +30,7 @@ class FenceArea:
     def contains(self, place: NorthEast) -> bool:
         if len(self.corners) == 1:
             return math.dist(place, self.corners[0]) <= self.radius_m
-        # A ray to the north crosses the edges of a polygon an odd number of times from inside.
-        inside, (north, east) = False, place
-        previous = self.corners[-1]
-        for corner in self.corners:
-            if (corner[1] > east) != (previous[1] > east):
-                crossing = corner[0] + (east - corner[1]) * (previous[0] - corner[0]) / (
-                    previous[1] - corner[1]
-                )
-                inside ^= north < crossing
-            previous = corner
-        return inside
+        return is_inside(place, self.corners)
 
     def nearest_edge(self, place: NorthEast) -> NorthEast:
         """The point of the edge that is nearest to a place."""

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import floyd_warshall
 from scipy.spatial import ConvexHull
 
 from bench.arrays import Bools, Counts, Floats
+from bench.polygons import are_inside
 from bench.simspec import Rules
 
 from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
@@ -88,7 +89,9 @@ class SurrogateAirspace:
 
     def _allowed(self, places_m: Floats) -> Bools:
         allowed: Bools = (
-            np.ones(len(places_m), dtype=np.bool_) if self._fence is None else _inside(self._fence, places_m)
+            np.ones(len(places_m), dtype=np.bool_)
+            if self._fence is None
+            else are_inside(places_m, self._fence)
         )
         for block in self._blocks:
             allowed &= ~(_sides(block, places_m) > TOUCH_M).all(axis=1)
@@ -225,17 +228,6 @@ def _sides(block: Floats, places_m: Floats) -> Floats:
     away = places_m[:, None] - block[None]
     sides: Floats = along[:, 0] * away[..., 1] - along[:, 1] * away[..., 0]
     return sides
-
-
-def _inside(fence: Floats, places_m: Floats) -> Bools:
-    """Even-odd rule."""
-    following = np.roll(fence, -1, axis=0)
-    north = places_m[:, None, 1]
-    crosses = (fence[None, :, 1] > north) != (following[None, :, 1] > north)
-    rise = np.where(following[:, 1] == fence[:, 1], 1.0, following[:, 1] - fence[:, 1])
-    at_east = fence[:, 0] + (north - fence[None, :, 1]) * (following[:, 0] - fence[:, 0]) / rise
-    inside: Bools = (crosses & (places_m[:, None, 0] < at_east)).sum(axis=1) % 2 == 1
-    return inside
 
 
 def _feet(block: Floats, place: Place) -> list[Place]:

@@ -1,4 +1,0 @@
-"""How the network of the detector `small` is made and measured: `python -m bench.perception.pixels.training --help`.
-
-Nothing of it is imported when the detector works. Only `train` needs torch and onnx, the dependency group `training`.
-"""

@@ -1,0 +1,522 @@
+"""The vehicle: aircraft, autopilot, sensors, and failures."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from bench.documents import Document, is_default
+
+from ._ground import Home
+from ._quantities import Fraction, Identifier, RosName
+
+
+def _is_absent(value: object) -> bool:
+    return value is None
+
+
+class Gps(Document):
+    """Error of satellite navigation: a slow second-order Gauss-Markov error, and white noise of each fix."""
+
+    wander_m: Annotated[
+        float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")
+    ] = 0.3
+    wander_time_s: Annotated[
+        float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")
+    ] = 60.0
+    noise_m: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=20.0,
+            description="Standard deviation of the white horizontal noise of one fix; the vertical one is 1.5 times that.",
+        ),
+    ] = 0.05
+
+
+Coefficient = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class Distortion(Document):
+    """Distortion of a lens: the coefficients of Brown's model, which ROS calls `plumb_bob`.
+
+    k1, k2 and k3 are radial, p1 and p2 tangential, as OpenCV's calibration gives them. `horizontal_fov_deg` is the
+    field of view of the lens without its distortion.
+    """
+
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+
+    @property
+    def coefficients(self) -> tuple[float, float, float, float, float]:
+        """In the order of sensor_msgs/CameraInfo: k1, k2, p1, p2, k3."""
+        return self.k1, self.k2, self.p1, self.p2, self.k3
+
+
+NO_LENS_DISTORTION = Distortion()
+
+DEFAULT_RENDERER = "opencv"
+"""The renderer that every installation has."""
+
+DEFAULT_VEHICLE = "x500"
+
+
+class Camera(Document):
+    """One camera. When `stabilized`, its mount keeps roll and pitch level."""
+
+    name: RosName = "front"
+    width_px: Annotated[int, Field(ge=16, le=8192)] = 1280
+    height_px: Annotated[int, Field(ge=16, le=8192)] = 720
+    horizontal_fov_deg: Annotated[float, Field(gt=5.0, lt=150.0)] = 70.0
+    tilt_deg: Annotated[
+        float,
+        Field(
+            ge=0.0, le=90.0, description="Angle of the optical axis below the horizon; 90 is straight down."
+        ),
+    ] = 60.0
+    stabilized: bool = True
+    rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
+    # Fields that came later are left out at their defaults, so that digests of published SimSpecs stay.
+    distortion: Annotated[
+        Distortion,
+        Field(
+            exclude_if=is_default(NO_LENS_DISTORTION),
+            description="Distortion of the lens, in pictures, camera_info and the boxes of detections.",
+        ),
+    ] = NO_LENS_DISTORTION
+    gimbal: Annotated[
+        bool,
+        Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."),
+    ] = False
+    # 100 is MAV_COMP_ID_CAMERA of MAVLink's common.xml.
+    mavlink: Annotated[
+        bool,
+        Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100."),
+    ] = False
+    record_frames: Annotated[
+        bool,
+        Field(
+            exclude_if=is_default(False),
+            description="Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
+        ),
+    ] = False
+    record_boxes: Annotated[
+        bool,
+        Field(
+            exclude_if=is_default(False),
+            description=(
+                "Whether every picture is rendered, and the box and the visible share of each actor in it recorded."
+            ),
+        ),
+    ] = False
+    record_masks: Annotated[
+        bool,
+        Field(
+            exclude_if=is_default(False),
+            description="Whether every picture is rendered, and recorded which actor each of its pixels shows.",
+        ),
+    ] = False
+    record_depth: Annotated[
+        bool,
+        Field(
+            exclude_if=is_default(False),
+            description="Whether every picture is rendered, and the depth of each of its pixels recorded.",
+        ),
+    ] = False
+    renderer: Annotated[
+        Identifier,
+        Field(
+            exclude_if=is_default(DEFAULT_RENDERER),
+            description="What draws the pictures: an entry point of group rebar.renderers.",
+        ),
+    ] = DEFAULT_RENDERER
+
+    # What the camera does to its pictures. Detections from the truth know nothing of it.
+    noise: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=20.0,
+            exclude_if=is_default(1.0),
+            description="Factor on the noise of the camera's pictures.",
+        ),
+    ] = 1.0
+    lens_dirt: Annotated[
+        Fraction,
+        Field(exclude_if=is_default(0.0), description="Dirt on the lens: 0 is clean."),
+    ] = 0.0
+    dropped_share: Annotated[
+        Fraction,
+        Field(
+            exclude_if=is_default(0.0),
+            description="Probability that the camera loses the picture of a frame.",
+        ),
+    ] = 0.0
+    frozen_share: Annotated[
+        Fraction,
+        Field(
+            exclude_if=is_default(0.0),
+            description="Share of the frames in which the camera repeats its last picture, some five in a row.",
+        ),
+    ] = 0.0
+    exposure_ev: Annotated[
+        float,
+        Field(
+            ge=-5.0,
+            le=5.0,
+            exclude_if=is_default(0.0),
+            description="Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
+        ),
+    ] = 0.0
+    shutter_s: Annotated[
+        float | None,
+        Field(
+            ge=1e-5,
+            le=1.0,
+            exclude_if=_is_absent,
+            description=(
+                "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
+                "1/60 s by the light."
+            ),
+        ),
+    ] = None
+
+    @property
+    def draws_for_the_recording(self) -> bool:
+        """Whether every picture is rendered, also when nobody listens."""
+        return self.record_frames or self.record_boxes or self.record_masks or self.record_depth
+
+    @model_validator(mode="after")
+    def _gimbal_is_level(self) -> Self:
+        if self.gimbal and not self.stabilized:
+            raise ValueError("a gimbal keeps the camera level: set stabilized to true or gimbal to false")
+        return self
+
+
+class Battery(Document):
+    """The battery, and its charge at the start."""
+
+    capacity_wh: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
+    initial_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+# A field that the kind does not use would be ignored without a word, so it is a fault.
+_FAILURE_FIELDS = {
+    "gps_off": {"duration_s"},
+    "gps_drift": {"duration_s", "drift_mps", "towards_deg"},
+    "battery_drop": {"to_fraction"},
+    "motor_off": {"duration_s", "instance"},
+    "link_loss": {"duration_s", "link"},
+}
+
+
+class Failure(Document):
+    """A failure of the vehicle at `at_s`. With `duration_s` it ends after that time.
+
+    `gps_off`: there are no fixes. `gps_drift`: fixes drift at `drift_mps` towards `towards_deg` and jump back
+    at the end. `battery_drop`: the charge falls to `to_fraction` at once. `motor_off`: rotor `instance`
+    stops. `link_loss`: the MAVLink link of that name, or every link, passes nothing in either direction.
+    """
+
+    at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
+    kind: Literal["gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss"]
+    duration_s: Annotated[
+        float | None, Field(gt=0.0, le=7200.0, description="Duration; to the end of the session when absent.")
+    ] = None
+    instance: Annotated[
+        int | None,
+        Field(ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does."),
+    ] = None
+    link: Annotated[
+        Identifier | None,
+        Field(description="Name of the link in the agent's manifest; all links when absent."),
+    ] = None
+    to_fraction: Annotated[float | None, Field(ge=0.0, le=1.0, description="Remaining charge.")] = None
+    drift_mps: Annotated[float | None, Field(gt=0.0, le=50.0)] = None
+    towards_deg: Annotated[
+        float | None, Field(ge=0.0, lt=360.0, description="Clockwise from north; north when absent.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _fields_fit_the_kind(self) -> Self:
+        stated = {name for name in self.model_fields_set if getattr(self, name) is not None} - {
+            "at_s",
+            "kind",
+        }
+        if wrong := sorted(stated - _FAILURE_FIELDS[self.kind]):
+            raise ValueError(
+                f"{self.kind} takes no {', '.join(wrong)}; it takes {', '.join(sorted(_FAILURE_FIELDS[self.kind]))}"
+            )
+        needed = {"gps_drift": "drift_mps", "battery_drop": "to_fraction", "motor_off": "instance"}.get(
+            self.kind
+        )
+        if needed and needed not in stated:
+            raise ValueError(f"{self.kind} needs {needed}")
+        return self
+
+
+DEFAULT_BAUD = 921600
+"""That of PX4's second telemetry port, and the best of most USB adapters."""
+
+
+class OutsideLink(Document):
+    """A MAVLink link that leads out of the session, to the network of the host or to a serial device: for a ground station
+    that looks on, or a companion computer that flies.
+
+    `udp_out` sends to `host`:`port`; `udp_in` and `tcp_in` listen there, or on a named `interface`; `serial` is a
+    `device`. The agent cannot reach it. What comes over
+    it is discarded, and what goes over it is not recorded, unless `heard`.
+    """
+
+    name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
+    kind: Literal["udp_out", "udp_in", "tcp_in", "serial"] = "udp_out"
+    host: str = "127.0.0.1"
+    interface: Annotated[
+        str,
+        Field(
+            max_length=15,
+            exclude_if=is_default(""),
+            description="Network interface of the host to listen on, such as eth0, in place of `host`.",
+        ),
+    ] = ""
+    device: Annotated[
+        str,
+        Field(
+            exclude_if=is_default(""),
+            description="The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.",
+        ),
+    ] = ""
+    baud: Annotated[
+        int,
+        Field(
+            ge=9600,
+            le=4_000_000,
+            exclude_if=is_default(DEFAULT_BAUD),
+            description="Speed of the serial device.",
+        ),
+    ] = DEFAULT_BAUD
+    port: Annotated[int, Field(ge=1, le=65535)] = 14550
+    streams: Annotated[
+        Literal["onboard", "gcs", "none"], Field(description="Default stream set of the link.")
+    ] = "gcs"
+    heard: Annotated[
+        bool,
+        Field(
+            description="Whether the vehicle obeys what comes over the link. Such a session cannot be repeated bit for bit."
+        ),
+    ] = False
+
+    @model_validator(mode="after")
+    def _fields_fit_the_kind(self) -> Self:
+        if ":" in self.host:
+            raise ValueError(
+                f"host {self.host!r}: links have no IPv6; give an IPv4 address or a name, without port"
+            )
+        if (self.kind == "serial") != bool(self.device):
+            raise ValueError("a link of kind serial needs a device, and only such a link has one")
+        if self.interface and self.kind not in ("udp_in", "tcp_in"):
+            raise ValueError(f"{self.kind} does not listen: an interface is for udp_in and tcp_in")
+        return self
+
+
+class RealAutopilot(Document):
+    """A real autopilot: its own program flies, and the bench is its physics (docs/real-autopilots.md)."""
+
+    kind: Literal["px4", "ardupilot"]
+    firmware: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="PX4: the folder that holds bin/px4 and etc/. ArduPilot: the program arducopter. Relative to the "
+            "current folder.",
+        ),
+    ]
+    parameters: Annotated[
+        dict[str, float],
+        Field(
+            description="Set before the start, behind those of the airframe and those of vehicle.parameters."
+        ),
+    ] = {}
+    boot_s: Annotated[
+        float | None,
+        Field(
+            ge=0.0,
+            le=600.0,
+            description="Simulated seconds on the ground before the session begins, until the autopilot can be armed; 15 "
+            "for px4 and 50 for ardupilot when absent.",
+        ),
+    ] = None
+    pace: Annotated[
+        Literal["free", "one_core", "quiet"],
+        Field(
+            description="`one_core`: autopilot and physics take turns on one core, which is fastest. `quiet`: as well, each "
+            "sample waits until every thread of the autopilot sleeps, so that PX4 repeats. `free`: wherever the system "
+            "puts them."
+        ),
+    ] = "one_core"
+    log: Annotated[
+        bool,
+        Field(
+            description="Whether the autopilot writes its log, some 0.3 MB a second; it is kept with the run."
+        ),
+    ] = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} (real)"
+
+
+class BoardAutopilot(Document):
+    """A flight controller board with PX4 in hardware-in-the-loop mode, in real time (docs/hardware.md).
+
+    TAKE THE PROPELLERS OFF. The board is restarted at the start of each session, and its parameters are put back at the
+    end.
+    """
+
+    kind: Literal["px4"]
+    device: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="The serial device of the board, such as /dev/serial/by-id/usb-... or /dev/ttyACM0.",
+        ),
+    ]
+    baud: Annotated[
+        int,
+        Field(
+            ge=9600,
+            le=4_000_000,
+            description="Speed of the line. A board on USB ignores it, but rates of messages are planned for it.",
+        ),
+    ] = DEFAULT_BAUD
+    parameters: Annotated[
+        dict[str, float],
+        Field(description="Set at the start, behind those of the airframe and those of vehicle.parameters."),
+    ] = {}
+    streams_hz: Annotated[
+        dict[str, Annotated[float, Field(ge=0.0, le=200.0)]],
+        Field(
+            max_length=32,
+            description="Rates of messages that the board is asked for, by MAVLink name, such as LOCAL_POSITION_NED: 10. "
+            "What does not fit on the line is refused.",
+        ),
+    ] = {}
+    boot_s: Annotated[
+        float | None,
+        Field(
+            ge=0.0,
+            le=600.0,
+            description="Seconds on the ground before the session begins, until the board can be armed; 20 when absent.",
+        ),
+    ] = None
+
+    def __str__(self) -> str:
+        return f"{self.kind} (board)"
+
+
+class VehicleSpec(Document):
+    """The aircraft, the autopilot it carries, and its sensors."""
+
+    model: Annotated[
+        Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
+    ] = DEFAULT_VEHICLE
+    autopilot: Annotated[
+        Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot,
+        Field(
+            description="The autopilot that the flight controller imitates, a real one with its firmware, or a board."
+        ),
+    ] = "px4"
+    parameters: Annotated[
+        dict[str, float],
+        Field(
+            description="Autopilot parameters that are set before the start, by the names of that autopilot."
+        ),
+    ] = {}
+    name: Annotated[RosName, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
+    home: Home = Home(east_m=0.0, north_m=0.0)
+    gps: Gps = Gps()
+    camera: Annotated[
+        Camera,
+        Field(
+            description="The main camera, which always has detections; the MAVLink camera and gimbal are its own."
+        ),
+    ] = Camera()
+    more_cameras: Annotated[
+        tuple[Camera, ...],
+        Field(
+            max_length=7,
+            # Digests of SimSpecs with one camera stay as they were published.
+            exclude_if=is_default(()),
+            description="Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
+            "`gimbal`, one hangs on the main camera's gimbal.",
+        ),
+    ] = ()
+    battery: Battery = Battery()
+    ground_truth: Annotated[
+        bool,
+        Field(
+            description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it."
+        ),
+    ] = False
+    simulation_control: Annotated[
+        bool,
+        Field(
+            description="Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
+            "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
+            # Frozen questions are compared by digest, and none of them gives an agent the simulation.
+            exclude_if=is_default(False),
+        ),
+    ] = False
+    failures: Annotated[
+        tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
+    ] = ()
+    outside_links: Annotated[
+        tuple[OutsideLink, ...],
+        Field(
+            max_length=8,
+            description="MAVLink links to the host's network, such as for a ground station.",
+            # As above: digests of situations without such a link stay as they were published.
+            exclude_if=is_default(()),
+        ),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _outside_links_have_names(self) -> Self:
+        names = [link.name for link in self.outside_links]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"outside_links: the name {twice[0]!r} stands twice; give each link its own")
+        return self
+
+    @model_validator(mode="after")
+    def _cameras_fit_together(self) -> Self:
+        names = [camera.name for camera in self.cameras]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"more_cameras: the name {twice[0]!r} stands twice; give each camera its own name (vehicle.camera has "
+                f"{self.camera.name!r})"
+            )
+        for index, camera in enumerate(self.more_cameras):
+            if camera.mavlink:
+                raise ValueError(
+                    f"more_cameras[{index}].mavlink: only the main camera answers on MAVLink; set mavlink of "
+                    "vehicle.camera instead"
+                )
+            if camera.gimbal and not self.camera.gimbal:
+                raise ValueError(
+                    f"more_cameras[{index}].gimbal: the gimbal is the main camera's; set gimbal of vehicle.camera to true too"
+                )
+            # One gimbal has one direction: another tilt would be ignored without a word.
+            if camera.gimbal and camera.tilt_deg != self.camera.tilt_deg:
+                raise ValueError(
+                    f"more_cameras[{index}].tilt_deg: cameras on one gimbal look the same way; give it the tilt_deg of "
+                    f"vehicle.camera, {self.camera.tilt_deg:g}"
+                )
+        return self
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """Every camera of the vehicle, the main one first."""
+        return self.camera, *self.more_cameras
