@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from .storage._elsewhere import store_faults as store_faults
     from .storage._evidence_check import check_run as check_run
     from .storage._evidence_check import verify_folder as verify_folder
+    from .storage._file_system import check_file_system as check_file_system
     from .storage._files import digest_of as digest_of
     from .storage._files import write_whole as write_whole
     from .storage._folder import CampaignFolder as CampaignFolder
@@ -170,6 +171,7 @@ _MODULES = {
     "campaign_quality": "planning._realizations",
     "campaign_state": "results._state",
     "can_check_signatures": "storage._signature",
+    "check_file_system": "storage._file_system",
     "check_options": "results._measures",
     "check_run": "storage._evidence_check",
     "check_store": "storage._elsewhere",

@@ -269,11 +269,20 @@ def realize(
 
     Example: rebar realize campaigns/demo.yaml --out out/scenes
     """
-    from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
+    from bench.campaign import (
+        CampaignFolder,
+        campaign_quality,
+        check_file_system,
+        load_campaign,
+        realizations,
+        write_scenes,
+    )
 
     document = load_campaign(campaign)
     with file_in_faults(campaign):
         plans = realizations(document)
+        out.mkdir(parents=True, exist_ok=True)
+        check_file_system(out, with_locks=False)
         infeasible = write_scenes(
             plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0))
         ).infeasible

@@ -34,6 +34,8 @@ from typing import IO
 from bench.errors import Fault, SetupError
 from bench.removal import remove_tree
 
+from ._file_system import check_file_system
+
 RECORDING = "recording.mcap"
 RESULT = "result.json"
 EVIDENCE = "evidence.jsonl"
@@ -172,6 +174,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     if (folder / LOCK).exists() and not (folder / LOCK).is_file():
         raise SetupError(Fault(str(folder / LOCK), "is no file", "remove it"))
     with _opened_lock(folder) as file:
+        check_file_system(folder)
         if not _take_lock(file):
             file.seek(0)
             holder = file.read().strip() or "unknown"

@@ -33,6 +33,7 @@ from bench.realization import RealizationPlan
 from bench.temporary_folders import temporary_folder
 
 from ._evidence import EvidenceLog
+from ._file_system import may_be_shared
 from ._files import digest_of
 from ._folder import EVIDENCE, lock_holder
 
@@ -346,10 +347,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
     with closing(sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)) as database:
         database.text_factory = _text
         try:
-            database.execute("PRAGMA journal_mode = WAL")
-            # A power cut may lose the last transactions but never damages the file; `result.json` brings them
-            # back.
-            database.execute("PRAGMA synchronous = NORMAL")
+            _set_journal_mode(database, path.parent)
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
             # Noise in the middle of the file shows only where it is read, which may be after hours of flights.
@@ -368,6 +366,20 @@ def open_journal(path: Path) -> Iterator[Journal]:
             # After an error of the disk there is nothing to seal, and the error is what the caller must see.
             with suppress(sqlite3.DatabaseError):
                 journal.seal_if_changed()
+
+
+def _set_journal_mode(database: sqlite3.Connection, folder: Path) -> None:
+    # The index of a write-ahead log is memory that all processes share, so it serves those of one machine alone; and some
+    # file systems cannot share memory even there.
+    if not may_be_shared(folder):
+        with suppress(sqlite3.OperationalError):
+            if database.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",):
+                # A power cut may lose the last transactions but never damages the file; `result.json` brings them
+                # back.
+                database.execute("PRAGMA synchronous = NORMAL")
+                return
+    # With SQLite's default of synchronous = FULL, without which a power cut could damage the file in this mode.
+    database.execute("PRAGMA journal_mode = DELETE")
 
 
 @contextmanager
@@ -408,11 +420,15 @@ def _opened_to_read(path: Path) -> Iterator[sqlite3.Connection]:
             copy = stack.enter_context(temporary_folder("journal"))
             for file in (path, *unsettled):
                 shutil.copyfile(file, copy / file.name)
-            path, mode = copy / path.name, "mode=rw"
+            path, mode = copy / path.name, "mode=rw&vfs=unix-none"
         uri = f"file:{quote(str(path.resolve()))}?{mode}"
-        yield stack.enter_context(
+        database = stack.enter_context(
             closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S))
         )
+        if mode.endswith("unix-none"):
+            # Nobody else opens the copy, so it needs no locks, which its disk may lack.
+            database.execute("PRAGMA locking_mode = EXCLUSIVE")
+        yield database
 
 
 def settled_journal_sha256(path: Path) -> str | None:
