@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bench.errors import Fault, SetupError
 from bench.removal import remove_tree
 
 # Nobody names a folder of their own like this: what has such a name may be removed.
@@ -24,7 +25,8 @@ UNLOCKED_S = 60.0
 def temporary_folder(purpose: str, parent: Path | None = None) -> Generator[Path]:
     """A new folder for this user alone, gone after the block. `purpose` (lower-case letters) becomes part of its name.
 
-    First those that killed processes of this user have left beside it are removed.
+    First those that killed processes of this user have left beside it are removed. Raises SetupError where the file
+    system has no locks.
     """
     parent = parent or Path(tempfile.gettempdir())
     for folder in left_folders(parent):
@@ -32,12 +34,22 @@ def temporary_folder(purpose: str, parent: Path | None = None) -> Generator[Path
     folder = Path(tempfile.mkdtemp(prefix=f"rebar-{purpose}-", suffix=_SUFFIX, dir=parent))
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        # A lock of the kernel: it goes with this process however that ends.
-        fcntl.flock(lock, fcntl.LOCK_SH)
+        _lock(lock, parent)
         yield folder
     finally:
         remove_tree(folder)
         os.close(lock)
+
+
+def _lock(folder: int, parent: Path) -> None:
+    try:
+        # A lock of the kernel: it goes with this process however that ends.
+        fcntl.flock(folder, fcntl.LOCK_SH)
+    except OSError as error:
+        what = f"lies on a file system without locks by flock ({error.strerror})"
+        raise SetupError(
+            Fault(str(parent), what, "set TMPDIR to a folder on a disk of this machine's own")
+        ) from error
 
 
 def left_folders(parent: Path) -> Iterator[Path]:

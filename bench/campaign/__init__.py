@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from .storage._elsewhere import open_recorded as open_recorded
     from .storage._elsewhere import runs_elsewhere as runs_elsewhere
     from .storage._elsewhere import store_faults as store_faults
+    from .storage._file_system import check_file_system as check_file_system
     from .storage._files import digest_of as digest_of
     from .storage._files import write_whole as write_whole
     from .storage._folder import CampaignFolder as CampaignFolder
@@ -170,6 +171,7 @@ _MODULES = {
     "campaign_quality": "planning._realizations",
     "campaign_state": "results._state",
     "can_check_signatures": "storage._signature",
+    "check_file_system": "storage._file_system",
     "check_options": "planning._measures",
     "check_run": "planning._evidence_check",
     "check_store": "storage._elsewhere",

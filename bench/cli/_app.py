@@ -51,6 +51,8 @@ app = typer.Typer(
 _DISK_ERRORS = frozenset({errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC})
 # SQLite cannot open the file, or may not write it.
 _PATH_CODES = frozenset({sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY})
+# Somebody else has locked the file. A file system without locks was refused before.
+_LOCK_CODES = frozenset({sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PROTOCOL})
 
 # Memory, processes, open files, buffers: a shortage of the host that passes.
 _SHORTAGES = frozenset({errno.ENOMEM, errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOBUFS})
@@ -120,12 +122,15 @@ def run(arguments: Sequence[str]) -> int:
         return 1
     # SQLite reports a full or read-only disk by an exception of its own, which is no OSError.
     except sqlite3.OperationalError as error:
-        print(
-            f"rebar: cannot write the journal: {error}. Free some space or correct the file's permissions, then run again.",
-            file=sys.stderr,
-        )
         # The first byte is the kind of error.
-        return 2 if getattr(error, "sqlite_errorcode", 0) & 0xFF in _PATH_CODES else 1
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        remedy = (
+            "Another program holds it: close that, then run again."
+            if code in _LOCK_CODES
+            else "Free some space or correct the file's permissions, then run again."
+        )
+        print(f"rebar: cannot write the journal: {error}. {remedy}", file=sys.stderr)
+        return 2 if code in _PATH_CODES else 1
     except sqlite3.DatabaseError as error:
         print(
             f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",

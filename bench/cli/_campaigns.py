@@ -19,7 +19,13 @@ from ._examples import shipped
 from ._executors import executor_named
 from ._fault_paths import file_in_faults
 from ._laboratory import LaboratoryOptions, gate_of, open_laboratory, tell_end
-from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
+from ._missing_runs import (
+    INCOMPLETE_EXIT_CODE,
+    exit_if_incomplete,
+    print_missing,
+    print_missing_in,
+    print_rewritten,
+)
 from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
@@ -263,11 +269,20 @@ def realize(
 
     Example: rebar realize campaigns/demo.yaml --out out/scenes
     """
-    from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
+    from bench.campaign import (
+        CampaignFolder,
+        campaign_quality,
+        check_file_system,
+        load_campaign,
+        realizations,
+        write_scenes,
+    )
 
     document = load_campaign(campaign)
     with file_in_faults(campaign):
         plans = realizations(document)
+        out.mkdir(parents=True, exist_ok=True)
+        check_file_system(out, with_locks=False)
         infeasible = write_scenes(
             plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0))
         ).infeasible
@@ -289,19 +304,47 @@ def realize(
         raise typer.Exit(1)
 
 
-def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File for the report, from the scores in the folder, which is only read. It must not exist yet"
+        ),
+    ] = None,
+) -> None:
     """Score the results in a campaign's folder and write its report. Ends with code 3 if runs are missing.
 
     Example: rebar report out/demo
+
+    Example: rebar report /archive/demo --out demo.html
     """
     from bench.campaign import finish_campaign
 
+    if out is not None:
+        _report_elsewhere(folder, out)
+        return
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
     print_rewritten(finished.rewritten)
     print(finished.report)
     if not finished.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
+
+
+def _report_elsewhere(folder: Path, out: Path) -> None:
+    from bench.campaign import verify_folder
+    from bench.reporting import write_report
+
+    if os.path.lexists(out):
+        raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
+    missing = print_missing_in([folder])
+    # Nothing is scored again here, so the tables must be those that the bench wrote; a runner is still writing them.
+    running = any(report is not None and report.running for report in missing)
+    if not running and (faults := verify_folder(folder)):
+        raise SetupError(faults)
+    print(write_report(folder, out))
+    exit_if_incomplete(missing)
 
 
 def _run(

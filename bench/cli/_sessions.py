@@ -43,7 +43,7 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
-    from bench.campaign import fly_realization, load_measurable_decomposition, write_result
+    from bench.campaign import check_file_system, fly_realization, load_measurable_decomposition, write_result
     from bench.contracts import Outcome, services_of
     from bench.simspec import load_simspec
 
@@ -56,6 +56,7 @@ def simulate(
     nodes = load_measurable_decomposition(decomposition)
     # Before the flight, which takes a while: a path that cannot be is told at once.
     out.mkdir(parents=True, exist_ok=True)
+    check_file_system(out, with_locks=False)
     result = fly_realization(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
+    from ._outcome import AGENT_EXIT_CODE as AGENT_EXIT_CODE
     from ._outcome import ARITHMETIC as ARITHMETIC
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
@@ -259,6 +260,7 @@ _MODULES = {
     "suspicions_of": "_outcome",
     "traceback_details": "_outcome",
     "truth_sightings_of": "_outcome",
+    "AGENT_EXIT_CODE": "_outcome",
     "ARITHMETIC": "_outcome",
     "TIMING": "_outcome",
     "WARP": "_outcome",

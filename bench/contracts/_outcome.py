@@ -185,6 +185,9 @@ def firmware_ends_of(details: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
 
 
+AGENT_EXIT_CODE = "agent_exit_code"
+"""In `SessionResult.details` of a session that its agent's process ended: the exit code, or minus the signal that killed it."""
+
 TIMING = "timing"
 """In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
 

@@ -76,17 +76,19 @@ def load_page_parts() -> None:
     _environment().get_template("report.html.j2")
 
 
-def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
-    """Write `report.html` into a campaign's folder and return its path; the same folder gives the same bytes.
+def write_report(folder: Path, path: Path | None = None, *, runs_on_map: int = 6) -> Path:
+    """Write the report of a campaign's folder and return its path; the same folder gives the same bytes.
+
+    Without a `path` it is `report.html` in the folder; with one, nothing in the folder is written.
 
     Raises SetupError when `folder` holds no campaign. The report names what is missing or damaged in it.
     """
     data = load_report_data(folder)
     charts, map_notes = _charts(data, runs_on_map)
     pictures, picture_notes = worst_pictures(data)
-    path = folder / "report.html"
+    path = path or folder / "report.html"
     # Hidden and with this ending, as the campaign's other files are while they are written: verification passes over it.
-    draft = folder / ".report.html.part"
+    draft = path.with_name(f".{path.name}.part")
     with draft.open("w", encoding="utf-8") as file:
         file.writelines(page_pieces(data, charts, map_notes, pictures, picture_notes))
     # Renamed at the end: a reader, or a browser that reloads, never gets half a page.

@@ -129,6 +129,7 @@ class SessionEnd:
     firmware: str = ""
     timing: StepTiming | None = None
     warp: str = ""
+    agent_exit_code: int | None = None
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -160,6 +161,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         firmware=progress.firmware,
         timing=progress.timing,
         warp=progress.warp,
+        agent_exit_code=progress.agent_exit_code,
     )
 
 
@@ -179,6 +181,8 @@ class SessionProgress:
     """How punctual the steps were, in real time."""
     warp: str = ""
     """Which library sets the agent's clock, at the pace where one does."""
+    agent_exit_code: int | None = None
+    """How the agent's process ended the session, where it did: its exit code, or minus the signal that killed it."""
 
 
 class Session:
@@ -513,6 +517,7 @@ class Session:
             raise StopSession(
                 Outcome.BENCH_ERROR, "the host ran out of memory, and the kernel killed the agent's process"
             )
+        self._progress.agent_exit_code = code
         cause = f"exit code {code}" if code >= 0 else f"signal {-code}"
         raise StopSession(
             Outcome.AGENT_CRASHED,

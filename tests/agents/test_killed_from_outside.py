@@ -82,3 +82,4 @@ def test_an_agent_that_is_killed_might_have_done_it_itself(rung: str, tmp_path: 
     end = end_of_killed(rung, agent_itself, signal.SIGKILL, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert "ended with signal 9" in end.reason
+    assert end.agent_exit_code == -signal.SIGKILL

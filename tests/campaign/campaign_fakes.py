@@ -14,7 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from bench.contracts import FIRMWARE_FAILED, OnProgress, Outcome, ProgressUpdate, SessionResult
+from bench.contracts import (
+    AGENT_EXIT_CODE,
+    FIRMWARE_FAILED,
+    OnProgress,
+    Outcome,
+    ProgressUpdate,
+    SessionResult,
+)
 from bench.errors import Fault, SetupError
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
 
@@ -63,9 +70,15 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
             os.kill(os.getpid(), signal.SIGKILL)
         case "vanish":
             raise SetupError(Fault("agent.manifest", "there is no such file", "restore it"))
-        case "crash":
-            reason = "the agent's process ended with exit code 1 before its mission did"
-            return SessionResult(realization=realization, outcome=Outcome.AGENT_CRASHED, reason=reason)
+        case "crash" | "killed":
+            code = 1 if act == "crash" else -signal.SIGKILL
+            reason = f"the agent's process ended with {code} before its mission did"
+            return SessionResult(
+                realization=realization,
+                outcome=Outcome.AGENT_CRASHED,
+                reason=reason,
+                details={AGENT_EXIT_CODE: code},
+            )
         case "firmware":
             reason = f"{FIRMWARE_FAILED}: PX4 ended with SIGSEGV"
             return SessionResult(

@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from bench.campaign import load_measurable_decomposition, rescore, write_result
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import Outcome, SessionResult, services_of
+from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult, services_of
 from bench.errors import SetupError
 from bench.realization import place
 from bench.recording import read_metadata, read_simspec, read_tape
@@ -274,7 +274,7 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
         agent = AgentSpec(manifest=str(manifest), services=services)
         spec = scene().model_copy(update={"agent": agent})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "crash")
-    assert result.outcome is Outcome.AGENT_CRASHED
+    assert (result.outcome, result.details[AGENT_EXIT_CODE]) == (Outcome.AGENT_CRASHED, 3)
     assert [(use.name, use.connections) for use in services_of(result.details)] == [("llm", 0), ("map", 0)]
     assert "services" not in read_metadata(tmp_path / "run" / "recording.mcap")["rebar.session"]
     by_id = {observation.observable: observation for observation in result.observations}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from in_process_executor import open_in_process
 from bench.campaign import CampaignFolder, Completeness, RealizationRetried, open_journal
 from bench.campaign.execution._bench_faults import is_worth_a_retry
 from bench.campaign.execution._dispatcher import _is_full
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult
 from bench.errors import SetupError
 
 LOST = ("p001-r2-fake", "p003-r1-fake")
@@ -90,17 +91,44 @@ def test_a_scene_without_room_is_missing_until_it_is_accepted(tmp_path: Path) ->
     assert fly(tmp_path, campaign, accept=[Outcome.PLACEMENT_INFEASIBLE]).complete
 
 
-def test_an_agent_that_ends_before_its_first_tick_gets_a_second_attempt(tmp_path: Path) -> None:
-    """Its files may have been gone for a moment. The second end is its own, and counts."""
-    script = Script({LOST[0]: "crash-once", LOST[1]: "crash"})
+def test_an_agent_that_is_killed_before_its_first_tick_gets_a_second_attempt(tmp_path: Path) -> None:
+    """The host may have killed it. The second end is its own, and counts."""
+    script = Script({LOST[0]: "killed-once", LOST[1]: "killed"})
     summary = fly(tmp_path, script=script, workers=2, open_executor=open_in_process())
 
     assert summary.complete
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_CRASHED: 1}
     assert attempts(tmp_path) == dict.fromkeys(attempts(tmp_path), 1) | dict.fromkeys(LOST, 2)
-    late = SessionResult(realization="r", outcome=Outcome.AGENT_CRASHED, simulated_s=0.1)
-    assert not is_worth_a_retry(late), "it knows its situation by now"
-    assert not is_worth_a_retry(late.model_copy(update={"outcome": Outcome.COMPLETED, "simulated_s": 0.0}))
+
+
+def test_an_exit_code_of_an_agent_counts_at_once(tmp_path: Path) -> None:
+    """An agent that fails at its first start and not at the second one has failed."""
+    script = Script({LOST[0]: "crash-once", LOST[1]: "crash"})
+    summary = fly(tmp_path, script=script, workers=2, open_executor=open_in_process())
+
+    assert summary.outcomes == {Outcome.COMPLETED: 4, Outcome.AGENT_CRASHED: 2}
+    assert set(attempts(tmp_path).values()) == {1}
+
+
+@pytest.mark.parametrize(
+    ("exit_code", "worth"),
+    [
+        *((code, False) for code in (None, 0, 1, 127, 128, 134, 139, 255)),
+        *((-number, False) for number in (signal.SIGSEGV, signal.SIGABRT, signal.SIGPIPE)),
+        *((-number, True) for number in (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)),
+        *((code, True) for code in (129, 130, 137, 143)),
+    ],
+)
+def test_only_an_end_that_others_may_have_caused_is_worth_a_retry(exit_code: int | None, worth: bool) -> None:
+    early = SessionResult(
+        realization="r", outcome=Outcome.AGENT_CRASHED, details={AGENT_EXIT_CODE: exit_code}
+    )
+    assert is_worth_a_retry(early) is worth
+    assert not is_worth_a_retry(early.model_copy(update={"simulated_s": 0.1})), (
+        "it knows its situation by now"
+    )
+    assert not is_worth_a_retry(early.model_copy(update={"outcome": Outcome.COMPLETED}))
+    assert is_worth_a_retry(early.model_copy(update={"outcome": Outcome.AGENT_NEVER_CONNECTED}))
 
 
 def test_a_crash_on_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

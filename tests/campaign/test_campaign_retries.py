@@ -141,11 +141,12 @@ def ended(outcome: Outcome, simulated_s: float = 0.0, realization: str = "r1") -
         (Outcome.SETUP_INVALID, 0.5, 5),
         (Outcome.WORKER_LOST, 30.0, 3),
         (Outcome.WALL_BUDGET, 120.0, 2),
-        (Outcome.AGENT_CRASHED, 0.5, 2),
+        (Outcome.AGENT_NEVER_CONNECTED, 0.5, 2),
+        (Outcome.AGENT_CRASHED, 0.5, 1),
         (Outcome.COMPLETED, 120.0, 1),
     ],
 )
-def test_long_sessions_and_agents_that_fail_at_their_start_are_tried_twice(
+def test_long_sessions_and_agents_that_say_no_hello_are_tried_twice(
     outcome: Outcome, session_s: float, expected: int
 ) -> None:
     """A span and not a number of attempts: a session that always fails after minutes is not flown five times."""

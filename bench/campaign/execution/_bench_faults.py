@@ -4,7 +4,9 @@ campaign.
 
 from __future__ import annotations
 
-from bench.contracts import Outcome, SessionResult
+import signal
+
+from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult
 
 from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ._task import BenchBroken
@@ -18,12 +20,25 @@ is considered broken.
 def is_worth_a_retry(result: SessionResult) -> bool:
     """Whether the host may have caused this end, so that the session deserves another attempt.
 
-    An agent that ends before its first tick is one of them: it has seen nothing of the situation, so it
-    cannot use the second attempt to drop one that goes badly, and its files or its memory may have been
-    missing for a moment. The second end is its own.
+    Of the ends of an agent, two before its first tick are among them: a signal that others send, and no hello in time,
+    which a busy host may have held up. The agent has seen nothing of the situation, so it cannot use the second attempt
+    to drop one that goes badly, and the second end is its own. An exit code is its program's decision, and the signals
+    that the kernel sends for what a program does (SIGSEGV) are its program's fault: another attempt would only repeat
+    them, or hide them where they fall by chance.
     """
-    at_start = result.outcome in (Outcome.AGENT_CRASHED, Outcome.AGENT_NEVER_CONNECTED)
-    return result.outcome in PROVISIONAL_OUTCOMES or (at_start and result.simulated_s == 0.0)
+    if result.outcome in PROVISIONAL_OUTCOMES:
+        return True
+    if result.simulated_s > 0.0:
+        return False
+    return result.outcome is Outcome.AGENT_NEVER_CONNECTED or (
+        result.outcome is Outcome.AGENT_CRASHED and result.details.get(AGENT_EXIT_CODE) in _ENDED_BY_OTHERS
+    )
+
+
+# Those by which a host ends programs: for want of memory, at the end of a service or a batch job, with a terminal.
+_SENT_BY_OTHERS = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
+# Shells and container engines state the signal n that ended their program as the exit code 128 + n.
+_ENDED_BY_OTHERS = frozenset(code for number in _SENT_BY_OTHERS for code in (-number, 128 + number))
 
 
 class BenchFaultWatch:

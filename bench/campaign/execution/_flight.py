@@ -15,6 +15,7 @@ from typing import Any
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
+    AGENT_EXIT_CODE,
     ARITHMETIC,
     DETECTOR,
     FIRMWARE,
@@ -160,6 +161,7 @@ def _fly(
         **({FIRMWARE: end.firmware} if end.firmware else {}),
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
         **({WARP: end.warp} if end.warp else {}),
+        **({} if end.agent_exit_code is None else {AGENT_EXIT_CODE: end.agent_exit_code}),
     }
     return result_of(realization, end, recording.sha256, observations, details)
 

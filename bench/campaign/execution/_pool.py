@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from typing import Any
 import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
+from bench.errors import Fault, SetupError
 from bench.removal import remove_tree
 
 from .._parallel import WorkersUnusable
@@ -79,8 +81,10 @@ async def open_local_pool(
 ) -> AsyncIterator[LocalPool]:
     """Yield a pool of up to `workers` processes on this machine, which write their logs to `folder`/logs.
 
-    `clock` gives the host seconds by which the budgets of sessions are judged.
+    `clock` gives the host seconds by which the budgets of sessions are judged. Raises this process's soft limit of open
+    files where it is too low for them, and SetupError where the hard limit is.
     """
+    _allow_open_files(workers)
     # Workers of a runner that was killed may still be writing for a moment, and a run folder has one writer
     # only.
     for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
@@ -91,6 +95,29 @@ async def open_local_pool(
             yield pool
         finally:
             pool.close()
+
+
+# Measured: a session with the shipped agents has up to 50 open files, a runner 18 and then 2 for each worker. Cameras,
+# links and services add some.
+FILES_OF_A_SESSION = 128
+_FILES_OF_A_RUNNER, _FILES_OF_A_WORKER = 64, 4
+
+
+def _allow_open_files(workers: int) -> None:
+    """Raises SetupError where this process may not open as many files as sessions and runner need: each session would end
+    as a fault of the bench, after all its retries.
+    """
+    needed = max(FILES_OF_A_SESSION, _FILES_OF_A_RUNNER + _FILES_OF_A_WORKER * workers)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        what = f"{hard} open files are allowed (ulimit -Hn), and {needed} are needed for sessions at once: {workers}"
+        remedy = f"raise the limit (`ulimit -n {needed}` as root, or `nofile` in /etc/security/limits.conf)"
+        if hard >= FILES_OF_A_SESSION:
+            remedy += ", or take fewer workers (--workers)"
+        raise SetupError(Fault("workers", what, remedy))
+    if soft != resource.RLIM_INFINITY and soft < needed:
+        # The workers inherit it.
+        resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 @contextmanager

@@ -45,8 +45,8 @@ class Retries:
         since_first_s = now - self._first_failure.setdefault(realization, now)
         self._failures[realization] += 1
         failures = self._failures[realization]
-        # An agent that ends before its first tick gets one more attempt, however soon that fails: files that are
-        # gone would have made it SETUP_INVALID.
+        # An agent that is killed or silent before its first tick gets one more attempt, however soon that fails: what
+        # the host did once, it hardly does twice.
         limit_s = self._span_s if result.outcome in PROVISIONAL_OUTCOMES else 0.0
         if failures > 1 and since_first_s >= limit_s:
             return None

@@ -90,7 +90,7 @@ def _joined(batches: Iterable[WrittenScenes], folder: CampaignFolder) -> Written
         written.digests.update(batch.digests)
         written.infeasible.update(batch.infeasible)
     if written.digests:
-        sync_files_below(folder.path)
+        sync_files_below(folder.path / "simspecs")
     return written
 
 

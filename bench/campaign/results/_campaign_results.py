@@ -15,7 +15,7 @@ from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realiza
 from ..storage._files import digest_of
 from ..storage._firmware_ends import drawn_out_realizations
 from ..storage._folder import RESULT, CampaignFolder, writing_process
-from ..storage._journal import JournalEntry, open_journal
+from ..storage._journal import JournalEntry, open_journal_to_read
 from ..storage._results import read_result
 
 
@@ -44,7 +44,7 @@ class CampaignResults:
         written; beside a process that is writing, nothing is checked.
         """
         writer = writing_process(folder.path)
-        with open_journal(folder.journal) as journal:
+        with open_journal_to_read(folder.journal) as journal:
             # Beside a writer, files are newer than the chain that was read a moment ago.
             if check and writer is None and (faults := evidence_faults(folder, journal)):
                 raise SetupError(faults)

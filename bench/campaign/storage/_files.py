@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import hashlib
 import os
 import re
@@ -50,21 +51,43 @@ def write_whole(path: Path, content: bytes | str, *, synced: bool = True) -> str
     part.replace(path)
     # The rename is an entry of the folder, so it survives a power cut only once the folder is synced as well.
     if synced:
-        with _opened(path.parent) as folder:
-            os.fsync(folder)
+        _sync_folder(path.parent)
     return hashlib.sha256(data).hexdigest()
 
 
 def sync_files_below(folder: Path) -> None:
-    """Let everything that was written to the folder's file system so far survive a power cut. Raises OSError.
+    """Let everything that was written below a folder so far survive a power cut. Raises OSError.
 
-    For thousands of files at once: each `fsync` costs a millisecond or more.
+    For thousands of files at once: each `fsync` costs a millisecond or more, where the file system as a whole can be
+    synced. Where it cannot, each file is.
     """
     with _opened(folder) as descriptor:
         # The standard library has os.sync() alone, which waits for the other file systems as well.
-        if ctypes.CDLL(None, use_errno=True).syncfs(descriptor):
-            code = ctypes.get_errno()
-            raise OSError(code, os.strerror(code), str(folder))
+        if not ctypes.CDLL(None, use_errno=True).syncfs(descriptor):
+            return
+        code = ctypes.get_errno()
+    if code not in _NOT_SUPPORTED:
+        raise OSError(code, os.strerror(code), str(folder))
+    for path in (*folder.rglob("*"), folder, folder.absolute().parent):
+        if path.is_dir():
+            _sync_folder(path)
+        elif path.is_file():
+            with _opened(path) as descriptor:
+                os.fsync(descriptor)
+
+
+# How file systems, and sandboxes that filter system calls, put that they have no such call.
+_NOT_SUPPORTED = frozenset({errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP, errno.EPERM})
+
+
+def _sync_folder(folder: Path) -> None:
+    with _opened(folder) as descriptor:
+        try:
+            os.fsync(descriptor)
+        except OSError as error:
+            # SMB and some file systems in user space sync files alone: nothing better can be done for the entry there.
+            if error.errno not in _NOT_SUPPORTED:
+                raise
 
 
 @contextmanager

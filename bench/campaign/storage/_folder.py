@@ -20,6 +20,7 @@ Every file here is written whole or not at all.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import time
@@ -32,6 +33,8 @@ from typing import IO
 
 from bench.errors import Fault, SetupError
 from bench.removal import remove_tree
+
+from ._file_system import check_file_system
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
@@ -170,7 +173,8 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / LOCK).exists() and not (folder / LOCK).is_file():
         raise SetupError(Fault(str(folder / LOCK), "is no file", "remove it"))
-    with (folder / LOCK).open("a+", encoding="utf-8") as file:
+    with _opened_lock(folder) as file:
+        check_file_system(folder)
         if not _take_lock(file):
             file.seek(0)
             holder = file.read().strip() or "unknown"
@@ -190,6 +194,19 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
         yield True
 
 
+def _opened_lock(folder: Path) -> IO[str]:
+    try:
+        return (folder / LOCK).open("a+", encoding="utf-8")
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise
+        remedy = (
+            "name another folder, or copy this one; the commands status, verify, compare, calibrate, next, "
+            "score --explain and report --out read it as it is"
+        )
+        raise SetupError(Fault(str(folder), f"cannot be written ({error.strerror})", remedy)) from error
+
+
 def _take_lock(file: IO[str]) -> bool:
     # More than one try: a reader that looks who holds the lock holds it for a moment itself.
     for attempt in range(_LOCK_TRIES):
@@ -204,6 +221,12 @@ def _take_lock(file: IO[str]) -> bool:
 
 def writing_process(folder: Path) -> str | None:
     """The id of another process that is writing in a campaign folder now; None if there is none."""
+    holder = lock_holder(folder)
+    return None if holder == str(os.getpid()) else holder
+
+
+def lock_holder(folder: Path) -> str | None:
+    """The id of the process, perhaps this one, that is writing in a campaign folder now; None if there is none."""
     if not (folder / LOCK).is_file():
         return None
     try:
@@ -211,9 +234,8 @@ def writing_process(folder: Path) -> str | None:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
-                holder = file.read().strip() or "unknown"
-                return None if holder == str(os.getpid()) else holder
+                return file.read().strip() or "unknown"
     except OSError:
-        # None that this user may read: nobody who could be asked.
+        # None that this user may read, or no locks here: nobody who could be asked.
         return None
     return None

@@ -17,9 +17,10 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import json
+import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -29,10 +30,12 @@ from urllib.parse import quote
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
+from bench.temporary_folders import temporary_folder
 
 from ._evidence_log import EvidenceLog
+from ._file_system import may_be_shared
 from ._files import digest_of
-from ._folder import EVIDENCE
+from ._folder import EVIDENCE, lock_holder
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -63,6 +66,8 @@ _CONTENT = (
     "SELECT * FROM stops ORDER BY design_point, agent",
 )
 _CONTENT_SHA256 = "content_sha256"
+# Host seconds to wait for another process's transaction. Chosen: each takes milliseconds.
+_BUSY_S = 30.0
 
 INTERRUPTED = "interrupted"
 """What the journal notes as the outcome of an attempt whose runner ended first. No session ends with it."""
@@ -339,13 +344,10 @@ def open_journal(path: Path) -> Iterator[Journal]:
     Raises SetupError if the file is not a campaign journal, or is damaged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
+    with closing(sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)) as database:
         database.text_factory = _text
         try:
-            database.execute("PRAGMA journal_mode = WAL")
-            # A power cut may lose the last transactions but never damages the file; `result.json` brings them
-            # back.
-            database.execute("PRAGMA synchronous = NORMAL")
+            _set_journal_mode(database, path.parent)
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
             # Noise in the middle of the file shows only where it is read, which may be after hours of flights.
@@ -366,19 +368,28 @@ def open_journal(path: Path) -> Iterator[Journal]:
                 journal.seal_if_changed()
 
 
+def _set_journal_mode(database: sqlite3.Connection, folder: Path) -> None:
+    # The index of a write-ahead log is memory that all processes share, so it serves those of one machine alone; and some
+    # file systems cannot share memory even there.
+    if not may_be_shared(folder):
+        with suppress(sqlite3.OperationalError):
+            if database.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",):
+                # A power cut may lose the last transactions but never damages the file; `result.json` brings them
+                # back.
+                database.execute("PRAGMA synchronous = NORMAL")
+                return
+    # With SQLite's default of synchronous = FULL, without which a power cut could damage the file in this mode.
+    database.execute("PRAGMA journal_mode = DELETE")
+
+
 @contextmanager
 def open_journal_to_read(path: Path) -> Iterator[Journal]:
     """Yield the journal of a folder that is not to be changed by a byte, also on a disk that is read-only.
 
     Raises SetupError if the file is not a campaign journal, or is damaged.
     """
-    changes = path.with_name(f"{path.name}-wal")
-    # `immutable` alone opens a journal without writing an index of its changes beside it; with changes, or beside a
-    # runner, SQLite needs that index.
-    mode = "mode=ro" if changes.is_file() and changes.stat().st_size else "mode=ro&immutable=1"
     try:
-        uri = f"file:{quote(str(path.resolve()))}?{mode}"
-        with closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)) as database:
+        with _opened_to_read(path) as database:
             database.text_factory = _text
             findings = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
             if findings != ["ok"]:
@@ -387,6 +398,37 @@ def open_journal_to_read(path: Path) -> Iterator[Journal]:
     # The last two: a damaged name of a column, and a damaged fact, whatever the caller asked for.
     except (sqlite3.DatabaseError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise _damaged(path, str(error)) from error
+
+
+@contextmanager
+def _opened_to_read(path: Path) -> Iterator[sqlite3.Connection]:
+    # What a transaction has beside the file: changes that are not in it yet, or what it takes to undo those in it.
+    unsettled = [
+        file
+        for ending in ("-wal", "-journal")
+        if (file := path.with_name(path.name + ending)).is_file() and file.stat().st_size
+    ]
+    with ExitStack() as stack:
+        if lock_holder(path.parent) is not None:
+            # SQLite's locks keep reader and runner apart.
+            mode = "mode=ro"
+        elif not unsettled:
+            # Without locks, and without an index of changes beside the file.
+            mode = "mode=ro&immutable=1"
+        else:
+            # A killed runner has left them, and SQLite would write here to take them up.
+            copy = stack.enter_context(temporary_folder("journal"))
+            for file in (path, *unsettled):
+                shutil.copyfile(file, copy / file.name)
+            path, mode = copy / path.name, "mode=rw&vfs=unix-none"
+        uri = f"file:{quote(str(path.resolve()))}?{mode}"
+        database = stack.enter_context(
+            closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S))
+        )
+        if mode.endswith("unix-none"):
+            # Nobody else opens the copy, so it needs no locks, which its disk may lack.
+            database.execute("PRAGMA locking_mode = EXCLUSIVE")
+        yield database
 
 
 def settled_journal_sha256(path: Path) -> str | None:

@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError
 from bench.documents import Document, dump_json, read_bytes
 from bench.errors import Fault, SetupError, command_line
 
+from ._file_system import check_file_system
 from ._files import write_whole
 from ._folder import SIGNATURE, CampaignFolder
 
@@ -53,6 +54,7 @@ def sign_manifest(path: Path, key: Path, ask_passphrase: Callable[[], str]) -> s
     if not folder.manifest.is_file():
         remedy = "only a complete campaign has a manifest: run the campaign to its end"
         raise SetupError(Fault(str(folder.manifest), "is missing, so there is nothing to sign", remedy))
+    check_file_system(path, with_locks=False)
     private_key = _load_private_key(key, ask_passphrase)
     public_key = _public_text(private_key.public_key())
     signature = base64.b64encode(private_key.sign(folder.manifest.read_bytes())).decode()
