@@ -120,6 +120,9 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert (whole["VAB1"]["score"], whole["VAB1"]["confidence"]) == (55.0, 0.75)
     assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
     assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
+    assert (whole["KA1"]["passed_low"], whole["KA1"]["passed_high"]) == pytest.approx(
+        (0.01258, 0.98742), abs=5e-6
+    )
     assert whole["KA1"]["raised_by_failure"] is True
     assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (
         None,
@@ -131,6 +134,7 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     shown = capsys.readouterr().out
     assert "40.0" in shown
     assert "83" in shown
+    assert "1 of 2" in shown
 
 
 def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -212,6 +216,7 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
+        "passed 1 of 2 considered runs (50.0%, 95 % [1.3%, 98.7%])",
         "score 40.00: the mean of the 2 runs",
         "2: FAILED, score 50.00",
         "x 0 < 0.5",
