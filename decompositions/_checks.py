@@ -37,9 +37,9 @@ class DecompositionVocabulary:
     """The names that a decomposition may use; None leaves names of that kind unchecked.
 
     `factor_units` are the units of the key factors by name. `check_measure` is called for the measure of each
-    observable. `difficulty` is the source of difficulties: with `tables` an observable without key factors is
-    a fault, with `given` (with the runs, as in a table from elsewhere) it is not, and key factors may have names
-    of their own.
+    observable. `difficulty` is the source of difficulties: with `tables` an observable without key factors,
+    measure or a reason for its threshold is a fault. With `given` (with the runs, as in a table from elsewhere,
+    which has the measured values too) it is not, and key factors may have names of their own.
     """
 
     factor_units: Mapping[str, str] | None = None
@@ -290,6 +290,12 @@ class DocumentChecks:
             yield from self._measure(place, observable)
 
     def _threshold(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
+        if observable.threshold_reason is None and self.vocabulary.difficulty == "tables":
+            yield self._fault(
+                place.at("threshold_reason"),
+                f"{observable.id} does not say why its threshold is {observable.threshold:g}",
+                "write a sentence",
+            )
         if not 0.0 <= observable.threshold <= 1.0:
             yield self._fault(
                 place.at("threshold"),
@@ -340,6 +346,14 @@ class DocumentChecks:
                 )
 
     def _measure(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
+        if observable.measure is None:
+            if self.vocabulary.difficulty == "tables":
+                yield self._fault(
+                    place.at("measure"),
+                    f"{observable.id} names no measure, so nothing can be measured",
+                    "name a measure (docs/measures.md has all). Only runs of a table (rebar score --observations) need none",
+                )
+            return
         if self.vocabulary.check_measure is None:
             return
         try:

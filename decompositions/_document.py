@@ -171,11 +171,13 @@ class Observable(_TitledNode):
     """A leaf: one number measured in a run and compared with a threshold."""
 
     measure: Annotated[
-        str,
+        str | None,
         Field(
-            pattern=r"^[a-z][a-z0-9_]{0,62}$", description="Measure, by its name in the group rebar.measures."
+            pattern=r"^[a-z][a-z0-9_]{0,62}$",
+            description="Measure, by its name in the group rebar.measures. "
+            "Left out only where measured values are given with the runs.",
         ),
-    ]
+    ] = None
     options: Annotated[dict[str, Option], Field(description="Options of the measure.")] = {}
     # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has
     # them for editors.
@@ -186,7 +188,10 @@ class Observable(_TitledNode):
             json_schema_extra={"minimum": 0.0, "maximum": 1.0},
         ),
     ]
-    threshold_reason: Sentence
+    threshold_reason: Annotated[
+        Sentence | None,
+        Field(description="Why this threshold. Left out only where measured values are given with the runs."),
+    ] = None
     partial_credit: Annotated[
         bool, Field(description="Whether the excess over the threshold changes the score.")
     ] = False

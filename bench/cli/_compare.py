@@ -1,5 +1,5 @@
 """`rebar compare`: compares two agents, or one agent in two campaigns or with two sources of perception, on the
-scenes that both flew.
+scenes that both flew; and one agent in two campaigns that have no scene in common.
 """
 
 from __future__ import annotations
@@ -47,6 +47,9 @@ def compare(
     reasoning, what fails with one alone by that perception. Likewise two that differ in the autopilot alone: the imitation
     and the real firmware or board.
 
+    One agent in two campaigns without a common scene, as two iterations of it, is compared without pairs: how the results
+    are distributed, and the divergence between them.
+
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
 
     Example: rebar compare out/simulated out/truth
@@ -61,6 +64,8 @@ def compare(
         }
         # NaN is not JSON: other readers would refuse the document.
         print(json.dumps(document, indent=1, allow_nan=False))
+    elif comparison.unpaired:
+        _show_unpaired(comparison)
     else:
         _show(comparison)
     exit_if_incomplete(completeness)
@@ -91,6 +96,35 @@ def _show(comparison: Comparison) -> None:
     )
 
 
+def _show_unpaired(comparison: Comparison) -> None:
+    from bench.reporting import unpaired_cells
+
+    console = plain_console()
+    print_lines(
+        console,
+        [
+            f"{comparison.first} and {comparison.second}: not the same scenes, so nothing is paired, and what differs may be "
+            "the scenes",
+            "number of runs by result:",
+        ],
+    )
+    results = plain_table(("node", "result", "first", "second"), texts=("result",))
+    divergences = plain_table(
+        ("node", "passed\nfirst", "passed\nsecond", "divergence", "by chance", "p", "p\nadjusted")
+    )
+    for node in comparison.unpaired:
+        for result, counts in node.results.items():
+            add_plain_row(results, (node.node, result, *map(str, counts)))
+        add_plain_row(divergences, unpaired_cells(node))
+    console.print(results)
+    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit), p of shuffled design points:"])
+    console.print(divergences)
+    print_lines(
+        console,
+        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.unpaired],
+    )
+
+
 def _document(comparison: Comparison) -> dict[str, Any]:
     return {
         "first": comparison.first,
@@ -107,6 +141,14 @@ def _document(comparison: Comparison) -> dict[str, Any]:
                 "verdict": node.verdict(comparison.first, comparison.second),
             }
             for node in comparison.nodes
+        ],
+        "unpaired": [
+            {
+                **asdict(node),
+                "settled": node.settled,
+                "verdict": node.verdict(comparison.first, comparison.second),
+            }
+            for node in comparison.unpaired
         ],
     }
 

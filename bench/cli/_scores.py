@@ -406,6 +406,13 @@ def _show_explanation(explanation: Explanation) -> None:
 def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
     summary = agent.summary
     tree = Tree(Text(f"{explanation.id} {explanation.title}, {summary.agent}: {explanation.asks}"))
+    if summary.considered:
+        tree.add(
+            Text(
+                f"passed {summary.passed} of {summary.considered} considered runs "
+                f"({summary.passed / summary.considered:.1%}, 95 % [{summary.passed_low:.1%}, {summary.passed_high:.1%}])"
+            )
+        )
     if summary.score is None:
         tree.add(Text(f"not scored in any of {summary.considered} considered runs"))
     else:
@@ -441,7 +448,7 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
         )
     tree.add(
         Text(
-            f"{summary.runs} runs count: {summary.passed} passed, {summary.considered - summary.passed} failed, "
+            f"{summary.runs} runs count: {summary.considered} considered, "
             f"{summary.runs - summary.considered} not considered; {summary.excluded} more are excluded"
         )
     )

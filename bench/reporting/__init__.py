@@ -42,3 +42,4 @@ from .statistics._table_proposal import disorder_text as disorder_text
 from .statistics._table_proposal import table_proposal as table_proposal
 from .text._comparison import ComparisonCells as ComparisonCells
 from .text._comparison import comparison_cells as comparison_cells
+from .text._comparison import unpaired_cells as unpaired_cells

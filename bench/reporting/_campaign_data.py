@@ -94,6 +94,7 @@ class ReportedCompetence:
 class Tally:
     """One node of one agent over one configuration (or all): the means and the counts beside them.
 
+    `passed_low` and `passed_high` are the 95 % interval of the share of considered runs that pass.
     `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its
     threshold. `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and
     where nothing was considered.
@@ -105,6 +106,9 @@ class Tally:
     level: str
     runs: int
     considered: int
+    passed: int
+    passed_low: float
+    passed_high: float
     scored: int
     score: float | None
     passed_score: float | None
@@ -203,6 +207,9 @@ def _tally(row: Mapping[str, Any]) -> Tally:
         level=row["level"],
         runs=row["runs"],
         considered=row["considered"],
+        passed=row["passed"],
+        passed_low=row["passed_low"],
+        passed_high=row["passed_high"],
         scored=row["scored"],
         score=row["score_mean"],
         passed_score=row["passed_score_mean"],

@@ -50,7 +50,7 @@ from .text._campaign_sentences import (
 )
 from .text._comparison import comparison_cells
 from .text._fidelity import fidelity_note, with_table_notes
-from .text._format import interval, number, p_value, percent, score, span
+from .text._format import interval, number, p_value, passed_interval, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._isolation import UNCONFINED, confinement_notes, isolation_cell
 from .text._outcomes import outcome_name, outcome_text
@@ -137,7 +137,7 @@ def page_pieces(
         "css": Markup(template_text("report.css")),
         "policy": content_security_policy(plotly, script),
         "flown": sessions_sentence(data),
-        "answers": {style.name: answer_paragraph(data, style.name, trials) for style in shown},
+        "answers": {style.name: answer_paragraph(data, style.name) for style in shown},
         "differences": [line for pair in comparisons for line in difference_sentences(data, pair.comparison)],
         "not_claimed": disclaimers(data),
         "facts": campaign_facts(data),
@@ -213,6 +213,7 @@ def _environment() -> jinja2.Environment:
         percent=percent,
         score=score,
         interval=interval,
+        passed_interval=passed_interval,
         span=span,
         p_value=p_value,
         comparison_cells=comparison_cells,

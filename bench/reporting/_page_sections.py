@@ -25,7 +25,7 @@ from .statistics._pairings import Pairing, pair_agents
 from .statistics._sensor import only_about_sensor
 from .statistics._trials import AllTrials, NodeTrials
 from .text._campaign_facts import factor_levels
-from .text._format import listed, percent, plural, score, span
+from .text._format import listed, passed_runs, percent, plural, score, span
 from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
@@ -108,10 +108,7 @@ def studied_nodes(
             }
             for style in shown
         ]
-        passed = [
-            f"{name}: {agent_trials.passes} of {len(agent_trials.passed)} runs passed"
-            for name, agent_trials in flown.items()
-        ]
+        passed = [f"{name} passed {passed_runs(tallies[name])}" for name in flown]
         sections.append(
             {
                 "node": node,
@@ -159,7 +156,8 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
 def _branch_summary(tally: Tally | None) -> str:
     if tally is None or not tally.considered:
         return "never considered"
-    return f"score {score(tally.score)}{' †' if tally.raised else ''}, confidence {percent(tally.confidence)}"
+    marked = f"{score(tally.score)}{' †' if tally.raised else ''}"
+    return f"passed {passed_runs(tally)}; score {marked}; confidence {percent(tally.confidence)}"
 
 
 def _methods(data: ReportData, agent: str) -> str:

@@ -13,9 +13,9 @@ from rich.text import Text
 from bench.scoring import NodeFloor
 
 from ._campaign_data import ALL_CONFIGURATIONS, Tally, tallies_of
-from .text._format import interval, percent, score, span
+from .text._format import interval, passed_runs, percent, score, span
 
-COLUMNS = ("Node", "Title", "Difficulty", "Score", "Confidence (95 %)", "Runs")
+COLUMNS = ("Node", "Title", "Passed\n(95 %)", "Difficulty", "Score", "Confidence\n(95 %)", "Runs")
 FLOOR_COLUMN = "Floor to ceiling"
 
 
@@ -25,7 +25,8 @@ def score_tables(
     """For each agent, under its name, a table of the studied nodes (every key attribute when `study` is empty) over
     all configurations. With `floors`, every confidence stands beside floor and ceiling.
 
-    The tables fit into 80 columns. `Runs` are those in which the node was considered, of all.
+    `Passed` counts runs, with the interval of the share that pass; `Confidence` is the mean share of achieved
+    observables. The tables fit into 80 columns. `Runs` are those in which the node was considered, of all.
     """
     by_agent = itertools.groupby(_rows(summary, study), key=lambda row: row[1].agent)
     return [_agent_table(agent, list(rows), floors) for agent, rows in by_agent]
@@ -59,13 +60,24 @@ def _floor_cell(node: NodeFloor | None) -> str:
 def _confidence_cell(tally: Tally) -> str:
     if tally.confidence_low is None or tally.confidence_high is None:
         return percent(tally.confidence)
-    return f"{percent(tally.confidence)} ({100 * tally.confidence_low:.0f}–{100 * tally.confidence_high:.0f})"
+    return (
+        f"{percent(tally.confidence)}\n({100 * tally.confidence_low:.0f}–{100 * tally.confidence_high:.0f} %)"
+    )
+
+
+def _passed_cell(tally: Tally) -> str:
+    # In two lines, as the confidence: beside each other the intervals leave no room for the titles.
+    if not tally.considered:
+        return "–"
+    return f"{tally.passed} of {tally.considered}\n({100 * tally.passed_low:.0f}–{100 * tally.passed_high:.0f} %)"
 
 
 def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
     """The same as plain lines, for output that is not a terminal."""
     return [
-        f"{tally.agent}: {tally.node} score {score(tally.score)}, confidence {percent(tally.confidence)} ({interval(tally)}), "
+        f"{tally.agent}: {tally.node} "
+        + (f"passed {passed_runs(tally)}; " if tally.considered else "")
+        + f"score {score(tally.score)}; confidence {percent(tally.confidence)} ({interval(tally)}); "
         f"considered in {tally.considered} of {tally.runs} runs, scored in {tally.scored}"
         for _, tally in _rows(summary, study)
     ]
@@ -91,6 +103,7 @@ def _cells(tally: Tally, title: str) -> tuple[str, ...]:
     return (
         tally.node,
         title,
+        _passed_cell(tally),
         span(tally.difficulty_low, tally.difficulty_high).replace(" to ", "–"),
         score(tally.score),
         _confidence_cell(tally),

@@ -42,6 +42,13 @@ class NodeReport(Document):
     passed: Annotated[
         Count, Field(description="Considered runs in which every considered observable was achieved.")
     ]
+    passed_low: Annotated[
+        Share,
+        Field(
+            description="Lower end of the two-sided 95 % interval of the share of considered runs that pass."
+        ),
+    ]
+    passed_high: Annotated[Share, Field(description="Upper end of that interval.")]
     scored: Annotated[Count, Field(description="Runs in which the node has a score.")]
     score: Annotated[
         Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")
@@ -198,13 +205,9 @@ _FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "con
 
 
 def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
-    """The rows of a summary, each with the number of passed runs from the score table, and with what it counts
-    for.
-    """
-    passed, standings = _passed(scores), _standings(scores)
-    return tuple(
-        NodeReport.model_validate(_node(row, passed, standings)) for row in summary.iter_rows(named=True)
-    )
+    """The rows of a summary, each with what it counts for."""
+    standings = _standings(scores)
+    return tuple(NodeReport.model_validate(_node(row, standings)) for row in summary.iter_rows(named=True))
 
 
 def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
@@ -268,32 +271,16 @@ def _with_floor(node: NodeReport, floors: Mapping[str, NodeFloor]) -> NodeReport
 
 
 def _node(
-    row: Mapping[str, Any],
-    passed: Mapping[tuple[str, str, str], int],
-    standings: Mapping[tuple[str, str, str], Mapping[str, Any]],
+    row: Mapping[str, Any], standings: Mapping[tuple[str, str, str], Mapping[str, Any]]
 ) -> dict[str, Any]:
     named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
-    key = (row["agent"], row["configuration"], row["node"])
-    named["passed"] = passed.get(key, 0)
-    named |= standings.get(key, {})
+    named |= standings.get((row["agent"], row["configuration"], row["node"]), {})
     return {name: value for name, value in named.items() if name in NodeReport.model_fields}
 
 
 def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
     named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
     return {name: value for name, value in named.items() if name in RunNode.model_fields}
-
-
-def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
-    """Number of passed runs by agent, configuration (and `all`) and node."""
-    # Agents and nodes may be categoricals in a table from Parquet; keys of a dictionary must be texts.
-    key = [pl.col(name).cast(pl.String) for name in ("agent", "configuration", "node")]
-    whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(
-        key
-    )
-    with_totals = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
-    counted = with_totals.group_by("agent", "configuration", "node").len()
-    return {(agent, configuration, node): count for agent, configuration, node, count in counted.iter_rows()}
 
 
 def _standings(scores: pl.DataFrame) -> dict[tuple[str, str, str], dict[str, Any]]:

@@ -47,6 +47,9 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
     "excluded": pl.Int64,
     "design_points": pl.Int64,
     "considered": pl.Int64,
+    "passed": pl.Int64,
+    "passed_low": pl.Float64,
+    "passed_high": pl.Float64,
     "scored": pl.Int64,
     "score_mean": pl.Float64,
     "score_low": pl.Float64,
@@ -68,7 +71,9 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
 
 `runs` are distinct realizations whose outcome is the agent's responsibility, `excluded` those that the bench
 spoilt. `considered` and `scored` count runs, `design_points` counts the distinct design points of the
-considered runs. `difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
+considered runs. `passed` counts the considered runs in which every considered observable was achieved;
+`passed_low` and `passed_high` are the interval of the share of considered runs that pass, by the same rule as
+the interval of an observable's confidence. `difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
 above `passed_score_mean`, the mean that the runs would have if every failed observable had passed at its
 threshold. `score_low` and `score_high` are null below five design points with a score. `method` names the
 interval of the confidence. `competence_*` is over all difficulties: only the rows of `all` have it, and it is
@@ -323,8 +328,17 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     leaf = np.array([level == Level.OBSERVABLE for level in scenes.levels])
     counted = leaf | (_only_passes_and_failures(scenes) & (policies.over_runs == "mean_of_ratios"))
     independent = counted & (points == considered)
-    confidence_low, confidence_high = _interval(
-        confidence, considered, points, _spread(scenes, points), independent, counted
+    squared = _spread(scenes, points, "confidence", "confidence_squared")
+    confidence_low, confidence_high = _interval(confidence, considered, points, squared, independent, counted)
+    passes = scenes.total("passes")
+    passed_share = _mean(passes, considered)
+    passed_low, passed_high = _interval(
+        passed_share,
+        considered,
+        points,
+        _spread(scenes, points, "passes", "passes"),
+        points == considered,
+        np.ones_like(counted),
     )
     # Indices into _METHODS.
     method = np.where(considered == 0, 0, np.where(independent, 1, np.where(counted, 2, 5)))
@@ -337,6 +351,11 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
             np.where(stopped_early, high_end, confidence_high),
         )
         method = np.where(stopped_early, np.where(single_point, 3, 4), method)
+        low_end, high_end = _anytime_interval(passed_share, considered, points == 1)
+        passed_low, passed_high = (
+            np.where(stopped_early, low_end, passed_low),
+            np.where(stopped_early, high_end, passed_high),
+        )
     blocks = {
         "_agent": np.repeat(scenes.agent[starts], len(nodes)),
         "_place": np.repeat(scenes.configuration[starts], len(nodes)),
@@ -347,6 +366,9 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
         "excluded": scenes.total("excluded"),
         "design_points": points,
         "considered": considered,
+        "passed": passes,
+        "passed_low": passed_low,
+        "passed_high": passed_high,
         "scored": scored,
         "score_mean": score,
         "score_low": np.minimum(score_low, score),
@@ -391,15 +413,16 @@ def _only_passes_and_failures(scenes: _SceneSums) -> Bools:
     return np.asarray(scenes.total("confidence") - scenes.total("confidence_squared") < 1e-9)
 
 
-def _spread(scenes: _SceneSums, points: Counts) -> Floats:
-    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the block;
-    over runs where there is a single design point, whose replicates have independent seeds.
+def _spread(scenes: _SceneSums, points: Counts, name: str, squares: str) -> Floats:
+    """Sum over design points of the squared sum of the deviations of their values from the mean of the block;
+    over runs where there is a single design point, whose replicates have independent seeds. `name` and
+    `squares` are the sums of the values and of their squares.
     """
     runs = scenes.total("considered")
-    mean = np.nan_to_num(_mean(scenes.total("confidence"), runs))
+    mean = np.nan_to_num(_mean(scenes.total(name), runs))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
-    deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
-    over_runs = np.maximum(scenes.total("confidence_squared") - runs * mean**2, 0.0)
+    deviation = scenes.sums[name] - scenes.sums["considered"] * mean[block]
+    over_runs = np.maximum(scenes.total(squares) - runs * mean**2, 0.0)
     return np.where(points == 1, over_runs, np.add.reduceat(deviation**2, scenes.starts))
 
 

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from ._claims import claim as claim
     from ._comparison import SIGNIFICANCE as SIGNIFICANCE
     from ._comparison import NodeComparison as NodeComparison
+    from ._comparison import UnpairedNodeComparison as UnpairedNodeComparison
     from ._comparison import compare_nodes as compare_nodes
+    from ._comparison import compare_unpaired_nodes as compare_unpaired_nodes
     from ._competence import COMPETENCE_SHARES as COMPETENCE_SHARES
     from ._competence import TrialCounts as TrialCounts
     from ._competence import Trials as Trials
@@ -73,7 +75,9 @@ _MODULES = {
     "claim": "_claims",
     "SIGNIFICANCE": "_comparison",
     "NodeComparison": "_comparison",
+    "UnpairedNodeComparison": "_comparison",
     "compare_nodes": "_comparison",
+    "compare_unpaired_nodes": "_comparison",
     "COMPETENCE_SHARES": "_competence",
     "DIFFICULTY_DECIMALS": "_rounding",
     "TrialCounts": "_competence",

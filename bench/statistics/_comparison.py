@@ -1,5 +1,5 @@
-"""Two agents (or one agent in two campaigns) on the same scenes, node by node: what differs, how surely, and
-how many pairs would settle it.
+"""Two agents (or one agent in two campaigns), node by node. On the same scenes: what differs, how surely, and how
+many pairs would settle it. On other scenes: whether the results are distributed alike.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from scipy import stats
 
-from ._divergence import Divergence, NodeOutcome, divergence
+from ._divergence import Divergence, NodeOutcome, distributions, divergence
 from ._effect_sizes import DifferenceEstimate, PairedCounts, cliffs_delta
 from ._multiplicity import benjamini_hochberg, holm
 from ._power import pairs_for_difference
@@ -78,6 +78,74 @@ class NodeComparison:
         return f"not settled: about {self.pairs_needed} pairs {effect}"
 
 
+@dataclass(frozen=True, slots=True)
+class UnpairedNodeComparison:
+    """One node over the runs of two sides that flew other scenes, so that nothing is paired.
+
+    Pairs of numbers are of the first and the second side: `points` (design points), and of the runs those
+    `considered` and those of them that `passed`. `results` counts runs by the classes of the divergence. The
+    shuffles of `divergence` mix whole design points; `p_adjusted` is its p over all nodes compared
+    (Benjamini-Hochberg).
+    """
+
+    node: str
+    points: tuple[int, int]
+    considered: tuple[int, int]
+    passed: tuple[int, int]
+    results: dict[str, tuple[int, int]]
+    divergence: Divergence | None
+    p_adjusted: float | None = None
+
+    @property
+    def settled(self) -> bool:
+        return self.p_adjusted is not None and self.p_adjusted < SIGNIFICANCE
+
+    def verdict(self, first: str, second: str) -> str:
+        """One sentence for a reader who looks at no number."""
+        if self.divergence is None or not any(self.considered):
+            return "nothing to compare: no run considered it; not the same scenes"
+        result = f"{first} and {second} differ" if self.settled else "no difference is shown"
+        runs = f"{self.divergence.first} and {self.divergence.second} runs"
+        return f"{result}; {runs}; not the same scenes"
+
+
+def compare_unpaired_nodes(
+    first: pl.DataFrame,
+    second: pl.DataFrame,
+    nodes: Sequence[str],
+    *,
+    excluded_outcomes: Collection[str],
+    seed: int = 0,
+) -> tuple[UnpairedNodeComparison, ...]:
+    """Like `compare_nodes`, for two score tables of other scenes: all runs of both are compared as distributions."""
+    compared = [
+        _compared_unpaired(
+            [_node_rows(side, node, excluded_outcomes) for side in (first, second)], node, seed
+        )
+        for node in nodes
+    ]
+    adjusted = benjamini_hochberg(
+        [None if node.divergence is None else node.divergence.p for node in compared]
+    )
+    return tuple(replace(node, p_adjusted=p) for node, p in zip(compared, adjusted, strict=True))
+
+
+def _compared_unpaired(sides: Sequence[pl.DataFrame], node: str, seed: int) -> UnpairedNodeComparison:
+    first, second = (_outcomes(rows, "") for rows in sides)
+    points = [rows["design_point"].cast(pl.String).to_list() for rows in sides]
+    confidences = [rows["confidence"].drop_nulls() for rows in sides]
+    return UnpairedNodeComparison(
+        node=node,
+        points=(len(set(points[0])), len(set(points[1]))),
+        considered=(len(confidences[0]), len(confidences[1])),
+        passed=(int((confidences[0] >= 1.0).sum()), int((confidences[1] >= 1.0).sum())),
+        results=distributions(first, second),
+        divergence=divergence(
+            first, second, paired=False, clusters=(points[0], points[1]), seed=_node_seed(seed, node)
+        ),
+    )
+
+
 def compare_nodes(
     first: pl.DataFrame,
     second: pl.DataFrame,
@@ -116,9 +184,6 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
         neither=results.count((False, False)),
     )
     first_outcomes, second_outcomes = _outcomes(rows, ""), _outcomes(rows, "_second")
-    # The node's name is part of the seed: adding a node to a comparison leaves the p values of the others as
-    # they are.
-    node_seed = zlib.crc32(f"{seed}/{node}".encode())
     return NodeComparison(
         node=node,
         level=str(rows["level"][0]) if rows.height else "",
@@ -129,20 +194,29 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
         clustered_p=_clustered_p(passed),
         p_adjusted=None,
         p_holm=None,
-        divergence=divergence(first_outcomes, second_outcomes, paired=True, seed=node_seed),
+        divergence=divergence(first_outcomes, second_outcomes, paired=True, seed=_node_seed(seed, node)),
         delta=cliffs_delta(_ranks(first_outcomes), _ranks(second_outcomes)),
         pairs_needed=None,
     )
 
 
+def _node_seed(seed: int, node: str) -> int:
+    # The node's name is part of the seed: adding a node to a comparison leaves the p values of the others as
+    # they are.
+    return zlib.crc32(f"{seed}/{node}".encode())
+
+
+def _node_rows(side: pl.DataFrame, node: str, excluded_outcomes: Collection[str]) -> pl.DataFrame:
+    columns = ["design_point", "replicate", "level", "score", "confidence"]
+    is_counted = ~pl.col("outcome").is_in(list(excluded_outcomes))
+    rows = side.filter(pl.col("node") == node, is_counted).select(columns)
+    return rows.sort("design_point", "replicate")
+
+
 def _paired_rows(
     first: pl.DataFrame, second: pl.DataFrame, node: str, excluded_outcomes: Collection[str]
 ) -> pl.DataFrame:
-    columns = ["design_point", "replicate", "level", "score", "confidence"]
-    is_counted = ~pl.col("outcome").is_in(list(excluded_outcomes))
-    first_rows, second_rows = (
-        side.filter(pl.col("node") == node, is_counted).select(columns) for side in (first, second)
-    )
+    first_rows, second_rows = (_node_rows(side, node, excluded_outcomes) for side in (first, second))
     return first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort(
         "design_point", "replicate"
     )

@@ -8,7 +8,8 @@ base 2, so that it lies in [0, 1].
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,34 +54,64 @@ def divergence(
     second: Sequence[NodeOutcome],
     *,
     paired: bool,
+    clusters: tuple[Sequence[Hashable], Sequence[Hashable]] | None = None,
     seed: int = 0,
     shuffles: int = SHUFFLES,
 ) -> Divergence | None:
     """Compare two sets of runs; None where either is empty.
 
     `paired` runs have the same order on both sides, and a shuffle swaps within pairs; otherwise it mixes all
-    runs. Raises ValueError for paired sides of different length. The same seed gives the same p.
+    runs, or with `clusters` (the design point of each run of the sides) all clusters, whose runs stay together:
+    replicates agree, and runs that are mixed one by one would make p too small. Raises ValueError for paired sides of different length. The same seed gives the same p.
     """
     if not first or not second:
         return None
     if paired and len(first) != len(second):
         raise ValueError(f"{len(first)} and {len(second)} runs cannot be paired")
-    band = next(width for min_size, width in BAND_WIDTHS if min(len(first), len(second)) >= min_size)
+    band = _band_width(first, second)
     classes = [_outcome_class(first_rows, band) for first_rows in (*first, *second)]
     columns = {kind: place for place, kind in enumerate(sorted(set(classes)))}
     indicators = np.eye(len(columns))[[columns[kind] for kind in classes]]
     first_rows, second_rows = indicators[: len(first)], indicators[len(first) :]
+    units, first_units = indicators, len(first)
+    if clusters:
+        by_side = [
+            _summed(rows, of_rows) for rows, of_rows in zip((first_rows, second_rows), clusters, strict=True)
+        ]
+        units, first_units = np.vstack(by_side), len(by_side[0])
     value = float(js_divergence(first_rows.sum(axis=0), second_rows.sum(axis=0)))
     rng = np.random.Generator(np.random.PCG64(seed))
     shuffled = (
         _shuffled_pairs(first_rows, second_rows, rng, shuffles)
         if paired
-        else _shuffled_runs(indicators, len(first), rng, shuffles)
+        else _shuffled_runs(units, first_units, rng, shuffles)
     )
     by_chance = js_divergence(shuffled, indicators.sum(axis=0) - shuffled)
     # 1e-12: equal divergences from different shuffles differ in their last bits.
     p = (1 + int((by_chance >= value - 1e-12).sum())) / (shuffles + 1)
     return Divergence(value, float(by_chance.mean()), p, band, len(first), len(second), paired)
+
+
+def distributions(first: Sequence[NodeOutcome], second: Sequence[NodeOutcome]) -> dict[str, tuple[int, int]]:
+    """Number of runs of both sides by the classes that `divergence` compares, in their order."""
+    band = _band_width(first, second)
+    counts = [Counter(_outcome_class(outcome, band) for outcome in side) for side in (first, second)]
+    return {
+        _class_name(kind, band): (counts[0][kind], counts[1][kind]) for kind in sorted(counts[0] | counts[1])
+    }
+
+
+def _band_width(first: Sequence[NodeOutcome], second: Sequence[NodeOutcome]) -> float:
+    return next(width for min_size, width in BAND_WIDTHS if min(len(first), len(second)) >= min_size)
+
+
+def _class_name(kind: int, band: float) -> str:
+    if kind < BANDS:
+        return "not considered" if kind == NOT_CONSIDERED else "failed"
+    low = (kind - BANDS - 1) * band
+    if low >= 100:
+        return "score above 100"
+    return f"score above {low:g} to {low + band:g}" if low else f"score up to {band:g}"
 
 
 def js_divergence(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -105,6 +136,14 @@ def _outcome_class(outcome: NodeOutcome, band: float) -> int:
     # 100 into the last.
     rounded = round(outcome.score / band, 9)
     return BANDS + int(min(max(np.ceil(rounded), 1), np.ceil(100 / band) + 1))
+
+
+def _summed(indicators: NDArray[np.float64], clusters: Sequence[Hashable]) -> NDArray[np.float64]:
+    """A row for each cluster: its number of runs in each class."""
+    places = {cluster: place for place, cluster in enumerate(dict.fromkeys(clusters))}
+    rows = np.zeros((len(places), indicators.shape[1]))
+    np.add.at(rows, [places[cluster] for cluster in clusters], indicators)
+    return rows
 
 
 def _shuffled_pairs(

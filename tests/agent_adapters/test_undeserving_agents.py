@@ -97,12 +97,12 @@ def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_pat
 
     measures = entry_points(group="rebar.measures")
     of_knowledge = {measure.name for measure in measures if measure.value.startswith(FAMILIES)}
-    observables = {
-        observable.id: observable
-        for observable in load_decomposition("search-and-report-full").observables.values()
+    observables = load_decomposition("search-and-report-full").observables
+    requests = {
+        name: (observable.measure, observable.options)
+        for name, observable in observables.items()
         if observable.measure in of_knowledge
     }
-    requests = {name: (observable.measure, observable.options) for name, observable in observables.items()}
     observations = measure_all(requests, tape.tape(), spec)
     x_of = {
         observation.observable: observation.x for observation in observations if observation.x is not None

@@ -92,6 +92,8 @@ def random_campaign(folder: Path, seed: int) -> Path:
                 "replicate": scene % 3,
                 "outcome": "bench_error" if row["realization"] in spoilt else "completed",
                 "confidence": None if not considered else 1.0 if passed else 0.5,
+                "achieved": 2 * considered if passed else int(considered),
+                "considered": 2 * considered,
                 "score": float(random.uniform(0, 100)) if considered and passed else None,
             }
         )
@@ -167,6 +169,54 @@ def test_the_same_agent_in_two_campaigns_is_named_by_folder(campaign_folder: Pat
     assert (comparison.first, comparison.second) == ("both", "copy")
     assert all(node.difference is not None and node.difference.estimate == 0.0 for node in comparison.nodes)
     assert all(node.divergence is not None and node.divergence.value == 0.0 for node in comparison.nodes)
+
+
+def test_one_agent_on_other_scenes_is_compared_without_pairs(
+    campaign_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two iterations whose scenes differ: distributions and divergence, and the words that the scenes are not the same.
+
+    The second fails KA-18 never where the first does often, and is the same everywhere else.
+    """
+    second = tmp_path / "second"
+    make_campaign(second, Made(scenes=14, agents=(NAIVE,)))
+    for path in (second / "simspecs").glob("*.json"):
+        path.write_text(path.read_text().replace('"root":10', '"root":77'))
+    scores = pl.read_parquet(second / "scores.parquet")
+    improved = pl.col("node") == "KA-18"
+    scores.with_columns(
+        pl.when(improved).then(1.0).otherwise("confidence").alias("confidence"),
+        pl.when(improved).then(90.0).otherwise("score").alias("score"),
+    ).write_parquet(second / "scores.parquet")
+    line = [str(campaign_folder), str(second)]
+    document = printed_json(line, capsys)
+    assert (document["first"], document["second"], document["scenes"]) == ("both", "second", 0)
+    assert document["nodes"] == []
+    nodes = {node["node"]: node for node in document["unpaired"]}  # type: ignore[attr-defined]
+    assert list(nodes) == list(STUDY)
+    assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
+    ka18 = nodes["KA-18"]
+    assert (ka18["points"], ka18["passed"][1], ka18["considered"]) == ([18, 14], 14, [18, 14])
+    assert ka18["results"]["score above 80 to 100"][1] == 14
+    assert [sum(counts) for counts in zip(*ka18["results"].values(), strict=True)] == [18, 14]
+    assert (ka18["divergence"]["paired"], ka18["divergence"]["first"], ka18["divergence"]["second"]) == (
+        False,
+        18,
+        14,
+    )
+    assert ka18["verdict"] == "both and second differ; 18 and 14 runs; not the same scenes"
+    assert nodes["KA-03"]["verdict"] == "no difference is shown; 18 and 14 runs; not the same scenes"
+
+    assert run(["compare", *line]) == 0
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    words = " ".join(shown.split())
+    assert "both and second: not the same scenes, so nothing is paired" in words
+    assert "KA-18: both and second differ; 18 and 14 runs; not the same scenes" in words
+    passed = f"{ka18['passed'][0]} of 18 14 of 14 {ka18['divergence']['value']:.2f}"
+    assert f"KA-18 {passed}" in words
+    assert "KA-18 score above 80 to 100" in words
+    assert "pairs" not in words
 
 
 def test_what_cannot_be_compared_is_refused_with_code_2(

@@ -5,6 +5,7 @@ scores.
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from bench.scoring import Explanation, ScoreReport
 from decompositions import load_decomposition
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+DOCS_SCORING = Path(__file__).parents[2] / "docs" / "scoring.md"
 DECOMPOSITION = """
 format: rebar.decomposition/1
 name: worked
@@ -28,9 +30,9 @@ vabs:
   - {id: VAB1, title: First, asks: "?", children: [OBS1, OBS2]}
   - {id: VAB2, title: Second, asks: "?", children: [OBS3]}
 observables:
-  - {id: OBS1, title: A, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: Always.}
-  - {id: OBS2, title: B, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: Always.}
-  - {id: OBS3, title: C, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: When there is one.}
+  - {id: OBS1, title: A, asks: "?", threshold: 0.5, considered: Always.}
+  - {id: OBS2, title: B, asks: "?", threshold: 0.5, considered: Always.}
+  - {id: OBS3, title: C, asks: "?", threshold: 0.5, considered: When there is one.}
 """
 TABLE = """run,observable,difficulty,x,considered
 1,OBS1,30,1,
@@ -120,6 +122,9 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert (whole["VAB1"]["score"], whole["VAB1"]["confidence"]) == (55.0, 0.75)
     assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
     assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
+    assert (whole["KA1"]["passed_low"], whole["KA1"]["passed_high"]) == pytest.approx(
+        (0.01258, 0.98742), abs=5e-6
+    )
     assert whole["KA1"]["raised_by_failure"] is True
     assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (
         None,
@@ -131,6 +136,30 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     shown = capsys.readouterr().out
     assert "40.0" in shown
     assert "83" in shown
+    assert "1 of 2" in shown
+
+
+def test_the_short_decomposition_of_the_page_scores_a_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The whole example of docs/scoring.md, which names no measure; to fly, it lacks three things of each observable."""
+    example = re.search(r"```yaml\n(format: .*?)```", DOCS_SCORING.read_text(), re.DOTALL)
+    assert example
+    path, table = tmp_path / "parcels.yaml", tmp_path / "runs.csv"
+    path.write_text(example[1])
+    table.write_text("run,observable,difficulty,x\n1,O-1,30,0.95\n1,O-2,50,1\n2,O-1,30,0.9\n2,O-2,50,0.5\n")
+    line = ["score", "--observations", str(table), "--decomposition", str(path), "--json"]
+    nodes = {row["id"]: row for row in printed(line, capsys)["nodes"] if row["configuration"] == "all"}
+    assert [(nodes[name]["passed"], nodes[name]["considered"]) for name in ("KA-1", "O-1", "O-2")] == [
+        (1, 2),
+        (2, 2),
+        (1, 2),
+    ]
+    assert run(["decomposition", "check", str(path)]) == 2
+    messages = capsys.readouterr().err
+    assert [
+        messages.count(words) for words in ("names no measure", "does not say why", "no key factors")
+    ] == [2, 2, 2]
 
 
 def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -212,6 +241,7 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
+        "passed 1 of 2 considered runs (50.0%, 95 % [1.3%, 98.7%])",
         "score 40.00: the mean of the 2 runs",
         "2: FAILED, score 50.00",
         "x 0 < 0.5",

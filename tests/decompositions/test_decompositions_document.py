@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import pickle
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -347,6 +348,29 @@ def test_difficulties_that_are_given_need_no_tables(valid: dict[str, Any]) -> No
     assert [fault.what for fault in faults(valid)] == ["O-2 has no key factors, so no difficulty"]
     small = read_decomposition(yaml.safe_dump(valid), DecompositionVocabulary(difficulty="given"))
     assert small.key_factors("O-2") == ()
+
+
+def test_values_that_are_given_need_no_measure(valid: dict[str, Any]) -> None:
+    """Two observables without a measure, one of them without a reason: faults of a document that is flown, and none
+    of one whose values come along. A measure that is named is checked in both.
+    """
+
+    def check(name: str, options: Mapping[str, bool | float | str]) -> None:
+        raise ValueError(f"{name} takes no options")
+
+    del valid["observables"][0]["measure"], valid["observables"][1]["measure"]
+    del valid["observables"][1]["threshold_reason"]
+    assert [fault.what for fault in faults(valid)] == [
+        "O-1 names no measure, so nothing can be measured",
+        "O-2 does not say why its threshold is 0.5",
+        "O-2 names no measure, so nothing can be measured",
+    ]
+    given = DecompositionVocabulary(check_measure=check, difficulty="given")
+    decomposition = read_decomposition(yaml.safe_dump(valid), DecompositionVocabulary(difficulty="given"))
+    assert decomposition.observables["O-2"].measure is None
+    assert decomposition.observables["O-2"].threshold_reason is None
+    others = [leaf["measure"] for leaf in valid["observables"][2:]]
+    assert [fault.what for fault in faults(valid, given)] == [f"{name} takes no options" for name in others]
 
 
 def test_a_shared_bad_child_is_one_fault_for_each_parent(valid: dict[str, Any]) -> None:

@@ -12,9 +12,9 @@ from test_reporting_page import Page, page_of
 from bench.contracts import Outcome
 from bench.reporting import ReportData, load_report_data
 from bench.reporting._campaign_data import ReportedCompetence
-from bench.reporting.statistics._trials import trials_of
 from bench.reporting.text._answer import answer_paragraph
 from bench.scoring import NodeFloor
+from bench.statistics import clopper_pearson
 
 NAIVE, AWARE = AGENTS
 LOST = "p004-r0-reference-bystander-aware"
@@ -38,7 +38,7 @@ def page(folder: Path) -> Page:
 
 
 def paragraph(data: ReportData, agent: str) -> str:
-    return answer_paragraph(data, agent, trials_of(data.scores)).replace("\u00a0", " ")
+    return answer_paragraph(data, agent).replace("\u00a0", " ")
 
 
 @pytest.mark.parametrize("agent", AGENTS)
@@ -50,7 +50,14 @@ def test_numbers_are_those_of_the_tables(data: ReportData, agent: str) -> None:
     assert text.startswith(f"In {counted} simulated runs that count, on {counted} scenes, {agent} met")
     lowest = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
     assert f"lowest confidence is in {lowest.node} (" in text
-    assert f"passed, {100 * (lowest.confidence or 0.0):.1f} %, 95 % interval" in text
+    low, high = clopper_pearson(lowest.passed, lowest.considered)
+    # The runs passed and the mean share of achieved observables are two quantities, each with its own interval.
+    assert (
+        f"It passed {lowest.passed} of {lowest.considered} runs ({100 * lowest.passed / lowest.considered:.1f} %, "
+        f"95 % interval {100 * low:.0f} to {100 * high:.0f} %). The confidence, the mean share of achieved observables, is "
+        f"{100 * (lowest.confidence or 0.0):.1f} %, 95 % interval {100 * (lowest.confidence_low or 0.0):.0f} to "
+        f"{100 * (lowest.confidence_high or 0.0):.0f} %." in text
+    )
     half = min(tally.competence["50"].value for tally in tallies)
     assert (f"up to difficulty {half:.1f}" in text) is (half > 0.0)
     assert ("even half of such runs" in text) is (half <= 0.0)

@@ -237,11 +237,19 @@ def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
         named=True
     ):
         assert f"{100 * row['confidence_mean']:.1f} %" in text
+        passed = f"{row['passed']} of {row['considered']}"
+        assert passed in text
+        share, low, high = (
+            100 * row["passed"] / row["considered"],
+            100 * row["passed_low"],
+            100 * row["passed_high"],
+        )
         assert any(
-            f"{row['node']} score {row['score_mean']:.1f}, confidence {100 * row['confidence_mean']:.1f} %"
-            in line
+            f"{row['node']} passed {passed} runs ({share:.1f} %, 95 % interval {low:.0f} to {high:.0f} %); "
+            f"score {row['score_mean']:.1f}; confidence {100 * row['confidence_mean']:.1f} % (" in line
             for line in lines
         )
+    assert "Passed" in text
     assert "[red]naive" in text
 
 
@@ -262,7 +270,13 @@ def test_score_tables_fit_into_80_columns(data: ReportData, floors: bool) -> Non
     for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(
         named=True
     ):
-        for word in (row["node"], f"{row['score_mean']:.1f}", f"{100 * row['confidence_mean']:.1f} %"):
+        passed = f"{row['passed']} of {row['considered']}"
+        for word in (
+            row["node"],
+            passed,
+            f"{row['score_mean']:.1f}",
+            f"{100 * row['confidence_mean']:.1f} %",
+        ):
             assert word in text
     assert ("12–100 %" in text) is floors
 

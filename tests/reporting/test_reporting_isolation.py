@@ -12,7 +12,6 @@ from test_reporting_page import Page, page_of
 from bench.agents.confinement import HOLDINGS, Wall
 from bench.contracts import Outcome
 from bench.reporting import load_report_data
-from bench.reporting.statistics._trials import trials_of
 from bench.reporting.text._answer import answer_paragraph
 from bench.reporting.text._isolation import confinement_note
 
@@ -76,7 +75,7 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
 def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
     data = load_report_data(mixed)
     for agent, words in ((NAIVE, "confined by bwrap in 2 runs"), (AWARE, "NOT CONFINED in 1 run")):
-        assert words in answer_paragraph(data, agent, trials_of(data.scores)).replace("\u00a0", " ")
+        assert words in answer_paragraph(data, agent).replace("\u00a0", " ")
 
 
 def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:

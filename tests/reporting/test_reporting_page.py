@@ -30,6 +30,7 @@ from bench.reporting import build_run_map, load_report_data, render_report, writ
 from bench.reporting._html import template_text
 from bench.reporting._page import PLOTLY
 from bench.scoring import ScoredRun, score_table, stated_difficulty
+from bench.statistics import clopper_pearson
 from bench.streams import String, encode
 from decompositions import load_decomposition
 
@@ -124,7 +125,7 @@ def test_headline_shows_the_numbers_of_the_score_table(campaign_folder: Path, pa
     scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(
         pl.col("outcome") != "placement_infeasible"
     )
-    rows = [row for row in page.tables["headline"] if len(row) == 10][1:]
+    rows = [row for row in page.tables["headline"] if len(row) == 11][1:]
     wanted = []
     for node in STUDY:
         for agent in AGENTS:
@@ -135,21 +136,24 @@ def test_headline_shows_the_numbers_of_the_score_table(campaign_folder: Path, pa
                     agent_rows["confidence"].mean(),
                     agent_rows.height,
                     agent_rows["score"].count(),
+                    agent_rows.filter(pl.col("achieved") == pl.col("considered")).height,
                 )
             )
     assert len(rows) == len(wanted)
-    for row, (score, confidence, runs, scored) in zip(rows, wanted, strict=True):
-        shown_score = re.search(r"(\d+\.\d|not scored)", row[2])
+    for row, (score, confidence, runs, scored, passed) in zip(rows, wanted, strict=True):
+        shown_score = re.search(r"(\d+\.\d|not scored)", row[3])
         assert shown_score is not None
         assert shown_score[1] == (f"{score:.1f}" if score is not None else "not scored")
-        assert row[3] == f"{100 * confidence:.1f} %"
-        assert [int(cell) for cell in row[7:10]] == [runs, runs, scored]
+        assert row[4] == f"{100 * confidence:.1f} %"
+        low, high = clopper_pearson(passed, runs)
+        assert row[1] == f"{passed} of {runs}{100 * low:.0f} to {100 * high:.0f} %"
+        assert [int(cell) for cell in row[8:11]] == [runs, runs, scored]
 
 
 def test_every_node_of_every_agent_has_a_row(campaign_folder: Path, page: Page) -> None:
     """The trees hold each node of the decomposition for each agent."""
     data = load_report_data(campaign_folder)
-    rows = [row for row in page.tables[""] if len(row) == 10 and row[0].split(" · ")[0].strip() in data.nodes]
+    rows = [row for row in page.tables[""] if len(row) == 11 and row[0].split(" · ")[0].strip() in data.nodes]
     row_nodes = [row[0].split(" · ")[0].strip() for row in rows]
     for node in data.nodes:
         assert row_nodes.count(node) >= len(AGENTS)
@@ -283,7 +287,7 @@ def test_campaign_of_bench_errors_has_no_numbers(tmp_path: Path) -> None:
     assert len(page.tables["failures"]) == 5
     assert "4 runs, listed under Outcomes" in page.text
     assert {
-        row[2] for row in page.tables["headline"] if len(row) == 9 and row[0] != "Key attribute and agent"
+        row[3] for row in page.tables["headline"] if len(row) == 10 and row[0] != "Key attribute and agent"
     } == {"not scored"}
 
 
@@ -294,7 +298,7 @@ def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
     rows = page.tables["headline"]
     heading_row = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
-    assert [row[2:4] for row in rows[heading_row + 1 : heading_row + 3]] == [["not scored", "0.0 %"]] * 2
+    assert [row[3:5] for row in rows[heading_row + 1 : heading_row + 3]] == [["not scored", "0.0 %"]] * 2
     sentence = next(line for line in page.text.splitlines() if "Not scored in any run:" in line)
     assert all(f"KA-09 for {agent}" in sentence for agent in AGENTS)
 
@@ -415,7 +419,7 @@ def test_principles_are_folded_branches(campaign_folder: Path, page: Page) -> No
     assert tally.score is not None
     assert tally.confidence is not None
     assert (
-        f"score {tally.score:.1f}{' †' if tally.raised else ''}, confidence {100 * tally.confidence:.1f} %"
+        f"score {tally.score:.1f}{' †' if tally.raised else ''}; confidence {100 * tally.confidence:.1f} %"
         in page.text
     )
 
@@ -479,7 +483,7 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
     score_table(decomposition, scored, decomposition.study).write_parquet(folder / "scores.parquet")
     page, text = page_of(folder)
     assert len(text.encode()) < 15_000_000
-    shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
+    shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 11}
     assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
     assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(decomposition.study)
 

@@ -61,7 +61,7 @@ def test_tree_of_an_agent_leaves_the_sensor_out(page: Page) -> None:
     assert len(of_sensor) == len(AGENTS)
     assert all(row[1:] == ["measures the configured sensor, not the agent"] for row in of_sensor)
     mixed = [row for row in page.tables[""] if row and row[0].startswith(ABOUT_SENSOR[1])]
-    assert [len(row) for row in mixed] == [10] * len(AGENTS)
+    assert [len(row) for row in mixed] == [11] * len(AGENTS)
     assert {("a", "href", "#sensor")} <= set(page.attributes)
     assert "sensor" in page.ids
 

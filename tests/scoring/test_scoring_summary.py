@@ -25,7 +25,13 @@ from bench.scoring import (
     summary_frame,
 )
 from bench.scoring._summary import SUMMARY_COLUMNS
-from bench.statistics import bounded_mean, clopper_pearson, effective_size
+from bench.statistics import (
+    bounded_mean,
+    clopper_pearson,
+    effective_size,
+    mean_bounds,
+    pass_rate_bounds,
+)
 from decompositions import (
     Decomposition,
     DecompositionDocument,
@@ -316,6 +322,18 @@ def test_summaries_are_those_of_a_brute_force_reference(
         assert row["confidence_mean"] == (pytest.approx(sum(ratios) / len(ratios)) if ratios else None)
         assert row["confidence_low"] <= (row["confidence_mean"] or 0.0) + 1e-12
         assert row["confidence_high"] >= (row["confidence_mean"] or 0.0) - 1e-12
+        passes = sum(
+            bool(node_row["considered"]) and node_row["achieved"] == node_row["considered"]
+            for node_row in group
+        )
+        assert row["passed"] == passes
+        assert row["passed_low"] <= passes / max(len(ratios), 1) + 1e-12
+        assert row["passed_high"] >= (passes / len(ratios) if ratios else 1.0) - 1e-12
+        if row["level"] == "observable":
+            # Of an observable both are the share of runs that pass.
+            assert (row["passed_low"], row["passed_high"]) == pytest.approx(
+                (row["confidence_low"], row["confidence_high"])
+            )
 
 
 def test_exact_intervals() -> None:
@@ -394,6 +412,12 @@ def test_ratios_have_an_interval_of_their_own(decomposition: Decomposition) -> N
         for runs in (apart, single, shared)
     ]
     assert {row["method"] for row in lines} == {"gaffke"}
+    # No run achieves all of them: the share of runs that pass has an interval of counts, of its own.
+    none_low, none_high = clopper_pearson(0, 12)
+    assert [(row["passed"], row["passed_low"]) for row in lines] == [(0, none_low)] * 3
+    assert [row["passed_high"] for row in lines] == pytest.approx(
+        [float(none_high), float(none_high), float(clopper_pearson(0, len(names))[1])]
+    )
     ends = [(row["confidence_low"], row["confidence_high"]) for row in lines]
     mean = sum(ratios) / len(names) / 12
     assert lines[0]["confidence_mean"] == pytest.approx(mean)
@@ -454,6 +478,10 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     assert line(looked, "KA-03")["confidence_low"] < all_runs  # type: ignore[operator]
     assert line(fixed_count, "KA-03")["confidence_low"] == pytest.approx(points)
     assert line(looked, "KA-03")["confidence_mean"] == line(fixed_count, "KA-03")["confidence_mean"] == 1.0
+    for node in ("OBS-031", "KA-03"):
+        assert line(looked, node)["passed_low"] == pytest.approx(float(mean_bounds(24, 24)[0]))
+        assert line(alone, node)["passed_low"] == pytest.approx(float(pass_rate_bounds(4, 4)[0]))
+        assert line(fixed_count, node)["passed_low"] == pytest.approx(points)
 
     bad_first = [
         replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)

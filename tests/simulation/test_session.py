@@ -246,6 +246,7 @@ def test_a_wrong_hello_is_told_to_the_agent_and_named_in_the_reason(
     assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
     if outcome is Outcome.AGENT_CRASHED:
         assert "ended with exit code 4" in end.reason
+    assert end.agent_exit_code == (4 if outcome is Outcome.AGENT_CRASHED else None)
     (answer,) = (line for line in (tmp_path / "agent.log").read_text().splitlines() if line)
     assert words in json.loads(answer)["reason"]
 

@@ -25,6 +25,7 @@ from bench.statistics._divergence import (
     NodeOutcome,
     _outcome_class,
     _shuffled_pairs,
+    distributions,
     divergence,
     js_divergence,
 )
@@ -189,6 +190,52 @@ def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
     assert np.mean(np.array(other) < 0.05) > 0.8
     reversed_pairs = divergence(first, first[::-1], paired=paired, seed=4)
     assert reversed_pairs == divergence(first, first[::-1], paired=paired, seed=4)
+
+
+def test_a_shuffle_keeps_replicates_together() -> None:
+    """Replicates that are copies of each other: with clusters p is spread evenly, and small for another agent; run by
+    run the same agent would be found different.
+    """
+
+    def side(draw: np.random.Generator, failing: float) -> tuple[list[NodeOutcome], list[str]]:
+        of_points = [NodeOutcome(None if draw.random() < failing else 30.0, True) for _ in range(12)]
+        return [outcome for outcome in of_points for _ in range(4)], [f"p{k // 4}" for k in range(48)]
+
+    p: dict[str, list[float]] = {"same": [], "other": [], "run by run": []}
+    for seed in range(100):
+        draw = np.random.default_rng(seed)
+        first, first_points = side(draw, 0.4)
+        for kind, failing in (("same", 0.4), ("other", 1.0), ("run by run", 0.4)):
+            second, second_points = side(draw, failing)
+            clusters = None if kind == "run by run" else (first_points, second_points)
+            result = divergence(first, second, paired=False, clusters=clusters, seed=seed, shuffles=199)
+            assert result is not None
+            assert (result.first, result.second) == (48, 48)
+            p[kind].append(result.p)
+    rejected = {kind: np.mean(np.array(values) < 0.05) for kind, values in p.items()}
+    assert rejected["same"] < 0.1
+    assert rejected["other"] > 0.8
+    assert rejected["run by run"] > 0.2
+
+
+def test_distributions_count_what_the_divergence_compares() -> None:
+    """Both sides by class in the order of the scale; the band is that of the smaller side."""
+    first = [
+        NodeOutcome(None, False),
+        NodeOutcome(None, True),
+        NodeOutcome(20.0, True),
+        NodeOutcome(20.1, True),
+    ]
+    second = [NodeOutcome(104.0, True), NodeOutcome(100.0, True), NodeOutcome(-1.0, True)] * 20
+    assert distributions(first, second) == {
+        "not considered": (1, 0),
+        "failed": (1, 0),
+        "score up to 20": (1, 20),
+        "score above 20 to 40": (1, 0),
+        "score above 80 to 100": (0, 20),
+        "score above 100": (0, 20),
+    }
+    assert distributions(second, second[:50])["score above 90 to 100"] == (20, 17)
 
 
 def test_bands_grow_finer_with_runs() -> None:

@@ -32,6 +32,7 @@ CASES = _every_case()
 
 def measured(observable: str, run: Run, path: Path) -> Observation:
     node = FULL.observables[observable]
+    assert node.measure
     return measure_all({observable: (node.measure, node.options)}, recorded(run, path), run.simspec)[0]
 
 
@@ -41,6 +42,7 @@ def test_every_observable_can_be_achieved_failed_and_not_considered(observable: 
     left out where the situation offers nothing, unless it always applies.
     """
     node = FULL.observables[observable]
+    assert node.measure
     cases_of_node = CASES[node.measure](node.options)
 
     achieved = measured(observable, cases_of_node.achieved, tmp_path / "achieved.mcap")

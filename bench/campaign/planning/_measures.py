@@ -71,4 +71,5 @@ def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:
     return {
         observable.id: (observable.measure, observable.options)
         for observable in decomposition.observables.values()
+        if observable.measure is not None
     }

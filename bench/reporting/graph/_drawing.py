@@ -274,10 +274,10 @@ def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]
         yield "Key factors", listed(list(factors)) or "none"
         return
     observable = decomposition.observables[name]
-    yield "Measure", observable.measure
+    yield "Measure", observable.measure or "none: values are given with the runs"
     if observable.options:
         yield "Options", ", ".join(f"{key} = {_plain(value)}" for key, value in observable.options.items())
-    yield "Threshold", f"{observable.threshold:g}. {observable.threshold_reason}"
+    yield "Threshold", f"{observable.threshold:g}. {observable.threshold_reason or ''}".rstrip()
     yield "Partial credit", "yes" if observable.partial_credit else "no"
     if decomposition.near_miss(name):
         yield "Near miss", f"{decomposition.near_miss(name):g} below the threshold still scores"

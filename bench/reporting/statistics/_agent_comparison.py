@@ -1,4 +1,6 @@
-"""Two agents, two sources of perception or two autopilots, compared on the scenes that both flew, in one campaign or in two."""
+"""Two agents, two sources of perception or two autopilots, compared on the scenes that both flew, in one campaign or in two;
+and one agent in two campaigns without a common scene.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ import polars as pl
 from bench.errors import Fault, SetupError, command_line
 from bench.scoring import EXCLUDED_OUTCOMES
 from bench.simspec import SimSpec
-from bench.statistics import NodeComparison, compare_nodes
+from bench.statistics import NodeComparison, UnpairedNodeComparison, compare_nodes, compare_unpaired_nodes
 
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
@@ -33,7 +35,8 @@ class ComparedAgent:
 class Comparison:
     """Two sides over the scenes that both flew and that count; `scenes` counts those, whether a node was considered
     in them or not. `perceptions` are those of the sides where the scenes are equal but for perception, else None;
-    `autopilots` likewise, with the pace at which each can fly.
+    `autopilots` likewise, with the pace at which each can fly. Where one agent flew other scenes in two campaigns,
+    `scenes` is 0, and `unpaired` has the nodes in place of `nodes`.
     """
 
     first: str
@@ -42,10 +45,12 @@ class Comparison:
     nodes: tuple[NodeComparison, ...]
     perceptions: tuple[str, str] | None = None
     autopilots: tuple[str, str] | None = None
+    unpaired: tuple[UnpairedNodeComparison, ...] = ()
 
     def verdicts(self) -> list[str]:
         """A sentence for each node."""
-        return [node.verdict(self.first, self.second) for node in self.nodes]
+        nodes: Sequence[NodeComparison | UnpairedNodeComparison] = self.nodes or self.unpaired
+        return [node.verdict(self.first, self.second) for node in nodes]
 
 
 def compare_campaigns(
@@ -63,12 +68,16 @@ def compare_campaigns(
     if faults:
         raise SetupError(faults)
     comparison = _compared(first, second, nodes, seed)
+    if not comparison.scenes and first.agent == second.agent:
+        return _compared_unpaired(first, second, nodes, seed)
     if not comparison.scenes:
+        # The scenes may be harder for one agent than for the other: nothing could be said about the agents.
         raise SetupError(
             Fault(
                 f"{first.label} and {second.label}",
                 "flew no scene in common",
-                "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent",
+                "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent; only one agent "
+                "is compared with itself on other scenes",
             )
         )
     return comparison
@@ -99,6 +108,19 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
         perceptions,
         autopilots,
     )
+
+
+def _compared_unpaired(
+    first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str], seed: int
+) -> Comparison:
+    compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
+    first_rows, second_rows = (
+        _rows_that_count(side, _COMPARED_COLUMNS, *compared_nodes) for side in (first, second)
+    )
+    unpaired = compare_unpaired_nodes(
+        first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
+    )
+    return Comparison(first.label, second.label, 0, (), unpaired=unpaired)
 
 
 def _with_observables(data: ReportData, nodes: Sequence[str]) -> tuple[str, ...]:

@@ -8,16 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .._campaign_data import ReportData, Tally, stopped_early
-from ..statistics._trials import AllTrials, NodeTrials
 from ._campaign_sentences import missing_sentence
 from ._fidelity import fidelity_note
-from ._format import listed, number, percent, plural, span
+from ._format import interval, listed, number, passed_runs, percent, plural, span
 from ._isolation import confinement_note
 
 RATE_WORDS = {"90": "nine in ten", "50": "half"}
 
 
-def answer_paragraph(data: ReportData, agent: str, trials: AllTrials) -> str:
+def answer_paragraph(data: ReportData, agent: str) -> str:
     """The answer about one agent over the nodes under study, with what weakens it; empty where nothing was scored."""
     tallies = [tally for node in data.study if (tally := data.tally(agent, node)) is not None]
     considered = [tally for tally in tallies if tally.considered]
@@ -33,7 +32,7 @@ def answer_paragraph(data: ReportData, agent: str, trials: AllTrials) -> str:
         f"In {plural(runs, 'simulated run')} that {'counts' if runs == 1 else 'count'}, on {plural(scenes, 'scene')}, {agent} met "
         f"difficulties of {_difficulties(considered)} on the scale from 0 to 100.",
         *_limits(considered),
-        _weakest(data, considered, trials),
+        _weakest(data, considered),
         *caveats,
     ]
     # No-break spaces: a line must not end between a number and its unit.
@@ -88,18 +87,12 @@ def _limit(tallies: Sequence[Tally], rate: str, subject: str) -> str:
     return f"{words} of such runs pass {subject} up to difficulty {number(competence.value)}{end}; {sure}."
 
 
-def _weakest(data: ReportData, tallies: Sequence[Tally], trials: AllTrials) -> str:
+def _weakest(data: ReportData, tallies: Sequence[Tally]) -> str:
     # The id breaks ties, so that the same folder gives the same sentence.
     weakest = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
-    flown = trials.get((weakest.agent, weakest.node), NodeTrials())
-    interval = (
-        ""
-        if weakest.confidence_low is None or weakest.confidence_high is None
-        else f", 95 % interval {100 * weakest.confidence_low:.0f} to {100 * weakest.confidence_high:.0f} %"
-    )
     return (
-        f"Its lowest confidence is in {weakest.node} ({data.title(weakest.node)}): {flown.passes} of {plural(len(flown.passed), 'run')} passed, "
-        f"{percent(weakest.confidence)}{interval}."
+        f"Its lowest confidence is in {weakest.node} ({data.title(weakest.node)}). It passed {passed_runs(weakest)}. "
+        f"The confidence, the mean share of achieved observables, is {percent(weakest.confidence)}, 95 % interval {interval(weakest)}."
     )
 
 

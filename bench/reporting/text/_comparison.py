@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bench.statistics import NodeComparison
+from bench.statistics import NodeComparison, UnpairedNodeComparison
 
 from ._format import number
 
@@ -43,6 +43,19 @@ def comparison_cells(node: NodeComparison) -> ComparisonCells:
         divergence=number(divergence.value, 2) if divergence else NOTHING,
         divergence_by_chance=number(divergence.by_chance, 2) if divergence else NOTHING,
         divergence_p=_p(divergence.p) if divergence else NOTHING,
+    )
+
+
+def unpaired_cells(node: UnpairedNodeComparison) -> tuple[str, ...]:
+    """A node of other scenes: what both sides passed, divergence, by chance, p, adjusted p."""
+    divergence = node.divergence
+    return (
+        node.node,
+        *(f"{passed} of {runs}" for passed, runs in zip(node.passed, node.considered, strict=True)),
+        number(divergence.value, 2) if divergence else NOTHING,
+        number(divergence.by_chance, 2) if divergence else NOTHING,
+        _p(divergence.p) if divergence else NOTHING,
+        _p(node.p_adjusted),
     )
 
 

@@ -33,6 +33,17 @@ def interval(tally: Tally | None) -> str:
     return f"{100 * tally.confidence_low:.0f} to {100 * tally.confidence_high:.0f} %"
 
 
+def passed_runs(tally: Tally) -> str:
+    """How many runs passed a node that was considered: `11 of 12 runs (91.7 %, 95 % interval 62 to 100 %)`."""
+    share = percent(tally.passed / tally.considered)
+    return f"{tally.passed} of {plural(tally.considered, 'run')} ({share}, 95 % interval {passed_interval(tally)})"
+
+
+def passed_interval(tally: Tally) -> str:
+    """The interval of the share of considered runs that pass."""
+    return f"{100 * tally.passed_low:.0f} to {100 * tally.passed_high:.0f} %"
+
+
 def span(low: float | None, high: float | None) -> str:
     """A range of difficulty, one number where both ends are the same."""
     if low is None or high is None:
