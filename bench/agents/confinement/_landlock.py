@@ -154,8 +154,8 @@ class LandlockedProcess:
         settings_read, settings_write = os.pipe()
         try:
             forked = None
-            if warm is not None and box.warm is not None:
-                forked = warm.fork(box.warm, settings_read, status_write, output)
+            if warm is not None and box.warm:
+                forked = warm.fork(settings_read, status_write, output)
             self.is_forked = forked is not None
             self._launcher: Launcher = forked or StartedLauncher(settings_read, status_write, output)
         except BaseException:
