@@ -325,7 +325,10 @@ def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
             "scratch_bytes": box.limits.scratch_mb << 20,
             "limits": list(process_limits(box.limits, present).items()),
             "user": user,
-            "filter": filter_program(shares_ipc=not namespaces).hex(),
+            # Another user's agent changes nothing of the bench's files, whose owner it is not.
+            "filter": filter_program(
+                shares_ipc=not namespaces, shares_files=not namespaces and user is None
+            ).hex(),
             "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
             **view,
         }
