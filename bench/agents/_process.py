@@ -20,6 +20,7 @@ from ._program import expand_command, expand_placeholders
 from .confinement import (
     BOX_PLACE,
     CONTAINER,
+    INTERPRETER_ENVIRONMENT,
     Box,
     ConfinedProcess,
     Place,
@@ -112,13 +113,8 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
         image=manifest.image,
         hosts=plan.endpoints.hosts,
         # What is preloaded for warp must be there before the interpreter.
-        warm=_warm_environment(plan) if manifest.reset == "fork" and not plan.endpoints.warp else None,
+        warm=manifest.reset == "fork" and not plan.endpoints.warp,
     )
-
-
-def _warm_environment(plan: AgentPlan) -> dict[str, str]:
-    """What of the agent's environment no session sets: with it a warm interpreter starts."""
-    return _host_environment() | _stated_environment(plan)
 
 
 def _files(plan: AgentPlan) -> tuple[Path, ...]:
@@ -143,7 +139,8 @@ def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
     ends = plan.endpoints
     spec = plan.simspec
     environment = {
-        **_host_environment(),
+        "PATH": os.environ.get("PATH", os.defpath),
+        **INTERPRETER_ENVIRONMENT,
         "HOME": place.home,
         "ROS_DOMAIN_ID": str(ends.domain),
         "REBAR_VEHICLE": spec.vehicle.name,
@@ -160,7 +157,10 @@ def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
         environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = f"{place.files}/{TRUTH_FILE}"
-    environment |= dict(ends.mavlink) | dict(ends.services) | _stated_environment(plan)
+    environment |= dict(ends.mavlink) | dict(ends.services)
+    environment |= expand_placeholders(
+        plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment
+    )
     if ends.warp is not None:
         # Before the libraries that the agent preloads itself: of two functions of one name the first counts.
         # A box has a home of its own, whose name needs no link; without one the agent lives in its folder on the host.
@@ -173,20 +173,6 @@ def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
             "REBAR_WARP_WAITERS": f"{place.files}/{ends.warp.waiters.name}",
         }
     return environment
-
-
-def _host_environment() -> dict[str, str]:
-    return {
-        "PATH": os.environ.get("PATH", os.defpath),
-        "LANG": "C.UTF-8",
-        "PYTHONHASHSEED": "0",
-        "PYTHONUNBUFFERED": "1",
-    }
-
-
-def _stated_environment(plan: AgentPlan) -> dict[str, str]:
-    manifest = plan.manifest
-    return expand_placeholders(manifest, plan.folder, plan.simspec.agent.options, manifest.environment)
 
 
 class _Output:

@@ -123,6 +123,12 @@ class AgentManifest(Document):
                 'reset: fork needs a command of the bench\'s Python, as ["{python}", "-m", "my_agent"] or ["{python}", '
                 '"{folder}/my_agent.py"]; set reset: process for any other'
             )
+        late = sorted(name for name in self.environment if name.startswith(("LD_", "PYTHON")))
+        if self.reset == "fork" and late:
+            raise ValueError(
+                f"environment: {', '.join(late)} would come too late for reset: fork, whose Python has started "
+                "by then; leave it out, or set reset: process"
+            )
         return self
 
 

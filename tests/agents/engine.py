@@ -85,6 +85,9 @@ def run(words: list[str]) -> None:
     image, *command = words
     if image not in IMAGES:
         fail(125, f"{image}: image not known")
+    # podman starts programs that this file names.
+    if "CONTAINERS_CONF" in os.environ:
+        fail(125, f"configured by {os.environ['CONTAINERS_CONF']}")
     values = dict(options)
     environment = {"PATH": os.defpath}
     for option, value in options:

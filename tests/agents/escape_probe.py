@@ -8,6 +8,7 @@ to run without PROBE, and undoes what it manages to do: a wall that does not hol
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import json
 import os
 import platform
@@ -76,6 +77,34 @@ def writing() -> Iterator[str]:
             os.close(os.open(path, os.O_CREAT | os.O_WRONLY | os.O_EXCL))
             os.unlink(path)
             yield folder
+    for path in (PLANTED["file"], PLANTED["folder"], __file__, json.__file__, os.devnull):
+        for change in (same_mode, same_times, attribute, same_owner, lease):
+            with suppress(OSError):
+                change(path)
+                yield f"{change.__name__} of {path}"
+
+
+def same_mode(path: str) -> None:
+    os.chmod(path, os.stat(path).st_mode & 0o7777)
+
+
+def same_times(path: str) -> None:
+    os.utime(path, ns=(os.stat(path).st_atime_ns, os.stat(path).st_mtime_ns))
+
+
+def attribute(path: str) -> None:
+    os.setxattr(path, "user.probe", b"")
+    os.removexattr(path, "user.probe")
+
+
+def same_owner(path: str) -> None:
+    os.chown(path, -1, os.getgid())
+
+
+def lease(path: str) -> None:
+    """Make whoever opens a file wait."""
+    with open(path, "rb") as file:
+        fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_WRLCK)
 
 
 def processes() -> Iterator[str]:
@@ -272,6 +301,32 @@ def memory_of_all() -> Iterator[str]:
         os.waitpid(pid, 0)
     if count == 3:
         yield f"{3 * PLANTED['memory_mb'] // 2} MB, {PLANTED['memory_mb']} allowed"
+    held_mb = held_by_sockets() >> 20
+    if held_mb > PLANTED["memory_mb"]:
+        yield f"{held_mb} MB in sockets, {PLANTED['memory_mb']} allowed"
+
+
+def held_by_sockets() -> int:
+    """How many bytes of datagrams wait in sockets of this process's own, which is no memory of any process."""
+    datagram, full, held = bytes(60_000), 12, 0
+    receivers = []
+    with suppress(OSError):
+        for _ in range(900):
+            receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            receivers.append(receiver)
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 24)
+            receiver.bind(("127.0.0.1", 0))
+            receiver.setblocking(False)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.setblocking(False)
+                for _ in range(full):
+                    sender.sendto(datagram, receiver.getsockname())
+    for receiver in receivers:
+        with suppress(OSError):
+            while True:
+                held += len(receiver.recv(len(datagram)))
+        receiver.close()
+    return held
 
 
 def in_child(attempt: Callable[[], bool]) -> bool:

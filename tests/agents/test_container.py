@@ -72,15 +72,18 @@ def until(holds: Callable[[], bool]) -> None:
 
 
 def test_two_agents_in_two_images(engine: Path, tmp_path: Path) -> None:
-    """Exit codes and output are their own; the environment holds nothing of the bench's; nothing stays."""
+    """Exit codes and output are their own; the environment holds nothing of the bench's, and the engine's nothing of the manifest's."""
     for number, image in enumerate(("agents/one:1", "agents/two:2"), start=3):
         scratch = tmp_path / f"agent{number}"
-        show = f"echo $REBAR_MAVLINK $HOME $MODE; test -z $PYTEST_CURRENT_TEST; exit {number}"
-        with open_agent(plan(scratch, "sh", "-c", show, image=image, MODE="fast")) as agent:
+        show = (
+            f"echo $REBAR_MAVLINK $HOME $MODE $CONTAINERS_CONF; test -z $PYTEST_CURRENT_TEST; exit {number}"
+        )
+        stated = {"MODE": "fast", "CONTAINERS_CONF": "mine"}
+        with open_agent(plan(scratch, "sh", "-c", show, image=image, **stated)) as agent:
             until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
             assert agent.exit_code() == number
             assert agent.exceeded_limit() == ""
-        assert agent.output().decode() == "udpin:127.0.0.1:14540 /scratch fast\n"
+        assert agent.output().decode() == "udpin:127.0.0.1:14540 /scratch fast mine\n"
     assert list(engine.glob("*.json")) == []
 
 

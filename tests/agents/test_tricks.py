@@ -31,7 +31,7 @@ TRICKS = {
     "full device": "os.symlink('/dev/full', 'agent.log')",
     "endless device": "os.symlink('/dev/zero', 'agent.log')",
     "pipe": "os.mkfifo('agent.log')",
-    "closed folder": "os.mkdir('closed'); open('closed/file', 'w').close(); os.chmod('closed', 0)",
+    "closed folder": "os.mkdir('closed'); open('closed/file', 'w').close(); close('closed')",
     "link to a folder": "os.symlink(os.path.dirname(victims[0]), 'agent.log')",
     "nested folders": "nest(1200)",
     "long names": "nest(100, 'n' * 255)",
@@ -47,6 +47,11 @@ def nest(count, folder='n'):
         deeper = os.open(folder, os.O_RDONLY, dir_fd=held)
         os.close(held)
         held = deeper
+def close(folder):
+    try:
+        os.chmod(folder, 0)
+    except PermissionError:
+        pass
 print('what the agent prints', flush=True)
 exec(sys.argv[1])
 sys.exit(3)

@@ -97,6 +97,22 @@ def test_a_forked_agent_finds_what_a_fresh_one_finds_each_time(tmp_path: Path) -
         assert len(set(draws)) == 3
 
 
+def test_nothing_of_a_manifest_runs_outside_of_the_walls(tmp_path: Path) -> None:
+    """The dynamic linker and Python run code that their variables name: the interpreter starts without the manifest's."""
+    for name in ("LD_PRELOAD", "LD_DEBUG_OUTPUT", "PYTHONPATH", "PYTHONPYCACHEPREFIX"):
+        with pytest.raises(ValidationError, match=f"environment: {name} would come too late for reset: fork"):
+            plan(tmp_path, "", environment={name: "x"})
+        plan(tmp_path, "", "process", environment={name: "x"})
+    script = "import os, time; print(os.environ['MODE'], flush=True); time.sleep(600)"
+    with open_agent(plan(tmp_path, script, environment={"MODE": "manifest"})) as agent:
+        parent = Path(f"/proc/{agent.pid}/stat").read_text().rpartition(")")[2].split()[1]
+        assert b"MODE=" not in Path(f"/proc/{parent}/environ").read_bytes()
+        deadline = time.monotonic() + PATIENCE_S
+        while agent.output() != b"manifest\n":
+            assert time.monotonic() < deadline, agent.output_tail()
+            time.sleep(0.005)
+
+
 def test_its_end_is_known_as_that_of_a_process(tmp_path: Path) -> None:
     """Exit codes, a traceback, a signal; and the CPU time of an agent that has ended."""
     ends = {

@@ -113,7 +113,10 @@ def _limits_v2(limits: AgentLimits) -> dict[str, int | str]:
 
 def _limits_v1(limits: AgentLimits) -> dict[str, dict[str, int | str]]:
     return {
-        "memory": {"memory.limit_in_bytes": limits.memory_mb << 20},
+        # What waits in sockets counts apart in version 1, and by no limit at all until this one is set.
+        "memory": dict.fromkeys(
+            ("memory.limit_in_bytes", "memory.kmem.tcp.limit_in_bytes"), limits.memory_mb << 20
+        ),
         "pids": {"pids.max": limits.processes},
         "cpu": {"cpu.cfs_quota_us": round(limits.cpus * _CPU_PERIOD_US)},
     }

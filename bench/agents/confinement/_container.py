@@ -266,17 +266,18 @@ def _ulimits(limits: AgentLimits) -> list[str]:
 def _environment_options(box: Box) -> tuple[dict[str, str], list[str]]:
     """The environment of the engine's client, and options that hand the agent's over.
 
-    By name where the client's own environment leaves room: command lines are read by every user of the host.
+    The bench's own by name, where the client's environment leaves room: command lines are read by every user of the host,
+    and the agent's password is among them. What the manifest states goes by value: the client itself heeds some of it
+    (CONTAINERS_CONF names programs that podman starts).
     """
     client = dict(os.environ)
     options = []
     for variable, value in box.environment.items():
-        # What the dynamic linker heeds is for the agent's programs, and not for the engine's.
-        if variable in os.environ or variable.startswith("LD_"):
-            options += ["--env", f"{variable}={value}"]
-        else:
+        if variable.startswith("REBAR_") and variable not in os.environ:
             client[variable] = value
             options += ["--env", variable]
+        else:
+            options += ["--env", f"{variable}={value}"]
     return client, options
 
 

@@ -154,8 +154,8 @@ class LandlockedProcess:
         settings_read, settings_write = os.pipe()
         try:
             forked = None
-            if warm is not None and box.warm is not None:
-                forked = warm.fork(box.warm, settings_read, status_write, output)
+            if warm is not None and box.warm:
+                forked = warm.fork(settings_read, status_write, output)
             self.is_forked = forked is not None
             self._launcher: Launcher = forked or StartedLauncher(settings_read, status_write, output)
         except BaseException:
@@ -325,7 +325,10 @@ def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
             "scratch_bytes": box.limits.scratch_mb << 20,
             "limits": list(process_limits(box.limits, present).items()),
             "user": user,
-            "filter": filter_program(shares_ipc=not namespaces).hex(),
+            # Another user's agent changes nothing of the bench's files, whose owner it is not.
+            "filter": filter_program(
+                shares_ipc=not namespaces, shares_files=not namespaces and user is None
+            ).hex(),
             "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
             **view,
         }

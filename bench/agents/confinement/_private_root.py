@@ -97,10 +97,11 @@ class _Root:
     def add_devices(self, devices: Iterable[str]) -> None:
         """/proc of the new processes, harmless devices, and folders in memory that share one quota each."""
         self._tmpfs("/dev", "mode=755,size=64k")
-        for name in ("null", "zero", "full", "random", "urandom"):
-            self.add_file(f"/dev/{name}")
-        for path in devices:
-            self.add_file(path)
+        names = ("null", "zero", "full", "random", "urandom")
+        for path in (*(f"/dev/{name}" for name in names), *devices):
+            if place := self.add_file(path):
+                # Devices are written all the same; what cannot be changed are the modes and owners of the host's.
+                _set_attributes(place, MOUNT_ATTR_RDONLY, recursive=True)
         for name, target in (
             ("fd", "self/fd"),
             ("stdin", "self/fd/0"),

@@ -16,7 +16,11 @@ from typing import Any
 _NUMBERS: dict[str, dict[str, int]] = {
     "x86_64": {
         "shmget": 29, "msgget": 68, "semget": 64, "mq_open": 240,
-        "clone": 56, "clone3": 435, "socket": 41, "socketpair": 53, "ioctl": 16,
+        "clone": 56, "clone3": 435, "socket": 41, "socketpair": 53, "ioctl": 16, "fcntl": 72,
+        "chmod": 90, "chown": 92, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "fchown": 93, "fchownat": 260,
+        "file_setattr": 469, "fremovexattr": 199, "fsetxattr": 190, "futimesat": 261, "lchown": 94,
+        "lremovexattr": 198, "lsetxattr": 189, "removexattr": 197, "removexattrat": 466, "setxattr": 188,
+        "setxattrat": 463, "utime": 132, "utimensat": 280, "utimes": 235,
         "acct": 163, "add_key": 248, "adjtimex": 159, "bpf": 321, "chroot": 161, "clock_adjtime": 305,
         "clock_settime": 227, "delete_module": 176, "finit_module": 313, "fsconfig": 431, "fsmount": 432,
         "fsopen": 430, "fspick": 433, "init_module": 175, "io_uring_enter": 426, "io_uring_register": 427,
@@ -31,7 +35,10 @@ _NUMBERS: dict[str, dict[str, int]] = {
     },
     "aarch64": {
         "shmget": 194, "msgget": 186, "semget": 190, "mq_open": 180,
-        "clone": 220, "clone3": 435, "socket": 198, "socketpair": 199, "ioctl": 29,
+        "clone": 220, "clone3": 435, "socket": 198, "socketpair": 199, "ioctl": 29, "fcntl": 25,
+        "fchmod": 52, "fchmodat": 53, "fchmodat2": 452, "fchown": 55, "fchownat": 54, "file_setattr": 469,
+        "fremovexattr": 16, "fsetxattr": 7, "lremovexattr": 15, "lsetxattr": 6, "removexattr": 14,
+        "removexattrat": 466, "setxattr": 5, "setxattrat": 463, "utimensat": 88,
         "acct": 89, "add_key": 217, "adjtimex": 171, "bpf": 280, "chroot": 51, "clock_adjtime": 266,
         "clock_settime": 112, "delete_module": 106, "finit_module": 273, "fsconfig": 431, "fsmount": 432,
         "fsopen": 430, "fspick": 433, "init_module": 105, "io_uring_enter": 426, "io_uring_register": 427,
@@ -48,16 +55,37 @@ _NUMBERS: dict[str, dict[str, int]] = {
 # AUDIT_ARCH_* of linux/audit.h.
 _ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 _ENGINE_NAMES = {"x86_64": "SCMP_ARCH_X86_64", "aarch64": "SCMP_ARCH_AARCH64"}
-_NAMED_BELOW = frozenset(
-    {"clone", "clone3", "socket", "socketpair", "ioctl", "shmget", "msgget", "semget", "mq_open"}
-)
 _SHARED_MEMORY = ("shmget", "msgget", "semget", "mq_open")
+# Landlock has no rights for what they change, and so allows it of every file of the agent's user: modes, owners, times,
+# extended attributes.
+_ATTRIBUTES = (
+    *(
+        "chmod",
+        "chown",
+        "fchmod",
+        "fchmodat",
+        "fchmodat2",
+        "fchown",
+        "fchownat",
+        "file_setattr",
+        "fremovexattr",
+    ),
+    *("fsetxattr", "futimesat", "lchown", "lremovexattr", "lsetxattr", "removexattr", "removexattrat"),
+    *("setxattr", "setxattrat", "utime", "utimensat", "utimes"),
+)
+_NAMED_BELOW = frozenset(
+    {"clone", "clone3", "socket", "socketpair", "ioctl", "fcntl", *_SHARED_MEMORY, *_ATTRIBUTES}
+)
 # AF_UNIX, AF_INET, AF_INET6, AF_NETLINK (getifaddrs asks by it). Not vsock, which reaches the hypervisor
 # through any network namespace, and not packet, alg, xdp or bluetooth.
 _SOCKET_FAMILIES = (1, 2, 10, 16)
 # CLONE_NEWNS, NEWCGROUP, NEWUTS, NEWIPC, NEWUSER, NEWPID, NEWNET
 _NEW_NAMESPACES = 0x20000 | 0x2000000 | 0x4000000 | 0x8000000 | 0x10000000 | 0x20000000 | 0x40000000
-_TIOCSTI = 0x5412
+# What a terminal would take for typed; and, of a file that the agent may only read, its flags (FS_IOC_SETFLAGS,
+# FS_IOC_FSSETXATTR) and that nobody writes it ever again (FS_IOC_ENABLE_VERITY).
+_REFUSED_IOCTLS = (0x5412, 0x40086602, 0x401C5820, 0x40806685)
+# F_SETLEASE and F_SETDELEG: whoever opens the file waits, up to /proc/sys/fs/lease-break-time (45 s).
+_REFUSED_FCNTLS = (1024, 1040)
 
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 _ALLOW, _KILL_PROCESS, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
@@ -67,11 +95,12 @@ _NUMBER, _ARCHITECTURE, _ARGUMENT_0, _ARGUMENT_1 = 0, 4, 16, 24
 _X32 = 0x40000000
 
 
-def filter_program(*, shares_ipc: bool, machine: str = "") -> bytes:
+def filter_program(*, shares_ipc: bool, shares_files: bool = False, machine: str = "") -> bytes:
     """The filter for this machine (`platform.machine()`), as an array of struct sock_filter.
 
     With `shares_ipc`, System V and POSIX queues and shared memory are denied too: for rungs without an IPC
-    namespace. Raises NotImplementedError for a machine whose calls are not listed.
+    namespace. With `shares_files`, the attributes of files cannot be changed: for an agent that is the bench's user in the
+    bench's root. Raises NotImplementedError for a machine whose calls are not listed.
     """
     machine = machine or platform.machine()
     if machine not in _NUMBERS:
@@ -86,7 +115,9 @@ def filter_program(*, shares_ipc: bool, machine: str = "") -> bytes:
     if machine == "x86_64":
         program += [(_AT_LEAST, 0, 1, _X32), _refuse(errno.ENOSYS)]
     denied = [name for name in sorted(numbers) if name not in _NAMED_BELOW]
-    for name in (*denied, *(_SHARED_MEMORY if shares_ipc else ())):
+    denied += _SHARED_MEMORY if shares_ipc else ()
+    denied += (name for name in _ATTRIBUTES if shares_files and name in numbers)
+    for name in denied:
         program += [(_EQUAL, 0, 1, numbers[name]), _refuse(errno.EPERM)]
     # The flags of clone3 lie in memory, where a filter cannot look; libraries then fall back to clone.
     program += [(_EQUAL, 0, 1, numbers["clone3"]), _refuse(errno.ENOSYS)]
@@ -102,13 +133,11 @@ def filter_program(*, shares_ipc: bool, machine: str = "") -> bytes:
         program += [(_EQUAL, 0, count + 3, numbers[name]), (_LOAD, 0, 0, _ARGUMENT_0)]
         program += [(_EQUAL, count - index, 0, family) for index, family in enumerate(_SOCKET_FAMILIES)]
         program += [_refuse(errno.EAFNOSUPPORT), (_RETURN, 0, 0, _ALLOW)]
-    program += [
-        (_EQUAL, 0, 4, numbers["ioctl"]),
-        (_LOAD, 0, 0, _ARGUMENT_1),
-        (_EQUAL, 0, 1, _TIOCSTI),
-        _refuse(errno.EPERM),
-        (_RETURN, 0, 0, _ALLOW),
-    ]
+    for name, refused in (("ioctl", _REFUSED_IOCTLS), ("fcntl", _REFUSED_FCNTLS)):
+        count = len(refused)
+        program += [(_EQUAL, 0, count + 3, numbers[name]), (_LOAD, 0, 0, _ARGUMENT_1)]
+        program += [(_EQUAL, count - index, 0, value) for index, value in enumerate(refused)]
+        program += [(_RETURN, 0, 0, _ALLOW), _refuse(errno.EPERM)]
     program.append((_RETURN, 0, 0, _ALLOW))
     return b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
 
@@ -131,8 +160,11 @@ def engine_profile(machine: str = "") -> dict[str, Any]:
     others = [family for family in range(last) if family not in _SOCKET_FAMILIES]
     rules += [_rule(sockets, errno.EAFNOSUPPORT, 0, "SCMP_CMP_EQ", family) for family in others]
     rules.append(_rule(sockets, errno.EAFNOSUPPORT, 0, "SCMP_CMP_GT", last))
-    # The kernel looks at the lower half of this argument alone.
-    rules.append(_rule(["ioctl"], errno.EPERM, 1, "SCMP_CMP_MASKED_EQ", 0xFFFFFFFF, _TIOCSTI))
+    for call, numbers in (("ioctl", _REFUSED_IOCTLS), ("fcntl", _REFUSED_FCNTLS)):
+        # The kernel looks at the lower half of this argument alone.
+        rules += [
+            _rule([call], errno.EPERM, 1, "SCMP_CMP_MASKED_EQ", 0xFFFFFFFF, number) for number in numbers
+        ]
     return {"defaultAction": "SCMP_ACT_ALLOW", "architectures": [_ENGINE_NAMES[machine]], "syscalls": rules}
 
 

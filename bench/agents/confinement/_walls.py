@@ -87,6 +87,11 @@ _ENGINE = Holding("yes, by the engine", lambda host: True)
 HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
     "bwrap": {
         **dict.fromkeys(Wall, _YES),
+        # They are the host's, and bubblewrap takes away their use with the right to change them.
+        Wall.WRITING: Holding(
+            "yes; modes of /dev/null and the like as root only with a user of its own",
+            lambda host: host.own_user or not host.root,
+        ),
         Wall.TCP: _NETWORK,
         Wall.UDP: _NETWORK,
         Wall.ABSTRACT_SOCKETS: _NETWORK,

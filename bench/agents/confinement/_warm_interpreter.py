@@ -1,4 +1,4 @@
-"""Warm interpreters as the bench sees them: one for each environment, which fork a launcher for each session."""
+"""The warm interpreter as the bench sees it, which forks a launcher for each session."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping
 from contextlib import suppress
 
 from . import _warm_launch
@@ -27,8 +26,9 @@ WARM_MODULES = (
     "bench.simspec",
     "bench.streams",
 )
-# Of one process of the bench; an agent whose manifest puts options into its environment has one for each value.
-MAX_INTERPRETERS = 4
+# Nothing of a manifest: the interpreter is outside of the walls, and a program runs what its environment names, such as
+# LD_PRELOAD and PYTHONPATH.
+INTERPRETER_ENVIRONMENT = {"LANG": "C.UTF-8", "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
 _END_BUDGET_S = 2.0
 _READ_BYTES = 4096
 
@@ -74,9 +74,9 @@ class ForkedLauncher:
 
 
 class WarmInterpreter:
-    """One warm interpreter in one environment. Used by one thread at a time."""
+    """One warm interpreter. Used by one thread at a time."""
 
-    def __init__(self, environment: Mapping[str, str]) -> None:
+    def __init__(self) -> None:
         self._link, other = socket.socketpair()
         with other:
             other.set_inheritable(True)
@@ -84,7 +84,7 @@ class WarmInterpreter:
             self._process = subprocess.Popen(
                 [sys.executable, *command],
                 cwd="/",
-                env=dict(environment),
+                env=INTERPRETER_ENVIRONMENT,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -122,23 +122,19 @@ class WarmInterpreter:
 
 
 class WarmInterpreters:
-    """The warm interpreters of this process, by environment."""
+    """The warm interpreter of this process, once an agent needs it."""
 
     def __init__(self) -> None:
-        self._interpreters: dict[tuple[int, frozenset[tuple[str, str]]], WarmInterpreter] = {}
+        self._interpreters: dict[int, WarmInterpreter] = {}
         atexit.register(self._close)
 
-    def fork(
-        self, environment: Mapping[str, str], settings_fd: int, status_fd: int, output: int
-    ) -> ForkedLauncher | None:
-        """A launcher from the interpreter with that environment; None where there are too many, or it cannot start."""
-        # A process that was forked from this one has interpreters of its own.
-        key = os.getpid(), frozenset(environment.items())
+    def fork(self, settings_fd: int, status_fd: int, output: int) -> ForkedLauncher | None:
+        """A launcher from the interpreter; None where it cannot start."""
+        # A process that was forked from this one has an interpreter of its own.
+        key = os.getpid()
         for _ in range(2):
             if key not in self._interpreters:
-                if len(self._interpreters) >= MAX_INTERPRETERS:
-                    return None
-                self._interpreters[key] = WarmInterpreter(environment)
+                self._interpreters[key] = WarmInterpreter()
             try:
                 return self._interpreters[key].fork(settings_fd, status_fd, output)
             except OSError:
@@ -147,7 +143,5 @@ class WarmInterpreters:
         return None
 
     def _close(self) -> None:
-        for (process, _), interpreter in self._interpreters.items():
-            if process == os.getpid():
-                interpreter.close()
-        self._interpreters.clear()
+        if interpreter := self._interpreters.pop(os.getpid(), None):
+            interpreter.close()

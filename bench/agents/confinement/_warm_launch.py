@@ -1,6 +1,6 @@
 """The warm interpreter: has libraries loaded, and forks the launcher of a landlocked agent for each session.
 
-Run as `python _warm_launch.py LINK_FD PARENT MODULE...`, in the environment of the agent less what a session adds to it.
+Run as `python _warm_launch.py LINK_FD PARENT MODULE...`, in an environment of which nothing is the agent's.
 Each request on the socket LINK_FD brings four descriptors: the settings and the status of `_landlock_launch`, the agent's
 output, and one to which this process writes the launcher's id and, at its end, its wait status and CPU seconds.
 
