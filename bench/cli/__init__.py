@@ -17,7 +17,9 @@ def main() -> None:
     from bench.visible_text import visible_output
 
     from ._app import run
+    from ._proxies import exempt_loopback
 
+    exempt_loopback(os.environ)
     with visible_output():
         try:
             code = run(sys.argv[1:])

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaign import Campaign, load_campaign, load_measurable_decomposition, propose_next, realizations
+from bench.campaign import (
+    Campaign,
+    load_campaign,
+    load_measurable_decomposition,
+    open_journal,
+    propose_next,
+    realizations,
+)
 from bench.cli._app import run
 from bench.contracts import Observation, Outcome, SessionResult
 from bench.documents import dump_json, dump_yaml, read_document
@@ -66,7 +73,8 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
             )
         )
     (folder / "campaign.yaml").write_text(dump_yaml(campaign))
-    (folder / "journal.sqlite").touch()
+    with open_journal(folder / "journal.sqlite"):
+        pass
     (folder / "decomposition.yaml").write_text(dump_yaml(DECOMPOSITION.document))
     score_table(DECOMPOSITION, runs, campaign.study).write_parquet(folder / "scores.parquet")
     return folder

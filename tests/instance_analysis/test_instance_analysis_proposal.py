@@ -18,6 +18,7 @@ import pytest
 from bench.cli._app import run
 from bench.errors import LinkLost, SetupError
 from bench.instance_analysis import ModelEndpoint, ProposedResult, load_vocabulary, propose
+from bench.instance_analysis.model._endpoint import is_on_this_machine
 
 VOCABULARY = load_vocabulary()
 TEXT = "A radar. Keep the drone eighty metres over the ground. The lens sees forty-five degrees downwards, say 45 degrees."
@@ -450,6 +451,59 @@ def test_an_endpoint_that_is_not_there_is_named() -> None:
     for name in ("", "openai:"):
         with pytest.raises(SetupError, match="names no model"):
             ModelEndpoint(name)
+
+
+PROXIES = ("http_proxy", "https_proxy", "all_proxy", "no_proxy")
+NO_SUCH_PROXY = ("http://127.0.0.1:9", "socks5://127.0.0.1:9", "gopher://127.0.0.1:9")
+
+
+@pytest.fixture
+def without_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in PROXIES:
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.upper(), raising=False)
+
+
+@pytest.mark.usefixtures("without_proxies")
+@pytest.mark.parametrize("name", ["HTTP_PROXY", "ALL_PROXY"])
+@pytest.mark.parametrize("proxy", NO_SUCH_PROXY)
+def test_a_server_on_this_machine_is_asked_without_a_proxy(
+    name: str, proxy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody listens at the proxy, and the client knows not every kind."""
+    monkeypatch.setenv(name, proxy)
+    with recorded(GOOD) as (url, requests):
+        assert ask_recorded(TEXT, url).decided_by_model == ("vehicle.camera.tilt_deg",)
+        assert ask_recorded(TEXT, url.replace("127.0.0.1", "localhost")).rounds == 1
+    assert len(requests) == 2
+
+
+@pytest.mark.usefixtures("without_proxies")
+def test_a_server_elsewhere_is_asked_through_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recorded server is the proxy: it gets the whole address. A kind that the client does not know is named."""
+    with recorded(GOOD) as (url, requests):
+        monkeypatch.setenv("HTTP_PROXY", url.removesuffix("/v1"))
+        assert ask_recorded(TEXT, "http://models.invalid/v1").rounds == 1
+    assert requests[0]["path"] == "http://models.invalid/v1/chat/completions"
+    for proxy in NO_SUCH_PROXY[1:]:
+        monkeypatch.setenv("ALL_PROXY", proxy)
+        with pytest.raises(SetupError, match=r"a proxy of the environment cannot be used: .*ALL_PROXY"):
+            ask_recorded(TEXT, "http://models.invalid/v1")
+
+
+@pytest.mark.parametrize(
+    ("host", "here"),
+    [
+        *(
+            (host, True)
+            for host in ("localhost", "LOCALHOST", "llm.localhost", "127.0.0.1", "127.9.9.9", "0.0.0.0")
+        ),
+        *((host, True) for host in ("[::1]", "[::]", "[::ffff:127.0.0.1]")),
+        *((host, False) for host in ("localhost.example", "notlocalhost", "128.0.0.1", "10.0.0.1", "[::2]")),
+    ],
+)
+def test_loopback_is_this_machine(host: str, here: bool) -> None:
+    assert is_on_this_machine(f"http://{host}:11434/v1") is here
 
 
 @pytest.mark.parametrize(("model", "form"), [("openai:gpt-5", response), ("openai-chat:gpt-5", completion)])

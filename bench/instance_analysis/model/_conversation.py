@@ -36,6 +36,7 @@ from pydantic_ai.settings import ModelSettings
 
 from bench.errors import Fault, LinkLost, RebarError, SetupError
 
+from ._endpoint import is_on_this_machine
 from ._proposal import MAX_ROUNDS, Conversation, Judge, Proposal
 
 COMPATIBLE = "openai-compatible"
@@ -106,7 +107,7 @@ def converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> 
 
 async def _converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
     gate = _TrafficFilter(door)
-    async with create_async_httpx2_client(timeout=door.timeout_s) as client:
+    async with _open_client(door) as client:
         client.event_hooks = {
             "request": [*client.event_hooks["request"], gate.request],
             "response": [gate.response],
@@ -117,6 +118,22 @@ async def _converse(door: ModelConnection, brief: str, question: str, judge: Jud
             raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", _advice(error))) from error
         with capture_run_messages() as messages:
             return await _run(model, door, gate, messages, brief, question, judge)
+
+
+def _open_client(door: ModelConnection) -> httpx2.AsyncClient:
+    # A client that has a transport asks no proxy of the environment: none of them reaches a server on this machine.
+    direct = door.provider == COMPATIBLE and is_on_this_machine(door.url)
+    try:
+        return create_async_httpx2_client(
+            timeout=door.timeout_s, transport=httpx2.AsyncHTTPTransport() if direct else None
+        )
+    # A proxy of a kind that the client does not know, or knows with another package alone.
+    except (ImportError, ValueError) as error:
+        what = f"a proxy of the environment cannot be used: {_first_line(error)}"
+        remedy = (
+            "correct or unset HTTP_PROXY, HTTPS_PROXY and ALL_PROXY; for SOCKS, .venv/bin/pip install socksio"
+        )
+        raise SetupError(Fault("--llm", what, remedy)) from error
 
 
 async def _run(
