@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from own_network import call_in_own_network
 from rungs import BARE, EVERY, rung_or_skip
 from warp_host import library_or_skip
 
+from bench.agents import open_agent
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome, SessionResult
 from bench.realization import place
 from bench.removal import remove_tree
 from bench.simspec import Isolation, PaceMode, load_simspec
@@ -56,6 +59,19 @@ print('what the agent prints', flush=True)
 exec(sys.argv[1])
 sys.exit(3)
 """
+# All that it gets of what the kernel counts for each user.
+GREEDY = """
+import ctypes, time
+libc = ctypes.CDLL(None)
+instances, timers, timer = 0, 0, ctypes.c_void_p()
+while instances < 1000 and libc.inotify_init() >= 0:
+    instances += 1
+while timers < 100000 and libc.timer_create(1, None, ctypes.byref(timer)) == 0:
+    timers += 1
+print(instances, timers, flush=True)
+time.sleep(600)
+"""
+PATIENCE_S = 60.0
 PAGE_TRICKS = {
     "shortened": "os.truncate(page, 0)",
     "shortened by half": "os.truncate(page, 4096)",
@@ -126,6 +142,41 @@ def test_who_spoils_the_page_of_warp_loses_the_run(trick: str, rung: str, tmp_pa
     harmless = trick == "shortened by half"
     assert result.outcome is (Outcome.TIME_LIMIT if harmless else Outcome.AGENT_PROTOCOL), result.reason
     assert ("REBAR_WARP_WAITERS" in result.reason) != harmless
+
+
+def used_up(folder: Path, *, beside: int) -> tuple[int, int] | None:
+    """How many inotify instances and timers an agent of this process gets, and keeps while another one in a process of its
+    own asks for as many; None where it has the user of the process `beside` (0: of none).
+    """
+    if beside and os.getpid() % 500 == beside % 500:
+        return None
+    spec = load_simspec(EXAMPLE)
+    command = ("{python}", "-I", "-S", "-c", GREEDY)
+    manifest = AgentManifest(name="greedy", command=command, isolation="landlock", zenoh=False)
+    ends = AgentEndpoints({}, None, "", "", 0, None)
+    with open_agent(AgentPlan(manifest, folder, spec, ends, folder / "scratch")) as agent:
+        assert agent.own_user or os.getuid() != 0
+        deadline = time.monotonic() + PATIENCE_S
+        while b"\n" not in agent.output():
+            assert agent.exit_code() is None, agent.output_tail()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        instances, timers = map(int, agent.output().split())
+        if not beside:
+            other = None
+            while other is None:
+                other = call_in_own_network(folder, used_up, folder / "other", beside=os.getpid())
+            instances, timers = other
+    return instances, timers
+
+
+def test_what_an_agent_uses_up_no_agent_of_another_worker_misses(tmp_path: Path) -> None:
+    """An ordinary user's agents have one user, so they share its inotify instances."""
+    with rung_or_skip("landlock"):
+        taken = used_up(tmp_path, beside=0)
+    assert taken is not None
+    assert taken[1] == 4096
+    assert taken[0] > 0 or os.getuid() != 0
 
 
 def test_a_tree_is_removed_at_any_depth_without_following_links(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,17 @@ from bench.contracts import AgentLimits
 # The user and group of confined agents where they get one of their own: above the users that distributions
 # give out, and within what container engines map.
 AGENT_UID = 60001
+# As many follow it; the next numbers are those of systemd's dynamic users. Chosen.
+_AGENT_USERS = 500
+
+
+def agent_user() -> int:
+    """The user of this process's agents on the host.
+
+    The kernel counts inotify instances, queued signals and pages of pipes for each user, over all sessions: what one agent
+    uses up, agents of another worker must not miss.
+    """
+    return AGENT_UID + os.getpid() % _AGENT_USERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +49,15 @@ def box_files(paths: Iterable[Path]) -> dict[str, str]:
     return {str(path): f"{BOX_PLACE.files}/{path.name}" for path in paths}
 
 
-def name_files(hosts: Mapping[str, str]) -> dict[str, str]:
-    """The files in /etc of a root of its own by which names are looked up; `hosts` are addresses by host name."""
+def name_files(hosts: Mapping[str, str], user: int = AGENT_UID) -> dict[str, str]:
+    """The files in /etc of a root of its own by which names are looked up; `hosts` are addresses by host name, `user` is
+    the agent's there.
+    """
     # The first line that has a name decides.
     lines = "".join(f"{address} {name}\n" for name, address in hosts.items())
     return {
-        "passwd": f"agent:x:{AGENT_UID}:{AGENT_UID}::{BOX_PLACE.home}:/bin/sh\n",
-        "group": f"agent:x:{AGENT_UID}:\n",
+        "passwd": f"agent:x:{user}:{user}::{BOX_PLACE.home}:/bin/sh\n",
+        "group": f"agent:x:{user}:\n",
         "hosts": f"{lines}127.0.0.1 localhost agent\n::1 localhost\n",
         "nsswitch.conf": "passwd: files\ngroup: files\nhosts: files\n",
     }

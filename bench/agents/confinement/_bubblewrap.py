@@ -21,7 +21,7 @@ from pathlib import Path
 from bench.contracts import AgentUsage, ProcessRoot
 
 from .._process_usage import ProcessTreeUsage
-from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files, name_files
+from ._box import AGENT_UID, BOX_PLACE, Box, Place, agent_user, box_files, name_files
 from ._cgroup import ControlGroup
 from ._limits import counts_by_namespace, process_limits, threads_of
 from ._readable_paths import (
@@ -93,11 +93,11 @@ class Bubblewrap:
 
     @cached_property
     def _may_change_user(self) -> bool:
-        return os.getuid() == 0 and self._reason is None and self._failure_as(AGENT_UID) is None
+        return os.getuid() == 0 and self._reason is None and self._failure_as(agent_user()) is None
 
     def _user(self, box: Box) -> int | None:
         paths = [*box.read, *box.files, *box.shared]
-        return AGENT_UID if self._may_change_user and all(map(open_to_others, paths)) else None
+        return agent_user() if self._may_change_user and all(map(open_to_others, paths)) else None
 
     def _failure_as(self, user: int | None) -> str | None:
         assert self._program is not None
@@ -319,6 +319,7 @@ _PRLIMIT_NAMES = {
     resource.RLIMIT_DATA: "data",
     resource.RLIMIT_MSGQUEUE: "msgqueue",
     resource.RLIMIT_MEMLOCK: "memlock",
+    resource.RLIMIT_SIGPENDING: "sigpending",
 }
 
 

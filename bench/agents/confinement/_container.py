@@ -40,6 +40,7 @@ _LIMIT_NAMES = {
     resource.RLIMIT_DATA: "data",
     resource.RLIMIT_MSGQUEUE: "msgqueue",
     resource.RLIMIT_MEMLOCK: "memlock",
+    resource.RLIMIT_SIGPENDING: "sigpending",
 }
 _PID_MAX = Path("/proc/sys/kernel/pid_max")
 _numbers = count()

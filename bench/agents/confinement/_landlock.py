@@ -21,7 +21,7 @@ from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
 from . import _landlock_launch
-from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files, host_place, name_files
+from ._box import AGENT_UID, BOX_PLACE, Box, Place, agent_user, box_files, host_place, name_files
 from ._cgroup import ControlGroup
 from ._landlock_launch import MAX_FOLDER_DEPTH
 from ._limits import counts_by_namespace, process_limits, threads_of
@@ -83,7 +83,7 @@ class Landlock:
             box,
             output,
             namespaces=namespaces,
-            user=AGENT_UID if os.getuid() == 0 and readable and reachable else None,
+            user=agent_user() if os.getuid() == 0 and readable and reachable else None,
             warm=self._warm_interpreters,
         )
 
@@ -315,7 +315,7 @@ def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
     # An ordinary user's agent gets a user namespace of its own, in which nobody else is counted.
     alone = namespaces and os.getuid() != 0 and counts_by_namespace()
     present = 0 if alone else threads_of(os.getuid() if user is None else user)
-    view = _root_settings(box) if namespaces else _host_settings(box)
+    view = _root_settings(box, user) if namespaces else _host_settings(box)
     return json.dumps(
         {
             "command": box.command,
@@ -335,7 +335,7 @@ def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
     ).encode()
 
 
-def _root_settings(box: Box) -> dict[str, Any]:
+def _root_settings(box: Box, user: int | None) -> dict[str, Any]:
     """What the agent finds in a root of its own, all of which it may read."""
     mounted = with_targets([*SYSTEM_FILES, *box.read, PROCESSORS])
     return {
@@ -346,7 +346,7 @@ def _root_settings(box: Box) -> dict[str, Any]:
         "writable": [BOX_PLACE.home, "/tmp", "/dev/shm", "/dev/pts", *box_files(box.shared).values()],
         "system": [str(folder) for folder in SYSTEM_FOLDERS],
         "mounted": [str(path) for path in mounted],
-        "etc": name_files(box.hosts),
+        "etc": name_files(box.hosts, AGENT_UID if user is None else user),
         "files": box_files(box.files),
         "shared": box_files(box.shared),
     }

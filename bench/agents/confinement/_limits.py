@@ -25,6 +25,8 @@ def process_limits(limits: AgentLimits, present: int = 0) -> dict[int, int]:
         resource.RLIMIT_MSGQUEUE: 0,
         # io_uring is denied, and locked memory is not swapped: none of an agent's needs. Node asks for some.
         resource.RLIMIT_MEMLOCK: 1 << 20,
+        # Each timer of timer_create takes one, of what the kernel gives all programs of the user together; chosen.
+        resource.RLIMIT_SIGPENDING: 4096,
     }
 
 
