@@ -23,7 +23,7 @@ _SESSION_FILES = {
 }
 _GUESSED_FOLDERS = ("/tmp", "/var/tmp", "/dev/shm", "/home", "/root", "/srv", "/mnt", "/work", "/data")
 # Entries of folders that one search looks at: a tick's budget must do.
-_MAX_ENTRIES = 20_000
+_MAX_ENTRIES = 4_000
 _MAX_DEPTH = 5
 # From <linux/ptrace.h>. Unlike PTRACE_ATTACH, seizing does not stop the process.
 _PTRACE_SEIZE, _PTRACE_DETACH = 0x4206, 17
