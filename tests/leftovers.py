@@ -34,6 +34,9 @@ class Leftovers:
         self._run = Path(os.environ[RUN_FOLDER])
         self._folder = self._run / ("main" if workerinput is None else workerinput["workerid"])
         self._folder.mkdir()
+        # Other users may pass, but not list: a test starts what it has installed there as another user.
+        for folder in (self._run, self._folder):
+            folder.chmod(0o711)
         # Whatever this process starts has them too.
         os.environ["TMPDIR"] = tempfile.tempdir = str(self._folder)
         config.add_cleanup(self._stack.close)

@@ -24,6 +24,7 @@ from ._caution import OracleCaution
 from ._clearance import DESCENT_S, DESCENT_UP_M, LOW_M, MARGIN_M, NEAR_M, Clearance
 from ._own_error import OwnError
 from ._truth import Truth
+from ._watch import FAULT_WORDS
 
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
 # The last metres at twice the usual 0.7 m/s; an x500 bears 3 m/s.
@@ -87,6 +88,8 @@ LEAVE_MARGIN_S = 5.0
 RETASK_AHEAD_S, RETASK_MPS = 6.0, 4.0
 # From asking for control on the ground to leaving it, by flights of campaign full.
 LIFT_OFF_S = 1.0
+# So long after a fault a failsafe may still be its consequence: an autopilot is heard again 1.1 s after a lost link. Chosen.
+AFTERMATH_S = 3.0
 
 
 class OraclePlanner(Planner):
@@ -125,6 +128,7 @@ class OraclePilot(Pilot):
         rules = Caution.of(self._order)
         self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
         self._control.step_aside = self._step_aside
+        self._control.failsafe_cause = self._failsafe_cause
         self._clearance = Clearance(truth, people, self.home, self._order.bystander_standoff_m)
         return self
 
@@ -361,6 +365,18 @@ class OraclePilot(Pilot):
             self.place[1] + HOLD_COAST_S * velocity[1],
         )
         return None if best == 0 and self.airspace.allows(coast) else places[best]
+
+    def _failsafe_cause(self) -> str:
+        """The fault of the situation that is there or was there a moment ago; "" where the autopilot acts on something else,
+        such as setpoints that it missed while the operator had the vehicle.
+        """
+        now_s = self._vehicle.now_s
+        words = [
+            FAULT_WORDS[failure.kind]
+            for failure in self._truth.simspec.vehicle.failures
+            if failure.at_s <= now_s <= failure.at_s + (failure.duration_s or math.inf) + AFTERMATH_S
+        ]
+        return words[-1] if words else ""
 
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
         # Never `looking`: it knows where everything is, so that it need not wait for a silent detector.

@@ -10,7 +10,7 @@ from ._perception import TruthPerception
 from ._truth import Truth
 
 # The words by which a decision names a fault (docs/measures.md).
-_FAULT_WORDS = {
+FAULT_WORDS = {
     "gps_off": "gps",
     "gps_drift": "gps",
     "battery_drop": "battery",
@@ -30,7 +30,7 @@ class OracleWatch(Watch):
         self._announcing = log
         simspec = truth.simspec
         outages = [(o.at_s, o.duration_s, o.kind) for o in simspec.outages]
-        faults = [(f.at_s, f.duration_s, _FAULT_WORDS[f.kind]) for f in simspec.vehicle.failures]
+        faults = [(f.at_s, f.duration_s, FAULT_WORDS[f.kind]) for f in simspec.vehicle.failures]
         self._worse = [
             (at_s, at_s + span_s)
             for at_s, span_s, kind in outages

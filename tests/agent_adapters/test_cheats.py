@@ -22,6 +22,7 @@ from cheats._catalogue import CHEATS
 
 from bench.agents import load_manifest
 from bench.agents.confinement import rungs
+from bench.agents.confinement._landlock import namespaces_fault
 from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open_local_pool
 from bench.campaign.execution._task import FLIGHT_JOB
 from bench.contracts import Observation, Outcome, SessionResult
@@ -59,7 +60,7 @@ QUICK = (
 """Flown by `make test`: one of each kind, and those that got something before there were walls."""
 
 ENDED_BY_LANDLOCK = {"fill-disk": "limit of 16 MB in its folder"}
-"""Landlock watches what other rungs wall off, and ends the agent; docs/agents-confinement.md says so."""
+"""Without namespaces landlock watches what other rungs wall off, and ends the agent; docs/agents-confinement.md says so."""
 MERIT = {"OBS-362"}
 """What is said can be read: whoever says anything has that, and an idle agent has not."""
 
@@ -257,7 +258,7 @@ def check(trick: str, flights: Range, isolation: str = "auto") -> None:
     result = flight.result
     # Its end counts against it: no trick makes a session disappear.
     assert result.outcome.counts
-    if flight.isolation == "landlock" and trick in ENDED_BY_LANDLOCK:
+    if flight.isolation == "landlock" and namespaces_fault() and trick in ENDED_BY_LANDLOCK:
         assert result.outcome is Outcome.AGENT_CRASHED, result.reason
         assert ENDED_BY_LANDLOCK[trick] in result.reason
     else:

@@ -111,17 +111,29 @@ def seconds_to_read(word: str, characters: int) -> float:
     return time.process_time() - begin
 
 
+def assert_grows_slowly(word: str, characters: int) -> None:
+    """At most with the square of the length: each noun is compared with the groups before it (12 was measured, for trucks).
+
+    By ratio, because a busy host takes five times as long for both; the least of three, because it may be busy for one.
+    """
+    whole_s, part_s = (
+        min(seconds_to_read(word, length) for _ in range(3)) for length in (characters, characters // 4)
+    )
+    # Four times the text: 16 by its square, 64 by its cube. Below 0.2 s the start of a reading counts as much.
+    assert whole_s < max(24.0 * part_s, 0.2)
+
+
 @REPEATED
 def test_long_prose_takes_bounded_time(word: str) -> None:
-    """A quarter of the text that is taken: 0.6 s at most when measured."""
-    assert seconds_to_read(word, MAX_CHARACTERS // 4) < 3.0
+    """A quarter of the text that is taken."""
+    assert_grows_slowly(word, MAX_CHARACTERS // 4)
 
 
 @pytest.mark.slow
 @REPEATED
 def test_the_longest_prose_takes_bounded_time(word: str) -> None:
-    """As much text as is taken is answered in seconds: 3.4 s at most when measured."""
-    assert seconds_to_read(word, MAX_CHARACTERS) < 12.0
+    """As much text as is taken."""
+    assert_grows_slowly(word, MAX_CHARACTERS)
 
 
 def test_many_words_that_nobody_knows_take_bounded_time() -> None:

@@ -43,6 +43,9 @@ class Control:
         self._min_battery = settings.min_battery
         self._height_m = height_m
         self.step_aside: Callable[[], Steps[None]] = _stay  # before it lets go of the vehicle
+        self.failsafe_cause: Callable[[], str] = (
+            self._likely_cause
+        )  # the fault that the autopilot acts on, or ""
 
     @property
     def pose(self) -> VehiclePose:
@@ -118,7 +121,7 @@ class Control:
         control back.
         """
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
-        cause = self._failsafe_cause()
+        cause = self.failsafe_cause()
         words = vehicle.reason
         self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
         mode: Mode | None = None
@@ -139,7 +142,7 @@ class Control:
         self._log.decide("go_on", cause, "the autopilot's failsafe is over")
         self._log.enter(*before)
 
-    def _failsafe_cause(self) -> str:
+    def _likely_cause(self) -> str:
         if self._vehicle.gps_ok is False:
             return "gps"
         return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
