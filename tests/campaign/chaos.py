@@ -7,6 +7,7 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,6 +15,8 @@ from pathlib import Path
 from subprocess import PIPE
 
 from bench.campaign.execution._processes import descendants
+
+KINDS = ("runner", "worker", "agent")
 
 # The cheapest session with a recording, measures and an agent of its own: nothing flies, for two simulated seconds.
 _CAMPAIGN = """
@@ -75,9 +78,10 @@ def run_through_chaos(campaign: Path, folder: Path, seed: int, share: float) -> 
 def _disturb(runner: subprocess.Popen[str], chance: random.Random, share: float, havoc: Havoc) -> None:
     assert runner.stderr is not None
     # One worker in the life of a runner: two lost attempts at one realization are charged to an unconfined agent.
-    kinds = ["runner", "worker", "agent"]
+    kinds = [*KINDS]
     for _ in runner.stderr:  # a line for every result, and some others
-        if chance.random() >= share:
+        # Each kind is killed once in any case: where a busy host ends few sessions, a share of them may be none.
+        if all(havoc.killed[kind] for kind in KINDS) and chance.random() >= share:
             continue
         with suppress(subprocess.TimeoutExpired):
             # From the moment in which a result comes in to the middle of the next session.
@@ -85,7 +89,9 @@ def _disturb(runner: subprocess.Popen[str], chance: random.Random, share: float,
         # Those that were spared so far come first, so that a short campaign meets all three.
         fewest = min(havoc.killed[kind] for kind in kinds)
         kind = chance.choice([kind for kind in kinds if havoc.killed[kind] == fewest])
-        if _kill(_processes(runner.pid, kind), chance):
+        while not (processes := _processes(runner.pid, kind)) and runner.poll() is None:
+            time.sleep(0.01)  # between two sessions there may be none
+        if _kill(processes, chance):
             havoc.killed[kind] += 1
             if kind == "worker":
                 kinds.remove(kind)
