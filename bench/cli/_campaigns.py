@@ -474,8 +474,9 @@ def _show_scores(
             + command_line("rebar", "decomposition", "check", Path(campaign.decomposition), "--floor", folder)
         )
     print(f"report: {scores.report}")
-    print(f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)}")
-    print("publish it, and check it with: rebar verify --digest")
+    digest = digest_of(CampaignFolder(folder).manifest)
+    print(f"manifest SHA-256: {digest}")
+    print(f"publish it, and check it with: {command_line('rebar', 'verify', folder, '--digest', digest)}")
 
 
 def _adjusted(

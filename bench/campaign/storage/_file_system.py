@@ -14,7 +14,7 @@ from pathlib import Path
 from bench.errors import Fault, SetupError
 
 _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT})
-_REMEDY = "name a folder on another disk, such as one of this machine's own; docs/campaigns.md, Network disks"
+_REMEDY = "name a folder on another disk, such as one of this machine's own; docs/campaign-folders.md, Network disks"
 
 # Those whose files no other machine changes. Any other, also one that is not known, may be shared.
 _OF_ONE_MACHINE = frozenset(
