@@ -7,8 +7,8 @@ the only truth about what was flown, and the only one who repeats anything.
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -234,7 +234,7 @@ async def open_dask(
         fault = Fault("--executor", "dask needs the package distributed", "pip install 'rebar-bench[dask]'")
         raise SetupError(fault) from None
     async with AsyncExitStack() as stack:
-        stack.enter_context(_quiet())
+        _keep_quiet()
         target: Any = address
         if address is None:
             scratch = str(stack.enter_context(open_scratch(folder)))
@@ -270,19 +270,15 @@ async def open_dask(
             tasks.cancel_scope.cancel()
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep tracebacks of a lost connection off the terminal: the error that is raised says it in a sentence."""
+def _keep_quiet() -> None:
+    """Keep tracebacks of a lost connection off the terminal: the error that is raised says it in a sentence.
+
+    For the life of this process: connections that nobody waits for speak after the executor is closed.
+    """
     # Distributed gives several of its loggers a level of their own, which that of their parent does not change.
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
-    levels = {logger: logger.level for logger in map(logging.getLogger, names)}
-    for logger in levels:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in levels.items():
-            logger.setLevel(level)
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 async def _check_scheduler(client: Client, address: str) -> None:
