@@ -7,6 +7,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -176,6 +177,17 @@ def test_a_lost_scheduler_is_told_in_one_sentence(tmp_path: Path, state: str) ->
         "under way are flown again\n",
     )
     assert {entry.outcome for entry in entries(tmp_path / "out").values()} <= {None, Outcome.COMPLETED}
+
+
+def test_a_cluster_of_this_machine_starts_beside_another_one(tmp_path: Path) -> None:
+    """The port that Dask's schedulers have by default is taken: no warning reaches the terminal, and everything flies."""
+    with socket.socket() as other:
+        # Where it is taken already, that is as good.
+        with suppress(OSError):
+            other.bind(("", 8787))
+            other.listen()
+        fly(tmp_path / "out", open_dask)
+    assert {entry.outcome for entry in entries(tmp_path / "out").values()} == {Outcome.COMPLETED}
 
 
 def test_schedulers_that_cannot_serve_are_refused(tmp_path: Path) -> None:

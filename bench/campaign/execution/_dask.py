@@ -246,7 +246,12 @@ async def open_dask(
                     asynchronous=True,
                     local_directory=scratch,
                     env={"TMPDIR": scratch},
-                    scheduler_kwargs={"allowed_failures": 0, "local_directory": scratch},
+                    scheduler_kwargs={
+                        "allowed_failures": 0,
+                        "local_directory": scratch,
+                        # Without a dashboard it still serves HTTP, by default at a port that another cluster may have.
+                        "dashboard_address": "127.0.0.1:0",
+                    },
                 )
             )
         try:
