@@ -15,7 +15,7 @@ from bench.contracts import Evidence, Observation, Option
 from .batch._batch import Batch
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
-from .measures._columns import ComputedMeasure, SharedSums
+from .measures._columns import ComputedMeasure, Flights
 
 Measures = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
@@ -70,12 +70,12 @@ def observe(batch: Batch, measures: Measures) -> Observed:
     for begin in range(0, len(batch), CHUNK):
         part = batch.select(begin, begin + CHUNK)
         flown = fly(part)
-        looks = SharedSums(part, flown.views)
+        flights = Flights(part, flown)
         end_s[begin : begin + CHUNK] = flown.end_s
         for index, name in enumerate(names):
             if name in computable:
                 measure, options = measures[name]
-                values, exercised = _MEASURES[measure].measure(part, flown, looks, options)
+                values, exercised = _MEASURES[measure][0](flights, options)
                 x[begin : begin + CHUNK, index] = np.where(exercised, np.clip(values, 0.0, 1.0), 0.0)
                 considered[begin : begin + CHUNK, index] = exercised
     missing = tuple(name for name in names if name not in computable)
@@ -83,7 +83,7 @@ def observe(batch: Batch, measures: Measures) -> Observed:
 
 
 def _fits(measure: str, options: Mapping[str, Option]) -> bool:
-    return measure in _MEASURES and set(options) <= set(_MEASURES[measure].options)
+    return measure in _MEASURES and set(options) <= set(_MEASURES[measure][1])
 
 
 _MEASURES: Mapping[str, ComputedMeasure] = {

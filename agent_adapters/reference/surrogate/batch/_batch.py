@@ -140,6 +140,21 @@ class Batch:
         """Some of the missions."""
         return replace(self, **{field.name: getattr(self, field.name)[begin:end] for field in fields(self)})
 
+    @property
+    def is_task(self) -> Bools:
+        """(n, k) whether there is a task."""
+        return np.asarray(self.task_radius_m > 0.0)
+
+    @property
+    def is_target(self) -> Bools:
+        """(n, k) tasks that are about an adversary."""
+        return self.is_task & (self.task_actor >= 0)
+
+    @property
+    def correlated_frames(self) -> Floats:
+        """(n,) frames that hang together, as one look."""
+        return np.maximum(2.0 * self.correlation_s * self.rate_hz, 1.0)
+
     def places(self) -> Floats:
         """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
         next one.

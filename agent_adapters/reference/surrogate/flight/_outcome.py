@@ -62,8 +62,7 @@ def outcome(
     place_m: Floats,
 ) -> FlownMissions:
     """Put what was done beside where everybody was."""
-    is_task = (batch.task_radius_m > 0.0) & (batch.task_actor >= 0)
-    rows, task = np.nonzero(is_task)
+    rows, task = np.nonzero(batch.is_target)
     shape = reported_s.shape
     near_m, exposure_s = np.full(shape, np.inf), np.zeros(shape)
     within, clear = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.bool_)

@@ -36,6 +36,11 @@ class Stretch:
         """Some of the missions."""
         return Stretch(*(getattr(self, name)[rows] for name in Stretch.__slots__))
 
+    def flown_m(self) -> Floats:
+        """(r, j) how far it is to each moment's place from that of the moment before."""
+        steps_m = np.diff(self.place_m, axis=1, prepend=self.place_m[:, :1])
+        return np.hypot(steps_m[..., 0], steps_m[..., 1])
+
 
 @dataclass(frozen=True, slots=True)
 class Views:
