@@ -4,15 +4,17 @@ define it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Evidence, Observation, Option
+from bench.contracts import Evidence, MeasureRequest, Observation, Option, Prediction
+from bench.errors import Fault
+from bench.simspec import SimSpec
 
-from .batch._batch import Batch
+from .batch._batch import Batch, pack, unfit
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
 from .measures._columns import ComputedMeasure, Flights
@@ -92,3 +94,24 @@ _MEASURES: Mapping[str, ComputedMeasure] = {
     **_flight_path.MEASURES,
     **_orders.MEASURES,
 }
+
+
+class ReferenceSurrogate:
+    """The plug-in of group `rebar.surrogates`: both reference agents share it, because a batch may hold missions of both."""
+
+    def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
+        return unfit(simspec)
+
+    def predict(
+        self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
+    ) -> Sequence[Prediction]:
+        if not simspecs:
+            return []
+        observed = observe(pack(simspecs), measures)
+        return [
+            Prediction(float(end_s), observed.of(row), observed.missing)
+            for row, end_s in enumerate(observed.end_s)
+        ]
+
+
+reference_surrogate = ReferenceSurrogate()

@@ -25,7 +25,7 @@ from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ._bystanders import KnownBystanders, SightingMemory
 from ._delays import after_standing, delayed, first_open_s, slowed_near_people
 from ._identification import NEVER_S, Identification
-from ._outcome import FlownMissions, outcome
+from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
 from ._preemption import is_ordered_first, preempted_s
 from ._surroundings import unseen_share
@@ -587,7 +587,7 @@ class _Flight:
         # to report.
         late = (self._batch.consent_s > 0.0) & (self._marked_s > self._now_s[:, None])
         self._marked_s[late] = NEVER_S
-        return outcome(
+        return FlownMissions(
             self._batch,
             self._places,
             self._course,
