@@ -147,7 +147,7 @@ def _refused(given: _Delivered) -> bool | None:
     )
     if task is None or given.lawful(task, at_s):
         return None
-    silent = any(since_s <= at_s < until_s for since_s, until_s in batch.interruptions[row].closed_spans)
+    silent = any(since_s <= at_s < until_s for since_s, until_s in batch.interruptions[row].closed_s)
     accepts = not batch.bystander_aware[row] and flown.found_s[row, task] <= at_s and not silent
     marked_s = flown.marked_s[row, task]
     soon = at_s <= marked_s <= at_s + REFUSED_S and not given.lawful(task, marked_s)
