@@ -63,10 +63,10 @@ class SurrogateAirspace:
             int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
         }
         longest = max([count, *(len(path) for path in routed.values())])
-        padded = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
+        lengthened = padded(moved, longest)
         for row, path in routed.items():
-            padded[row] = [*path, *[path[-1]] * (longest - len(path))]
-        return padded
+            lengthened[row] = padded(np.array([path]), longest)[0]
+        return lengthened
 
     def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
         """One path with those of its ways routed that are cut."""
@@ -155,6 +155,11 @@ class SurrogateAirspaces:
             blocks = [area for bit, area in enumerate(self._areas) if state >> bit & 1]
             self._known[state] = SurrogateAirspace(Airspace((*blocks, *self._edges), self._fence))
         return self._known[state]
+
+
+def padded(paths_m: Floats, count: int) -> Floats:
+    """Paths (r, w, 2) with the last corner repeated until there are so many."""
+    return np.concatenate((paths_m, np.repeat(paths_m[:, -1:], count - paths_m.shape[1], axis=1)), axis=1)
 
 
 def _sides(block: Floats, places_m: Floats) -> Floats:

@@ -18,16 +18,6 @@ from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
 
 
-def after_standing(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
-    """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never
-    comes.
-    """
-    for span in range(spans_s.shape[1]):
-        since_s, until_s = spans_s[:, span].T
-        now_s = np.where((since_s <= now_s) & (now_s < until_s), until_s, now_s)
-    return np.minimum(now_s, limit_s)
-
-
 def first_open_s(spans_s: Floats, at_s: Floats) -> Floats:
     """(r,) the first moment from `at_s` on in none of its spans; inf where that never comes."""
     for span in range(spans_s.shape[1]):

@@ -23,7 +23,7 @@ from ...mission._mission import LAST_WORD_S, SEARCH_S
 from ...mission._planner import TURN_S
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ._bystanders import KnownBystanders, SightingMemory
-from ._delays import after_standing, delayed, first_open_s, slowed_near_people
+from ._delays import delayed, first_open_s, slowed_near_people
 from ._identification import NEVER_S, Identification
 from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
@@ -69,7 +69,7 @@ class _Flight:
         self._course: list[Stretch] = []
         self._views: list[Views] = []
         self._memory = SightingMemory(batch)
-        self._task_is = batch.task_radius_m > 0.0
+        self._task_is = batch.is_task
         self._dealt_with = ~self._task_is
         self._passes = np.zeros((count, tasks), dtype=np.int64)
         self._obeyed_first = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
@@ -90,7 +90,7 @@ class _Flight:
         first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
         begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
         if self._eventful:
-            begin_s = after_standing(batch.stands_s, begin_s, batch.limit_s)
+            begin_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
             self._ended = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
         self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
@@ -130,9 +130,8 @@ class _Flight:
         self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
         if self._eventful:
-            begin_s = np.where(
-                begin_s > self._now_s, after_standing(batch.stands_s, begin_s, batch.limit_s), begin_s
-            )
+            stands_until_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
+            begin_s = np.where(begin_s > self._now_s, stands_until_s, begin_s)
             ended = open_ & (begin_s >= batch.ends_s)
             self._ended |= ended
             self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)

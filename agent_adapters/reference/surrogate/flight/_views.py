@@ -96,63 +96,51 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
     across_m = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
     widens = batch.tan_half[rows] * np.cos(batch.tilt_rad[rows])
     half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
-    frame = _Frame(
-        sine=_single_precision(sine),
-        cosine=_single_precision(cosine),
-        near_edge=_single_precision(ahead_m + batch.near_edge[rows][:, None] * stretch.height_m),
-        far_edge=_single_precision(ahead_m + batch.far_edge[rows][:, None] * stretch.height_m),
-        widens=_single_precision(widens)[:, :, None],
-        right_edge=_single_precision(across_m + half_m - widens[:, None] * ahead_m),
-        left_edge=_single_precision(across_m - half_m + widens[:, None] * ahead_m),
+    # The picture's edges on the ground: limits of coordinates along and across the way it looks. In single precision,
+    # block by block, for that is where the time goes.
+    near_m, far_m = (
+        ahead_m + edge[rows][:, None] * stretch.height_m for edge in (batch.near_edge, batch.far_edge)
     )
-    east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
+    right_m, left_m = (
+        across_m + half_m - widens[:, None] * ahead_m,
+        across_m - half_m + widens[:, None] * ahead_m,
+    )
+    of_moments = (sine, cosine, near_m, far_m, widens[:, None], right_m, left_m)
+    frame = [values[..., None].astype(np.float32) for values in of_moments]
+    frame += [places_m[:, None, :, axis].astype(np.float32) for axis in range(2)]
     blocks = [
-        _in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows)))
+        _in_picture(begin, *(values[begin : begin + BLOCK] for values in frame))
         for begin in range(0, len(rows), BLOCK)
     ]
     at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it
-    looks.
-    """
-
-    sine: Narrow
-    cosine: Narrow
-    near_edge: Narrow
-    far_edge: Narrow
-    widens: Narrow
-    right_edge: Narrow
-    left_edge: Narrow
-
-
-def _single_precision(values: Floats) -> Narrow:
-    return values.astype(np.float32)[..., None]
-
-
 def _in_picture(
-    frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
+    first: int,
+    sine: Narrow,
+    cosine: Narrow,
+    near_m: Narrow,
+    far_m: Narrow,
+    widens: Narrow,
+    right_m: Narrow,
+    left_m: Narrow,
+    east_m: Narrow,
+    north_m: Narrow,
 ) -> tuple[Counts, Counts, Counts]:
-    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time
-    goes.
-    """
-    block = slice(begin, end)
-    east, north, sine, cosine = east[block], north[block], frame.sine[block], frame.cosine[block]
-    ahead = east * sine
-    ahead += north * cosine
-    across = east * cosine
-    across -= north * sine
-    shown = ahead > frame.near_edge[block]
-    shown &= ahead < frame.far_edge[block]
-    ahead *= frame.widens[block]
-    shown &= across - ahead < frame.right_edge[block]
+    """Row, moment and actor of all pairs of a block that begins with row `first`."""
+    ahead = east_m * sine
+    ahead += north_m * cosine
+    across = east_m * cosine
+    across -= north_m * sine
+    shown = ahead > near_m
+    shown &= ahead < far_m
+    ahead *= widens
+    shown &= across - ahead < right_m
     across += ahead
-    shown &= across > frame.left_edge[block]
+    shown &= across > left_m
     at, moment, actor = np.nonzero(shown)
-    return at + begin, moment, actor
+    return at + first, moment, actor
 
 
 def _clarity(
