@@ -28,8 +28,7 @@ from ._identification import NEVER_S, Identification
 from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
 from ._preemption import is_ordered_first, preempted_s
-from ._surroundings import unseen_share
-from ._views import Stretch, Views, views_of
+from ._views import Stretch, Views, unseen_share, views_of
 from ._way_home import WayHome
 
 READY_S = 5.7
