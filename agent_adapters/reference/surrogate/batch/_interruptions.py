@@ -17,7 +17,6 @@ from ...flight._descent import DESCENT_MPS, LAND_MPS
 
 Span = tuple[float, float]
 
-ALWAYS: Span = (-math.inf, math.inf)
 # COM_OF_LOSS_T of PX4.
 OFFBOARD_LOST_S = 1.0
 """Without setpoints for so long PX4 flies home by itself."""
@@ -132,24 +131,14 @@ def unsupported_failures(simspec: SimSpec) -> list[Fault]:
     """Failures that a surrogate cannot say anything of."""
     faults = []
     for index, failure in enumerate(simspec.vehicle.failures):
-        where = f"vehicle.failures[{index}]"
+        what, remedy = "", "leave it out, or fidelity: full"
         if failure.kind == "motor_off":
-            faults.append(
-                Fault(
-                    where,
-                    "a rotor that stops is beyond the overhead simulation",
-                    "leave it out, or fidelity: full",
-                )
-            )
+            what = "a rotor that stops is beyond the overhead simulation"
         if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
+            what = f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe"
             remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
-            faults.append(
-                Fault(
-                    where,
-                    f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe",
-                    remedy,
-                )
-            )
+        if what:
+            faults.append(Fault(f"vehicle.failures[{index}]", what, remedy))
     return faults
 
 
