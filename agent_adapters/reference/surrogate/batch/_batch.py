@@ -361,7 +361,7 @@ def _actors(simspec: SimSpec) -> dict[str, Any]:
     actors, groups = simspec.realized.actors, simspec.actors
     assets = [ASSETS[group.asset] for group in groups]
     numbers = {group.id: number for number, group in enumerate(groups)}
-    member = [numbers[actor.group] for actor in actors]
+    member = np.array([numbers[actor.group] for actor in actors], dtype=np.int64)
     of_groups: dict[str, list[Any]] = {
         "role": [_ROLES[group.role] for group in groups],
         "roam_m": [group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups],
@@ -376,7 +376,8 @@ def _actors(simspec: SimSpec) -> dict[str, Any]:
     return {
         "start_m": [(actor.east_m, actor.north_m) for actor in actors],
         "group": member,
-        **{name: [values[number] for number in member] for name, values in of_groups.items()},
+        # Indexed as arrays: actors are many, and groups few.
+        **{name: np.array(values)[member] for name, values in of_groups.items()},
     }
 
 
