@@ -51,7 +51,7 @@ def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
 
     assert (lengths_m >= np.hypot(*(end - begin).T) - 1e-9).all()
     for a, b, length_m in zip(begin, end, lengths_m, strict=True):
-        route = space._route((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
+        route = space.airspace.route((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
         assert math.isclose(
             sum(math.dist(start, stop) for start, stop in pairwise(route)), length_m, rel_tol=1e-9
         )
@@ -59,7 +59,7 @@ def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_agent_and_its_surrogate_find_the_same_ways(seed: int) -> None:
-    """Their geometry is written twice, for one place and for many; three areas and a fence, forty ways."""
+    """Which ways are cut is written twice, for one place and for many; three areas and a fence, forty ways."""
     rng = np.random.Generator(np.random.PCG64(seed))
     squares = [
         square(float(east_m), float(north_m), float(half_m))
@@ -76,10 +76,14 @@ def test_the_agent_and_its_surrogate_find_the_same_ways(seed: int) -> None:
     bent = 0
     for a, b in rng.uniform(-310.0, 310.0, (40, 2, 2)):
         begin, end = (float(a[0]), float(a[1])), (float(b[0]), float(b[1]))
+        path = agent.path([begin, end])
+        bent += len(path) > 2
+        (surrogate_path,) = surrogate.paths(np.array([[begin, end]]))
+        assert len(path) == len(surrogate_path)
+        assert np.allclose(path, surrogate_path, atol=1e-6)
         route = agent.route(begin, end)
-        bent += len(route) > 2
-        assert len(route) == len(surrogate._route(begin, end))
-        assert np.allclose(route, surrogate._route(begin, end), atol=1e-6)
+        length_m = sum(math.dist(leg_begin, leg_end) for leg_begin, leg_end in pairwise(route))
+        assert math.isclose(surrogate.length_m(np.array([begin]), np.array([end]))[0], length_m, rel_tol=1e-9)
     assert bent >= 10
 
 

@@ -91,7 +91,7 @@ class Airspace:
         if self.allows(place):
             return place
         feet = [foot for block in self.blocks for foot in block.nearest_border(place)]
-        allowed = [candidate for candidate in [*feet, *self._nodes] if self.allows(candidate)]
+        allowed = [candidate for candidate in [*feet, *self.nodes] if self.allows(candidate)]
         return min(allowed, key=lambda candidate: (math.dist(candidate, place), candidate), default=place)
 
     def route(self, a: Place, b: Place) -> list[Place]:
@@ -129,11 +129,12 @@ class Airspace:
         return {}
 
     @cached_property
-    def _nodes(self) -> tuple[Place, ...]:
+    def nodes(self) -> tuple[Place, ...]:
+        """Corners of blocks that may be flown over: ways bend there."""
         return tuple(corner for block in self.blocks for corner in block.corners if self.allows(corner))
 
     def _shortest(self, begin: Place, end: Place) -> list[Place]:
-        nodes = [begin, end, *self._nodes]
+        nodes = [begin, end, *self.nodes]
 
         def clear(a: int, b: int) -> bool:
             # Corners stay: whether two of them see each other is worked out once, ends anew for each way.
@@ -144,7 +145,7 @@ class Airspace:
                 self._clear_pairs[pair] = self.clear(nodes[pair[0]], nodes[pair[1]])
             return self._clear_pairs[pair]
 
-        return shortest_route(begin, end, self._nodes, clear)
+        return shortest_route(begin, end, self.nodes, clear)
 
 
 class Airspaces:

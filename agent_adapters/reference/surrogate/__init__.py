@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from ._observe import Measures as Measures
 from ._observe import Observed as Observed
+from ._observe import ReferenceSurrogate as ReferenceSurrogate
 from ._observe import computed as computed
 from ._observe import observe as observe
-from ._plugin import ReferenceSurrogate as ReferenceSurrogate
-from ._plugin import reference_surrogate as reference_surrogate
+from ._observe import reference_surrogate as reference_surrogate
 from .batch._batch import BYSTANDER_AWARE as BYSTANDER_AWARE
 from .batch._batch import Batch as Batch
 from .batch._batch import pack as pack

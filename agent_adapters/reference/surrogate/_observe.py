@@ -4,18 +4,20 @@ define it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Evidence, Observation, Option
+from bench.contracts import Evidence, MeasureRequest, Observation, Option, Prediction
+from bench.errors import Fault
+from bench.simspec import SimSpec
 
-from .batch._batch import Batch
+from .batch._batch import Batch, pack, unfit
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
-from .measures._columns import ComputedMeasure, SharedSums
+from .measures._columns import ComputedMeasure, Flights
 
 Measures = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
@@ -70,12 +72,12 @@ def observe(batch: Batch, measures: Measures) -> Observed:
     for begin in range(0, len(batch), CHUNK):
         part = batch.select(begin, begin + CHUNK)
         flown = fly(part)
-        looks = SharedSums(part, flown.views)
+        flights = Flights(part, flown)
         end_s[begin : begin + CHUNK] = flown.end_s
         for index, name in enumerate(names):
             if name in computable:
                 measure, options = measures[name]
-                values, exercised = _MEASURES[measure].measure(part, flown, looks, options)
+                values, exercised = _MEASURES[measure][0](flights, options)
                 x[begin : begin + CHUNK, index] = np.where(exercised, np.clip(values, 0.0, 1.0), 0.0)
                 considered[begin : begin + CHUNK, index] = exercised
     missing = tuple(name for name in names if name not in computable)
@@ -83,7 +85,7 @@ def observe(batch: Batch, measures: Measures) -> Observed:
 
 
 def _fits(measure: str, options: Mapping[str, Option]) -> bool:
-    return measure in _MEASURES and set(options) <= set(_MEASURES[measure].options)
+    return measure in _MEASURES and set(options) <= set(_MEASURES[measure][1])
 
 
 _MEASURES: Mapping[str, ComputedMeasure] = {
@@ -92,3 +94,24 @@ _MEASURES: Mapping[str, ComputedMeasure] = {
     **_flight_path.MEASURES,
     **_orders.MEASURES,
 }
+
+
+class ReferenceSurrogate:
+    """The plug-in of group `rebar.surrogates`: both reference agents share it, because a batch may hold missions of both."""
+
+    def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
+        return unfit(simspec)
+
+    def predict(
+        self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
+    ) -> Sequence[Prediction]:
+        if not simspecs:
+            return []
+        observed = observe(pack(simspecs), measures)
+        return [
+            Prediction(float(end_s), observed.of(row), observed.missing)
+            for row, end_s in enumerate(observed.end_s)
+        ]
+
+
+reference_surrogate = ReferenceSurrogate()

@@ -2,7 +2,7 @@
 geofence.
 
 Every forbidden thing is a convex block with its margin on it. Which straight ways are cut is worked out for
-many at once; only those are routed, one by one, from corner to corner.
+many at once; only those are routed, one by one, by the agent's own airspace.
 """
 
 from __future__ import annotations
@@ -14,26 +14,22 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.sparse.csgraph import floyd_warshall
-from scipy.spatial import ConvexHull
 
 from bench.arrays import Bools, Counts, Floats
 from bench.polygons import are_inside
-from bench.simspec import Rules
+from bench.simspec import Point, Rules
 
-from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
-from ...flight._routes import shortest_route
-
-Place = tuple[float, float]
+from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, TOUCH_M, Airspace, block_round
+from ...flight._paths import Place
 
 
 class SurrogateAirspace:
-    """What is forbidden at one time: convex blocks (m, 2), counterclockwise, and the fence (m, 2) to keep
-    inside.
-    """
+    """What is forbidden at one time: the agent's airspace, asked about many ways at once."""
 
-    def __init__(self, blocks: Sequence[Floats], fence: Floats | None) -> None:
-        self._blocks = tuple(blocks)
-        self._fence = fence
+    def __init__(self, airspace: Airspace) -> None:
+        self.airspace = airspace
+        self._blocks = tuple(np.array(block.corners) for block in airspace.blocks)
+        self._fence = None if airspace.fence is None else np.array(airspace.fence)
 
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
@@ -45,7 +41,7 @@ class SurrogateAirspace:
         extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
         direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
         round_m = np.full(len(rows), np.inf)
-        if self._nodes:
+        if self.airspace.nodes:
             to_node_m = (self._straight_m(begin)[:, :, None] + self._route_lengths_m[None]).min(axis=1)
             round_m = (to_node_m + self._straight_m(end)).min(axis=1)
         route_m = extra_m + np.minimum(direct_m, round_m)
@@ -67,10 +63,10 @@ class SurrogateAirspace:
             int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
         }
         longest = max([count, *(len(path) for path in routed.values())])
-        padded = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
+        lengthened = padded(moved, longest)
         for row, path in routed.items():
-            padded[row] = [*path, *[path[-1]] * (longest - len(path))]
-        return padded
+            lengthened[row] = padded(np.array([path]), longest)[0]
+        return lengthened
 
     def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
         """One path with those of its ways routed that are cut."""
@@ -78,7 +74,7 @@ class SurrogateAirspace:
         path = [corners[0]]
         for (a, b), around in zip(pairwise(corners), cut, strict=True):
             if around and math.dist(a, b) > TOUCH_M:
-                path += self._route(a, b)[1:]
+                path += self.airspace.route(a, b)[1:]
             else:
                 path.append(b)
         return path
@@ -109,90 +105,41 @@ class SurrogateAirspace:
             cut |= ~beside & (leave - enter > 1e-9)
         return cut
 
-    def _clear(self, a: Place, b: Place) -> bool:
-        return not self._cut(np.array([a]), np.array([b]))[0]
-
-    def _nearest(self, place: Place) -> Place:
-        """The nearest place that is allowed; the place itself where it is, or where nothing is."""
-        if self._allowed(np.array([place]))[0]:
-            return place
-        feet = [foot for block in self._blocks for foot in _feet(block, place)]
-        ends = np.array([*feet, *self._nodes])
-        allowed = [_place(candidate) for candidate in ends[self._allowed(ends)]]
-        return min(allowed, key=lambda candidate: (math.dist(candidate, place), candidate), default=place)
-
-    def _route(self, a: Place, b: Place) -> list[Place]:
-        """The shortest way by straight legs, both ends included; straight on where there is none."""
-        begin, end = self._nearest(a), self._nearest(b)
-        route = [*([a] if begin != a else []), *self._shortest(begin, end), *([b] if end != b else [])]
-        return route if len(route) > 1 else [a, b]
-
-    @cached_property
-    def _nodes(self) -> tuple[Place, ...]:
-        return tuple(_place(corner) for block in self._blocks for corner in block[self._allowed(block)])
-
-    @cached_property
-    def _node_distances_m(self) -> Floats:
-        """Lengths of the straight ways between nodes; inf where one is cut."""
-        return self._straight_m(np.array(self._nodes).reshape(-1, 2))
-
     @cached_property
     def _route_lengths_m(self) -> Floats:
         """Lengths of the shortest ways between nodes."""
         # All pairs once: the same rules serve every mission of a batch.
-        lengths_m: Floats = floyd_warshall(self._node_distances_m)
+        lengths_m: Floats = floyd_warshall(self._straight_m(np.array(self.airspace.nodes)))
         return lengths_m
 
     def _nearest_allowed(self, places_m: Floats) -> Floats:
         """The nearest allowed places."""
         moved = places_m.copy()
         for row in np.flatnonzero(~self._allowed(places_m)):
-            moved[row] = self._nearest(_place(places_m[row]))
+            moved[row] = self.airspace.nearest(_place(places_m[row]))
         return moved
 
     def _straight_m(self, places_m: Floats) -> Floats:
         """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
-        nodes = np.array(self._nodes)
+        nodes = np.array(self.airspace.nodes)
         begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
         length_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
         return length_m.reshape(len(places_m), len(nodes))
-
-    def _shortest(self, begin: Place, end: Place) -> list[Place]:
-        if not self._nodes or self._clear(begin, end):
-            return [begin, end]
-        # From the ends all at once, as the ways between corners are: one by one, numpy is slower than Python.
-        seen_from_end = np.isfinite(self._straight_m(np.array([begin, end])))
-        seen = np.isfinite(self._node_distances_m)
-
-        def clear(a: int, b: int) -> bool:
-            end_index, other = min(a, b), max(a, b)
-            if other < 2:
-                return False  # from end to end, as was seen above
-            return bool(
-                seen_from_end[end_index, other - 2] if end_index < 2 else seen[end_index - 2, other - 2]
-            )
-
-        return shortest_route(begin, end, self._nodes, clear)
 
 
 class SurrogateAirspaces:
     """The airspace as it changes with time. One object serves all missions of the same rules."""
 
     def __init__(self, rules: Rules) -> None:
-        areas = [(area.from_s - LEAD_S, area.until_s, area.area.corners) for area in rules.no_fly]
-        self._spans = [(from_s, math.inf if until_s is None else until_s) for from_s, until_s, _ in areas]
-        self._areas = [
-            _block([(corner.east_m, corner.north_m) for corner in corners], NO_FLY_MARGIN_M)
-            for _, _, corners in areas
+        self._spans = [
+            (area.from_s - LEAD_S, math.inf if area.until_s is None else area.until_s)
+            for area in rules.no_fly
         ]
-        corners = (
-            []
-            if rules.geofence is None
-            else [(corner.east_m, corner.north_m) for corner in rules.geofence.corners]
-        )
-        self._fence = np.array(corners) if corners else None
-        edges = zip(corners, [*corners[1:], *corners[:1]], strict=True)
-        self._edges = [_block(edge, FENCE_MARGIN_M) for edge in edges]
+        self._areas = [block_round(_places(area.area.corners), NO_FLY_MARGIN_M) for area in rules.no_fly]
+        self._fence = None if rules.geofence is None else _places(rules.geofence.corners)
+        fence = self._fence or ()
+        edges = zip(fence, (*fence[1:], *fence[:1]), strict=True)
+        self._edges = [block_round(edge, FENCE_MARGIN_M) for edge in edges]
         self._known: dict[int, SurrogateAirspace] = {}
 
     def states(self, now_s: Floats) -> Counts:
@@ -206,19 +153,13 @@ class SurrogateAirspaces:
         """The airspace while that is in force."""
         if state not in self._known:
             blocks = [area for bit, area in enumerate(self._areas) if state >> bit & 1]
-            self._known[state] = SurrogateAirspace([*blocks, *self._edges], self._fence)
+            self._known[state] = SurrogateAirspace(Airspace((*blocks, *self._edges), self._fence))
         return self._known[state]
 
 
-def _block(corners: Sequence[Place], margin_m: float) -> Floats:
-    """The convex hull of these corners, wider by at least `margin_m` on every side."""
-    # The ring is drawn around the circle, so that the margin is kept at the middle of its sides too.
-    reach_m = margin_m / math.cos(math.pi / SIDES)
-    turns = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
-    ring_m = reach_m * np.stack((np.cos(turns), np.sin(turns)), axis=1)
-    points = (np.array(corners)[:, None] + ring_m[None]).reshape(-1, 2)
-    hull: Floats = points[ConvexHull(points).vertices]
-    return hull
+def padded(paths_m: Floats, count: int) -> Floats:
+    """Paths (r, w, 2) with the last corner repeated until there are so many."""
+    return np.concatenate((paths_m, np.repeat(paths_m[:, -1:], count - paths_m.shape[1], axis=1)), axis=1)
 
 
 def _sides(block: Floats, places_m: Floats) -> Floats:
@@ -230,11 +171,8 @@ def _sides(block: Floats, places_m: Floats) -> Floats:
     return sides
 
 
-def _feet(block: Floats, place: Place) -> list[Place]:
-    """The nearest point of each edge."""
-    along = np.roll(block, -1, axis=0) - block
-    share = ((np.array(place) - block) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
-    return [_place(foot) for foot in block + np.clip(share, 0.0, 1.0)[:, None] * along]
+def _places(corners: Sequence[Point]) -> tuple[Place, ...]:
+    return tuple((corner.east_m, corner.north_m) for corner in corners)
 
 
 def _place(point: Floats) -> Place:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,20 @@ _MEAN_WIDTH = 2.0 / math.pi
 _STREAM_WALK = 1
 
 
-@dataclass(frozen=True, slots=True)
+# Of fields with several entries a mission: with what missions are filled up that have fewer (things that play no part),
+# and how many numbers an entry is, 0 for a number by itself.
+_FLAGS = {"fill": False, "width": 0}
+_RANKS = {"fill": 0, "width": 0}
+_INDICES = {"fill": -1, "width": 0}
+_NUMBERS = {"fill": 0.0, "width": 0}
+_MOMENTS = {"fill": math.inf, "width": 0}
+_PLACES = {"fill": 0.0, "width": 2}
+_FAR_PLACES = {"fill": FAR_M, "width": 2}
+_SPANS = {"fill": math.inf, "width": 2}
+_FOURS = {"fill": math.inf, "width": 4}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
     """n missions, k tasks and a actors at most; what a mission has less of is filled with things that play no
     part.
@@ -86,23 +99,23 @@ class Batch:
     jitter_px: Floats
     gps_m: Floats
     perfect: Bools
-    task_m: Floats  # (n, k, 2)
-    task_radius_m: Floats  # (n, k), 0 where there is no task
-    task_priority: Counts  # (n, k)
-    task_delivered_s: Floats  # (n, k)
-    task_due_s: Floats  # (n, k) when its target should be known, as SearchTask.due_s_after says
-    task_actor: Counts  # (n, k) the adversary that is meant, -1 for nobody
-    role: Counts  # (n, a)
-    start_m: Floats  # (n, a, 2)
-    roam_m: Floats  # (n, a) how far from its start an actor may be
-    rest_share: Floats  # (n, a) share of its time that a wanderer rests
-    tall_m: Floats  # (n, a)
-    wide_m: Floats  # (n, a) mean extent along a line of sight
-    concealment: Floats  # (n, a)
-    mistakable: Bools  # (n, a)
-    group: Counts  # (n, a) by the order of groups in the scene
-    asset: Counts  # (n, a) and label: by the asset catalogue's order
-    label: Counts
+    task_m: Floats = field(metadata=_PLACES)  # (n, k, 2)
+    task_radius_m: Floats = field(metadata=_NUMBERS)  # (n, k), 0 where there is no task
+    task_priority: Counts = field(metadata=_RANKS)  # (n, k)
+    task_delivered_s: Floats = field(metadata=_NUMBERS)  # (n, k)
+    task_due_s: Floats = field(metadata=_MOMENTS)  # (n, k) SearchTask.due_s_after
+    task_actor: Counts = field(metadata=_INDICES)  # (n, k) the adversary that is meant, -1 for nobody
+    role: Counts = field(metadata=_INDICES)  # (n, a)
+    start_m: Floats = field(metadata=_FAR_PLACES)  # (n, a, 2)
+    roam_m: Floats = field(metadata=_NUMBERS)  # (n, a) how far from its start an actor may be
+    rest_share: Floats = field(metadata=_NUMBERS)  # (n, a) share of its time that a wanderer rests
+    tall_m: Floats = field(metadata=_NUMBERS)  # (n, a)
+    wide_m: Floats = field(metadata=_NUMBERS)  # (n, a) mean extent along a line of sight
+    concealment: Floats = field(metadata=_NUMBERS)  # (n, a)
+    mistakable: Bools = field(metadata=_FLAGS)  # (n, a)
+    group: Counts = field(metadata=_INDICES)  # (n, a) by the order of groups in the scene
+    asset: Counts = field(metadata=_INDICES)  # (n, a) and label: by the asset catalogue's order
+    label: Counts = field(metadata=_INDICES)
     keeps_up: Bools  # flies home at mission height and comes down there
     floor_m: Floats  # reached before it leaves, 0 for none
     pace_mps: Floats  # with which it reckons its time
@@ -117,17 +130,16 @@ class Batch:
     ends_s: Floats  # when it is ordered home
     landed_from_s: Floats  # and down where it is
     ordered_down_s: Floats  # the same, by order alone
-    stands_s: Floats  # (n, s, 2) and so on: spans of Interruptions, inf where there is none
-    strays_s: (
-        Floats  # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
-    )
-    blind_s: Floats
-    closed_s: Floats
-    drifts: Floats  # (n, d, 4)
-    first_s: Floats  # (n, k) when it is ordered to be next
-    consent_s: Floats  # (n, k) from a report to leave to mark its target; 0 where none is asked, inf without
-    mark_s: Floats  # (n, m) when it is ordered to mark the target of which task
-    mark_task: Counts
+    stands_s: Floats = field(metadata=_SPANS)  # (n, s, 2) and so on: spans of Interruptions
+    # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
+    strays_s: Floats = field(metadata=_FOURS)
+    blind_s: Floats = field(metadata=_SPANS)
+    closed_s: Floats = field(metadata=_SPANS)
+    drifts: Floats = field(metadata=_FOURS)  # (n, d, 4)
+    first_s: Floats = field(metadata=_MOMENTS)  # (n, k) when it is ordered to be next
+    consent_s: Floats = field(metadata=_NUMBERS)  # (n, k) from a report to leave to mark; 0 if none is asked
+    mark_s: Floats = field(metadata=_MOMENTS)  # (n, m) when it is ordered to mark the target of which task
+    mark_task: Counts = field(metadata=_INDICES)
     interrupted: Bools
     airspaces: Objects  # None where nothing is closed
     scenes: Objects  # the SimSpecs
@@ -139,6 +151,21 @@ class Batch:
     def select(self, begin: int, end: int) -> Batch:
         """Some of the missions."""
         return replace(self, **{field.name: getattr(self, field.name)[begin:end] for field in fields(self)})
+
+    @property
+    def is_task(self) -> Bools:
+        """(n, k) whether there is a task."""
+        return np.asarray(self.task_radius_m > 0.0)
+
+    @property
+    def is_target(self) -> Bools:
+        """(n, k) tasks that are about an adversary."""
+        return self.is_task & (self.task_actor >= 0)
+
+    @property
+    def correlated_frames(self) -> Floats:
+        """(n,) frames that hang together, as one look."""
+        return np.maximum(2.0 * self.correlation_s * self.rate_hz, 1.0)
 
     def places(self) -> Floats:
         """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
@@ -205,39 +232,12 @@ def pack(simspecs: Sequence[SimSpec]) -> Batch:
         raise SetupError(list(faults.values()))
     known: dict[str, SurrogateAirspaces] = {}
     rows = [_row(simspec, known) for simspec in simspecs]
-    single = {name: _column([row[name] for row in rows]) for name in rows[0] if name not in _PADDED}
-    padded = {name: _stacked([row[name] for row in rows], fill) for name, fill in _PADDED.items()}
-    return Batch(**single, **padded)
+    columns: dict[str, Any] = {}
+    for column in fields(Batch):
+        values = [row[column.name] for row in rows]
+        columns[column.name] = _stacked(values, **column.metadata) if column.metadata else _column(values)
+    return Batch(**columns)
 
-
-_PADDED: dict[str, float | int | bool] = {
-    "task_m": 0.0,
-    "task_radius_m": 0.0,
-    "task_priority": 0,
-    "task_delivered_s": 0.0,
-    "task_due_s": np.inf,
-    "task_actor": -1,
-    "role": -1,
-    "start_m": FAR_M,
-    "roam_m": 0.0,
-    "rest_share": 0.0,
-    "tall_m": 0.0,
-    "wide_m": 0.0,
-    "concealment": 0.0,
-    "mistakable": False,
-    "group": -1,
-    "asset": -1,
-    "label": -1,
-    "stands_s": np.inf,
-    "strays_s": np.inf,
-    "blind_s": np.inf,
-    "closed_s": np.inf,
-    "drifts": np.inf,
-    "first_s": np.inf,
-    "consent_s": 0.0,
-    "mark_s": np.inf,
-    "mark_task": -1,
-}
 
 _OBJECTS = (SimSpec, SurrogateAirspaces, Interruptions, type(None))
 
@@ -251,11 +251,12 @@ def _column(values: Sequence[Any]) -> np.ndarray:
     return column
 
 
-def _stacked(values: Sequence[np.ndarray], fill: float | int | bool) -> np.ndarray:
+def _stacked(values: Sequence[Sequence[Any]], fill: float, width: int) -> np.ndarray:
     most = max(len(value) for value in values)
-    stacked = np.full((len(values), most, *values[0].shape[1:]), fill, dtype=values[0].dtype)
+    stacked = np.full((len(values), most, *[width] * (width > 0)), fill)
     for row, value in enumerate(values):
-        stacked[row, : len(value)] = value
+        if len(value):
+            stacked[row, : len(value)] = value
     return stacked
 
 
@@ -270,34 +271,16 @@ LABEL_INDEX = {
 
 def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, Any]:
     assert simspec.realized is not None, "only a realized SimSpec says where everybody is"
-    camera, model, weather, rules = (
-        simspec.vehicle.camera,
-        simspec.perception.model,
-        simspec.environment,
-        simspec.rules,
-    )
-    tilt_rad, tan_half = (
-        math.radians(camera.tilt_deg),
-        math.tan(math.radians(camera.horizontal_fov_deg) / 2.0),
-    )
+    camera, model, rules = simspec.vehicle.camera, simspec.perception.model, simspec.rules
+    tilt_rad = math.radians(camera.tilt_deg)
+    tan_half = math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
     left, upper, right, lower = _edges(camera, tan_half)
-    groups = {group.id: group for group in simspec.actors}
-    first_member: dict[str, int] = {}
-    for index, actor in enumerate(simspec.realized.actors):
-        first_member.setdefault(actor.group, index)
-    group_number = {group.id: index for index, group in enumerate(simspec.actors)}
-    member = np.array([group_number[actor.group] for actor in simspec.realized.actors], dtype=np.int64)
-    realized_reports = {report.id: report for report in simspec.realized.reports}
-    tasks = [report for report in simspec.intelligence if report.id in realized_reports]
-    about_adversary = [groups[task.about].role is Role.ADVERSARY for task in tasks]
-    flight_limits = limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label])
-    link_down = link_down_spans(simspec.outages)
+    events = interruptions(simspec)
     return {
         "seeds": np.uint64(seed_of(simspec.seeds, "perception")),
         "bystander_aware": BYSTANDER_AWARE[simspec.agent.label],
         "home_m": (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
-        "height_m": flight_limits.height_m,
-        "speed_mps": flight_limits.speed_mps,
+        **limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label]),
         "limit_s": simspec.mission.time_limit_s,
         "returns": simspec.mission.return_home,
         "no_mark_m": rules.no_mark_within_m,
@@ -308,51 +291,93 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "tilt_rad": tilt_rad,
         "near_edge": _ahead(tilt_rad + math.atan(lower)),
         "far_edge": _ahead(tilt_rad - math.atan(upper)),
-        "extinction_per_m": model.extinction_per_m(weather),
+        "extinction_per_m": model.extinction_per_m(simspec.environment),
         "light": light_of(sun_of(simspec).elevation_rad, model.night_contrast),
-        "half_height_px": model.half_height_px,
-        "slope": model.slope,
-        "ceiling": model.ceiling,
-        "concealment_weight": model.concealment_weight,
-        "mislabel": model.mislabel,
-        "correlation_s": model.correlation_s,
-        "jitter_px": model.jitter_px,
+        **{name: getattr(model, name) for name in _OF_MODEL},
         "gps_m": simspec.vehicle.gps.wander_m,
         "perfect": simspec.perception.error_free,
-        "task_m": np.array(
-            [(realized_reports[task.id].east_m, realized_reports[task.id].north_m) for task in tasks]
-        ).reshape(-1, 2),
-        "task_radius_m": np.array([task.uncertainty_m for task in tasks], dtype=np.float64),
-        "task_priority": np.array([task.priority for task in tasks], dtype=np.int64),
-        "task_delivered_s": np.array(
-            [delivered_at(task.delivered_s, link_down) for task in tasks], dtype=np.float64
-        ),
-        "task_due_s": np.array([_due_s(simspec, task, link_down) for task in tasks], dtype=np.float64),
-        "task_actor": np.array(
-            [
-                first_member.get(task.about, -1) if enemy else -1
-                for task, enemy in zip(tasks, about_adversary, strict=True)
-            ],
-            dtype=np.int64,
-        ),
-        "consent_s": np.array([_consent_s(simspec, task.id) for task in tasks], dtype=np.float64),
-        "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(
-            -1, 2
-        ),
-        "group": member,
-        **{name: values[member] for name, values in _of_groups(simspec).items()},
-        "keeps_up": flight_limits.keeps_up,
-        "floor_m": flight_limits.floor_m,
-        "pace_mps": flight_limits.pace_mps,
-        "slow_mps": flight_limits.slow_mps,
-        "slow_within_m": flight_limits.slow_within_m,
         "deadline_s": math.inf if rules.report_deadline_s is None else rules.report_deadline_s,
         "charge_fraction": simspec.vehicle.battery.initial_fraction,
         "use_per_s": HOVER_W / 3600.0 / simspec.vehicle.battery.capacity_wh,
         "reserve": rules.battery_reserve_fraction,
+        **_actors(simspec),
+        **_tasks(simspec, events),
+        **{name: getattr(events, name) for name in _OF_EVENTS},
+        "interrupted": events.any,
+        "interruptions": events,
         "airspaces": _airspaces(simspec, known),
         "scenes": simspec,
-        **_interrupted(simspec, [task.id for task in tasks]),
+    }
+
+
+_OF_MODEL = (
+    *("half_height_px", "slope", "ceiling", "concealment_weight"),
+    *("mislabel", "correlation_s", "jitter_px"),
+)
+_OF_EVENTS = (
+    *("charge_s", "charge_left", "ends_s", "landed_from_s", "ordered_down_s"),
+    *("stands_s", "strays_s", "blind_s", "closed_s", "drifts"),
+)
+
+
+def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
+    """What is told of each task, and ordered about it."""
+    assert simspec.realized is not None
+    places = {report.id: (report.east_m, report.north_m) for report in simspec.realized.reports}
+    tasks = [report for report in simspec.intelligence if report.id in places]
+    names = [task.id for task in tasks]
+    enemies = {group.id for group in simspec.actors if group.role is Role.ADVERSARY}
+    member_of = [actor.group for actor in simspec.realized.actors]
+    link_down = link_down_spans(simspec.outages)
+    first_s = [math.inf] * len(tasks)
+    marks = []
+    for order, at_s in events.delivered:
+        if order.intelligence in names:
+            task = names.index(order.intelligence)
+            if order.kind == "retask":
+                first_s[task] = min(first_s[task], at_s)
+            else:
+                marks.append((at_s, task))
+    return {
+        "task_m": [places[name] for name in names],
+        "task_radius_m": [task.uncertainty_m for task in tasks],
+        "task_priority": [task.priority for task in tasks],
+        "task_delivered_s": [delivered_at(task.delivered_s, link_down) for task in tasks],
+        "task_due_s": [_due_s(simspec, task, link_down) for task in tasks],
+        "task_actor": [
+            member_of.index(task.about) if task.about in enemies and task.about in member_of else -1
+            for task in tasks
+        ],
+        "consent_s": [_consent_s(simspec, name) for name in names],
+        "first_s": first_s,
+        "mark_s": [at_s for at_s, _ in marks],
+        "mark_task": [task for _, task in marks],
+    }
+
+
+def _actors(simspec: SimSpec) -> dict[str, Any]:
+    """Where everybody is, and what all members of a group have in common."""
+    assert simspec.realized is not None
+    actors, groups = simspec.realized.actors, simspec.actors
+    assets = [ASSETS[group.asset] for group in groups]
+    numbers = {group.id: number for number, group in enumerate(groups)}
+    member = np.array([numbers[actor.group] for actor in actors], dtype=np.int64)
+    of_groups: dict[str, list[Any]] = {
+        "role": [_ROLES[group.role] for group in groups],
+        "roam_m": [group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups],
+        "rest_share": [_rest_share(group.motion) for group in groups],
+        "tall_m": [asset.height_m for asset in assets],
+        "wide_m": [_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets],
+        "concealment": [group.concealment for group in groups],
+        "mistakable": [bool(asset.confused_with) for asset in assets],
+        "asset": [_ASSET[group.asset] for group in groups],
+        "label": [LABEL_INDEX[asset.class_label] for asset in assets],
+    }
+    return {
+        "start_m": [(actor.east_m, actor.north_m) for actor in actors],
+        "group": member,
+        # Indexed as arrays: actors are many, and groups few.
+        **{name: np.array(values)[member] for name, values in of_groups.items()},
     }
 
 
@@ -376,25 +401,6 @@ def _consent_s(simspec: SimSpec, intelligence: str) -> float:
     )
 
 
-def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:
-    """What all members of a group have in common, group by group."""
-    groups = simspec.actors
-    assets = [ASSETS[group.asset] for group in groups]
-    return {
-        "role": np.array([_ROLES[group.role] for group in groups], dtype=np.int64),
-        "roam_m": np.array(
-            [group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups]
-        ),
-        "rest_share": np.array([_rest_share(group.motion) for group in groups]),
-        "tall_m": np.array([asset.height_m for asset in assets]),
-        "wide_m": np.array([_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets]),
-        "concealment": np.array([group.concealment for group in groups], dtype=np.float64),
-        "mistakable": np.array([bool(asset.confused_with) for asset in assets], dtype=np.bool_),
-        "asset": np.array([_ASSET[group.asset] for group in groups], dtype=np.int64),
-        "label": np.array([LABEL_INDEX[asset.class_label] for asset in assets], dtype=np.int64),
-    }
-
-
 def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> SurrogateAirspaces | None:
     """The same object for all missions under the same rules."""
     rules = simspec.rules
@@ -404,36 +410,6 @@ def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> Surrog
     if key not in known:
         known[key] = SurrogateAirspaces(rules)
     return known[key]
-
-
-def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
-    events = interruptions(simspec)
-    first_s = np.full(len(tasks), np.inf)
-    marks = []
-    for order, at_s in events.delivered:
-        if order.intelligence in tasks:
-            task = tasks.index(order.intelligence)
-            if order.kind == "retask":
-                first_s[task] = min(first_s[task], at_s)
-            else:
-                marks.append((at_s, task))
-    return {
-        "charge_s": events.charge_s,
-        "charge_left": events.charge,
-        "ends_s": events.ends_s,
-        "landed_from_s": events.landed_from_s,
-        "ordered_down_s": events.ordered_down_s,
-        "stands_s": np.array(events.stand_spans, dtype=np.float64).reshape(-1, 2),
-        "strays_s": np.array(events.detour_spans, dtype=np.float64).reshape(-1, 4),
-        "blind_s": np.array(events.blind_spans, dtype=np.float64).reshape(-1, 2),
-        "closed_s": np.array(events.closed_spans, dtype=np.float64).reshape(-1, 2),
-        "drifts": np.array(events.drifts, dtype=np.float64).reshape(-1, 4),
-        "first_s": first_s,
-        "mark_s": np.array([at_s for at_s, _ in marks], dtype=np.float64),
-        "mark_task": np.array([task for _, task in marks], dtype=np.int64),
-        "interrupted": events.any,
-        "interruptions": events,
-    }
 
 
 def _rest_share(motion: Motion) -> float:

@@ -17,7 +17,6 @@ from ...flight._descent import DESCENT_MPS, LAND_MPS
 
 Span = tuple[float, float]
 
-ALWAYS: Span = (-math.inf, math.inf)
 # COM_OF_LOSS_T of PX4.
 OFFBOARD_LOST_S = 1.0
 """Without setpoints for so long PX4 flies home by itself."""
@@ -43,22 +42,18 @@ _ENDS = ("return", "abort", "deactivate")
 class Interruptions:
     """One mission's. Spans are sorted and apart; moments are inf where nothing comes."""
 
-    stand_spans: tuple[
-        Span, ...
-    ] = ()  # it stays where it is: ordered, the operator out of reach, no position
-    detour_spans: tuple[
-        tuple[float, float, float, float], ...
-    ] = ()  # from, until: it flies home so fast and comes back afterwards, unless it was there so long
-    blind_spans: tuple[Span, ...] = ()  # nothing is detected
-    closed_spans: tuple[Span, ...] = ()  # nothing may be reported
+    stands_s: tuple[Span, ...] = ()  # stays where it is: ordered, the operator out of reach, no position
+    # from, until: it flies home so fast and comes back afterwards, unless it was there so long
+    strays_s: tuple[tuple[float, float, float, float], ...] = ()
+    blind_s: tuple[Span, ...] = ()  # nothing is detected
+    closed_s: tuple[Span, ...] = ()  # nothing may be reported
     delivered: tuple[tuple[Order, float], ...] = ()  # every order, with the moment of its delivery
     ends_s: float = math.inf  # flown home from then on
     landed_from_s: float = math.inf  # landed where it is
     charge_s: float = math.inf
-    charge: float = 1.0  # that is left from then on, at most
-    drifts: tuple[
-        tuple[float, float, float, float], ...
-    ] = ()  # from, until, metres a second to the east and to the north
+    charge_left: float = 1.0  # from then on, at most
+    # from, until, metres a second to the east and to the north
+    drifts: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def ordered_down_s(self) -> float:
@@ -70,18 +65,15 @@ class Interruptions:
         """Whether anything of this moves the vehicle or blinds it."""
         moments = (self.ends_s, self.landed_from_s, self.charge_s)
         return (
-            bool(self.stand_spans or self.detour_spans or self.blind_spans or self.delivered)
-            or min(moments) < math.inf
+            bool(self.stands_s or self.strays_s or self.blind_s or self.delivered) or min(moments) < math.inf
         )
 
 
 def interruptions(simspec: SimSpec) -> Interruptions:
-    """What interrupts the mission of a SimSpec that no fault of `uninterruptible` speaks against."""
+    """What interrupts the mission of a SimSpec that no fault of `unsupported_failures` speaks against."""
     rules, failures = simspec.rules, simspec.vehicle.failures
-    link_down = merged(
-        (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link"
-    )
-    away = [(since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down]
+    link_down = link_down_spans(simspec.outages)
+    away = merged((since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down)
     orders = sorted(
         ((order, delivered_at(order.at_s, link_down)) for order in simspec.orders),
         key=lambda pair: (pair[1], pair[0].at_s),
@@ -94,6 +86,7 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     ]
     drops = [failure for failure in failures if failure.kind == "battery_drop"]
     height_m = simspec.mission.altitude_m
+    return_mps = max(simspec.vehicle.parameters.get("MPC_XY_CRUISE", RETURN_MPS), 0.5)
     fallen = [
         since_s + POSITION_LOST_S
         for since_s, until_s in lost
@@ -102,26 +95,34 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
     mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
     return Interruptions(
-        stand_spans=merged(
+        stands_s=merged(
             [
-                *_hold_spans(orders),
-                *_link_lost_spans("hold", away, rules.link_lost),
-                *map(_standing_without_gps, lost),
+                # Where the operator flies the vehicle meanwhile is left out.
+                *_spans_from(orders, ("hold", "hand_over"), ("resume", "retask", "take_back", *_ENDS)),
+                *(away if rules.link_lost == "hold" else ()),
+                # Without a position PX4 sinks after a while; what it has sunk it climbs on its way.
+                *((since_s, until_s + POSITION_BACK_S) for since_s, until_s in lost),
             ]
         ),
-        detour_spans=(
-            *((*span, height_m / DESCENT_MPS, _return_mps(simspec)) for span in silent),
-            *((*span, 0.0, math.inf) for span in _link_lost_spans("return", away, rules.link_lost)),
+        strays_s=(
+            *((*span, height_m / DESCENT_MPS, return_mps) for span in silent),
+            *((*span, 0.0, math.inf) for span in (away if rules.link_lost == "return" else ())),
         ),
-        blind_spans=merged(
+        blind_s=merged(
             (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"
         ),
-        closed_spans=merged([*_closed_windows(simspec), *_silence_spans(orders), (mute_s, math.inf)]),
+        closed_s=merged(
+            [
+                *_closed_windows(simspec),
+                *_spans_from(orders, ("stop_reporting",), ("resume_reporting",)),
+                (mute_s, math.inf),
+            ]
+        ),
         delivered=tuple(orders),
         ends_s=min([at_s for _, at_s in ended] + fallen, default=math.inf),
         landed_from_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
         charge_s=min((drop.at_s for drop in drops), default=math.inf),
-        charge=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
+        charge_left=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
         drifts=tuple(map(_drift, (failure for failure in failures if failure.kind == "gps_drift"))),
     )
 
@@ -130,24 +131,14 @@ def unsupported_failures(simspec: SimSpec) -> list[Fault]:
     """Failures that a surrogate cannot say anything of."""
     faults = []
     for index, failure in enumerate(simspec.vehicle.failures):
-        where = f"vehicle.failures[{index}]"
+        what, remedy = "", "leave it out, or fidelity: full"
         if failure.kind == "motor_off":
-            faults.append(
-                Fault(
-                    where,
-                    "a rotor that stops is beyond the overhead simulation",
-                    "leave it out, or fidelity: full",
-                )
-            )
+            what = "a rotor that stops is beyond the overhead simulation"
         if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
+            what = f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe"
             remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
-            faults.append(
-                Fault(
-                    where,
-                    f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe",
-                    remedy,
-                )
-            )
+        if what:
+            faults.append(Fault(f"vehicle.failures[{index}]", what, remedy))
     return faults
 
 
@@ -177,36 +168,13 @@ def until_of(failure: Failure) -> float:
     return math.inf if failure.duration_s is None else failure.at_s + failure.duration_s
 
 
-def _hold_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
-    """From each order to hold, or to hand over, to the next about where to go.
-
-    Where the operator flies the vehicle meanwhile is left out.
-    """
-    moving = [
-        (order.kind, at_s)
-        for order, at_s in orders
-        if order.kind in ("hold", "resume", "retask", "hand_over", "take_back", *_ENDS)
-    ]
+def _spans_from(
+    orders: Sequence[tuple[Order, float]], begins: Sequence[str], ends: Sequence[str]
+) -> list[Span]:
+    """From each order that begins something to the next of those that begin or end it."""
+    changes = [(order.kind, at_s) for order, at_s in orders if order.kind in (*begins, *ends)]
     return [
-        (at_s, following_s)
-        for (kind, at_s), (_, following_s) in pairwise([*moving, ("", math.inf)])
-        if kind in ("hold", "hand_over")
-    ]
-
-
-def _link_lost_spans(name: str, away: Sequence[Span], link_lost: str) -> list[Span]:
-    """The spans in which the rule about the operator's link asks for this."""
-    return [span for span in away if span[0] < span[1]] if link_lost == name else []
-
-
-def _silence_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
-    changes = [
-        (order.kind, at_s) for order, at_s in orders if order.kind in ("stop_reporting", "resume_reporting")
-    ]
-    return [
-        (at_s, next_s)
-        for (kind, at_s), (_, next_s) in pairwise([*changes, ("", math.inf)])
-        if kind == "stop_reporting"
+        (at_s, next_s) for (kind, at_s), (_, next_s) in pairwise([*changes, ("", math.inf)]) if kind in begins
     ]
 
 
@@ -217,16 +185,6 @@ def _closed_windows(simspec: SimSpec) -> list[Span]:
         return []
     edges = [-math.inf, *(edge for span in windows for edge in span), math.inf]
     return list(zip(edges[::2], edges[1::2], strict=True))
-
-
-def _standing_without_gps(lost: Span) -> Span:
-    """Without a position PX4 sinks after a while; what it has sunk it climbs on its way."""
-    since_s, until_s = lost
-    return since_s, until_s + POSITION_BACK_S
-
-
-def _return_mps(simspec: SimSpec) -> float:
-    return max(simspec.vehicle.parameters.get("MPC_XY_CRUISE", RETURN_MPS), 0.5)
 
 
 def _drift(failure: Failure) -> tuple[float, float, float, float]:

@@ -52,7 +52,7 @@ class SightingMemory:
         mean = views.frames * chance
         self._views.append(views)
         self._sums.append(
-            (mean, mean * _correlated_frames(self._batch).astype(np.float32)[views.row] * (1.0 - chance))
+            (mean, mean * self._batch.correlated_frames.astype(np.float32)[views.row] * (1.0 - chance))
         )
 
     def keep(self, chosen: Bools) -> None:
@@ -113,12 +113,6 @@ def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
     size = len(batch) * actors
     mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
     spread = np.bincount(
-        flat, views.frames * _correlated_frames(batch)[views.row] * chance * (1.0 - chance), size
+        flat, views.frames * batch.correlated_frames[views.row] * chance * (1.0 - chance), size
     ).reshape(-1, actors)
     return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)
-
-
-def _correlated_frames(batch: Batch) -> Floats:
-    """(n,) frames that hang together, as one look."""
-    together: Floats = np.maximum(2.0 * batch.correlation_s * batch.rate_hz, 1.0)
-    return together

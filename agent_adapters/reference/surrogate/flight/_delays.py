@@ -18,16 +18,6 @@ from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
 
 
-def after_standing(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
-    """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never
-    comes.
-    """
-    for span in range(spans_s.shape[1]):
-        since_s, until_s = spans_s[:, span].T
-        now_s = np.where((since_s <= now_s) & (now_s < until_s), until_s, now_s)
-    return np.minimum(now_s, limit_s)
-
-
 def first_open_s(spans_s: Floats, at_s: Floats) -> Floats:
     """(r,) the first moment from `at_s` on in none of its spans; inf where that never comes."""
     for span in range(spans_s.shape[1]):
@@ -84,8 +74,7 @@ def slowed_near_people(
     nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
     room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - MARGIN_M, 0.0)
     limit_mps = np.sqrt(np.minimum(batch.slow_mps[rows], 1e6)[:, None] ** 2 + 2.0 * BRAKING_MPS2 * room_m)
-    flown_m = np.hypot(*np.moveaxis(np.diff(stretch.place_m, axis=1, prepend=stretch.place_m[:, :1]), -1, 0))
-    span_s = np.maximum(stretch.span_s, flown_m / limit_mps)
+    span_s = np.maximum(stretch.span_s, stretch.flown_m() / limit_mps)
     later_s = np.cumsum(span_s - stretch.span_s, axis=1)
     return replace(stretch, time_s=stretch.time_s + later_s, span_s=span_s), end_s + later_s[:, -1]
 

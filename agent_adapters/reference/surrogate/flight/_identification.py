@@ -4,6 +4,8 @@ identifies.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
@@ -132,38 +134,26 @@ class Identification:
         return _SeenSoFar(had, right, low, high, first_rad)
 
 
-class TargetLook:
+class TargetLook(NamedTuple):
     """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label,
     in how many frames.
     """
 
-    __slots__ = ("bearing_rad", "frames", "right", "rows", "sighted", "task", "time_s")
-
-    def __init__(
-        self,
-        rows: Counts,
-        task: Counts,
-        time_s: Floats,
-        sighted: Bools,
-        right: Bools,
-        frames: Floats,
-        bearing_rad: Floats,
-    ) -> None:
-        self.rows, self.task, self.time_s = rows, task, time_s
-        self.sighted, self.right, self.frames, self.bearing_rad = sighted, right, frames, bearing_rad
+    rows: Counts
+    task: Counts
+    time_s: Floats
+    sighted: Bools
+    right: Bools
+    frames: Floats
+    bearing_rad: Floats
 
 
-class _SeenSoFar:
-    __slots__ = ("first_rad", "high", "low", "right_frames", "seen_frames")
-
-    def __init__(self, had: Floats, right: Floats, low: Floats, high: Floats, first_rad: Floats) -> None:
-        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = (
-            had,
-            right,
-            low,
-            high,
-            first_rad,
-        )
+class _SeenSoFar(NamedTuple):
+    seen_frames: Floats
+    right_frames: Floats
+    low: Floats
+    high: Floats
+    first_rad: Floats
 
 
 def _confident(right_frames: Floats, seen_frames: Floats, least: Floats) -> Bools:

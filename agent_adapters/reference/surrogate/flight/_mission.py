@@ -23,13 +23,12 @@ from ...mission._mission import LAST_WORD_S, SEARCH_S
 from ...mission._planner import TURN_S
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ._bystanders import KnownBystanders, SightingMemory
-from ._delays import after_standing, delayed, first_open_s, slowed_near_people
+from ._delays import delayed, first_open_s, slowed_near_people
 from ._identification import NEVER_S, Identification
-from ._outcome import FlownMissions, outcome
+from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
 from ._preemption import is_ordered_first, preempted_s
-from ._surroundings import unseen_share
-from ._views import Stretch, Views, views_of
+from ._views import Stretch, Views, unseen_share, views_of
 from ._way_home import WayHome
 
 READY_S = 5.7
@@ -60,6 +59,7 @@ class _Flight:
         count, tasks = batch.task_radius_m.shape
         self._places = batch.places()
         self._identification = Identification(batch)
+        self._found_s = self._identification.found_s
         self._way_home = WayHome(batch)
         self._eventful = bool(batch.interrupted.any())
         self._slows = bool(np.isfinite(batch.slow_mps).any())
@@ -69,7 +69,7 @@ class _Flight:
         self._course: list[Stretch] = []
         self._views: list[Views] = []
         self._memory = SightingMemory(batch)
-        self._task_is = batch.task_radius_m > 0.0
+        self._task_is = batch.is_task
         self._dealt_with = ~self._task_is
         self._passes = np.zeros((count, tasks), dtype=np.int64)
         self._obeyed_first = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
@@ -90,7 +90,7 @@ class _Flight:
         first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
         begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
         if self._eventful:
-            begin_s = after_standing(batch.stands_s, begin_s, batch.limit_s)
+            begin_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
             self._ended = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
         self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
@@ -130,9 +130,8 @@ class _Flight:
         self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
         if self._eventful:
-            begin_s = np.where(
-                begin_s > self._now_s, after_standing(batch.stands_s, begin_s, batch.limit_s), begin_s
-            )
+            stands_until_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
+            begin_s = np.where(begin_s > self._now_s, stands_until_s, begin_s)
             ended = open_ & (begin_s >= batch.ends_s)
             self._ended |= ended
             self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
@@ -146,7 +145,7 @@ class _Flight:
         """What was given up, and is ordered to be next, waits again."""
         heeds = is_ordered_first(self._batch, self._now_s) & ~self._obeyed_first
         self._obeyed_first |= heeds
-        again = heeds & self._dealt_with & self._task_is & np.isinf(self._identification.found_s)
+        again = heeds & self._dealt_with & self._task_is & np.isinf(self._found_s)
         self._dealt_with &= ~again
         self._passes[again] = 0
 
@@ -193,12 +192,12 @@ class _Flight:
             members = rows[inspected], task[inspected]
             stays[inspected] = self._fly_around(*members, self._targets_m(*members))
             self._look_round(*(column[stays[inspected]] for column in members))
-        unfinished = stays & np.isinf(self._identification.found_s[rows, task]) & ~self._ended[rows]
+        unfinished = stays & np.isinf(self._found_s[rows, task]) & ~self._ended[rows]
         return rows[unfinished], task[unfinished], heading_rad[unfinished]
 
     def _still_open(self, rows: Counts, task: Counts) -> Bools:
         """Settle what was identified on the way; whether it is not reported yet."""
-        found_s = self._identification.found_s[rows, task]
+        found_s = self._found_s[rows, task]
         identified = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
         if len(identified):
             self._judge(rows[identified], task[identified], found_s[identified])
@@ -247,9 +246,7 @@ class _Flight:
         seen.
         """
         batch = self._batch
-        unsettled = np.flatnonzero(
-            self._still_open(rows, task) & np.isfinite(self._identification.found_s[rows, task])
-        )
+        unsettled = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._found_s[rows, task]))
         if not len(unsettled):
             return
         rows, task = rows[unsettled], task[unsettled]
@@ -310,9 +307,7 @@ class _Flight:
             at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
             row = np.arange(len(batch))
             able = (
-                (batch.mark_task[:, index] >= 0)
-                & (self._identification.found_s[row, task] <= at_s)
-                & (at_s <= self._now_s)
+                (batch.mark_task[:, index] >= 0) & (self._found_s[row, task] <= at_s) & (at_s <= self._now_s)
             )
             able &= first_open_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
             rows = np.flatnonzero(able)
@@ -454,15 +449,13 @@ class _Flight:
         self._ended[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
         if task is None:
             return ~self._ended[rows]
-        diverted = (
-            (leaves_s < end_s) & ~self._ended[rows] & np.isinf(self._identification.found_s[rows, task])
-        )
+        diverted = (leaves_s < end_s) & ~self._ended[rows] & np.isinf(self._found_s[rows, task])
         self._dealt_with[rows[diverted], task[diverted]] = False
         leaves: Bools = diverted | self._ended[rows]
-        ready = np.flatnonzero(leaves & np.isfinite(self._identification.found_s[rows, task]))
+        ready = np.flatnonzero(leaves & np.isfinite(self._found_s[rows, task]))
         if len(ready):
             members = rows[ready], task[ready]
-            self._judge(*members, self._identification.found_s[members])
+            self._judge(*members, self._found_s[members])
         stays: Bools = ~leaves
         return stays
 
@@ -518,15 +511,17 @@ class _Flight:
             places_m = self._everybody_at(rows[at], begin_s[at])
             look = self._identification.observe(*members, stretch.select(at), views, places_m)
             found_s = self._identification.identified_s(look)
-            self._identification.commit(look, self._identification.found_s[members], until_s[at])
+            self._identification.commit(look, self._found_s[members], until_s[at])
             broken_off = batch.bystander_aware[rows[at]] & (self._passes[members] > 0)
-            broken_off &= (found_s <= until_s[at]) & np.isinf(self._identification.found_s[members])
+            broken_off &= (found_s <= until_s[at]) & np.isinf(self._found_s[members])
             broken_off &= np.isinf(batch.first_s[members])
             found = at[broken_off]
             if len(found):
                 found_rows, others, at_s = rows[found], np.full(len(found), other), found_s[broken_off]
                 near = self._knows(found_rows, others, at_s).within > 0
-                self._settle(found_rows[near], others[near], at_s[near], marks=False)
+                members = found_rows[near], others[near]
+                self._settle(*members, at_s[near])
+                self._report(*members, at_s[near], marks=False)
 
     def _meet_deadlines(self, rows: Counts, begin_s: Floats) -> None:
         """Shortly before a report falls due what is known well enough is reported, looked round or not."""
@@ -537,18 +532,15 @@ class _Flight:
         at, task = np.nonzero(due)
         known = self._identification.good_enough(rows[at], task)
         at, task = at[known], task[known]
-        if not len(at):
-            return
         members, at_s = (rows[at], task), np.maximum(due_s[at, task] - DEADLINE_S, begin_s[at])
-        self._identification.found_s[members] = np.minimum(self._identification.found_s[members], at_s)
+        self._settle(*members, at_s)
         self._judge(*members, at_s)
         undecided = ~self._settled[members]
-        self._settle(members[0][undecided], members[1][undecided], at_s[undecided], marks=False)
-        self._dealt_with[members] = True
+        self._report(members[0][undecided], task[undecided], at_s[undecided], marks=False)
 
-    def _settle(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
-        self._identification.found_s[rows, task] = np.minimum(self._identification.found_s[rows, task], at_s)
-        self._report(rows, task, at_s, marks=marks)
+    def _settle(self, rows: Counts, task: Counts, at_s: Floats) -> None:
+        """Found by then, and done with."""
+        self._found_s[rows, task] = np.minimum(self._found_s[rows, task], at_s)
         self._dealt_with[rows, task] = True
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
@@ -587,14 +579,14 @@ class _Flight:
         # to report.
         late = (self._batch.consent_s > 0.0) & (self._marked_s > self._now_s[:, None])
         self._marked_s[late] = NEVER_S
-        return outcome(
+        return FlownMissions(
             self._batch,
             self._places,
             self._course,
             Views.joined(self._views),
             reported_s=self._reported_s,
             marked_s=self._marked_s,
-            found_s=self._identification.found_s,
+            found_s=self._found_s,
             known=self._known,
             reached=self._reached,
             took_off_s=self._away_s - CLIMB_S,

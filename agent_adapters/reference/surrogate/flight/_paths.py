@@ -68,10 +68,7 @@ def path_stretch(
     )
     turn_rad[:, :-1] *= length_m[:, 1:] > 1e-6
     heading_rad = course_rad[row, on] + turn_rad[row, on] * np.clip(1.0 - left_s / CORNER_S, 0.0, 1.0)
-    high_m = np.repeat(height_m[:, None], moments, axis=1)
-    span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
-    stretch = Stretch(rows, begin_s[:, None] + since_s, place_m, heading_rad, high_m, span_s)
-    return stretch, begin_s + took_s
+    return _stretch(rows, begin_s, took_s, place_m, heading_rad, height_m), begin_s + took_s
 
 
 def ring_stretch(
@@ -91,10 +88,17 @@ def ring_stretch(
     angle = first[:, None] + 2.0 * np.pi * since[None, :]
     out = np.stack((np.sin(angle), np.cos(angle)), axis=-1)
     place_m = center_m[:, None, :] + radius_m[:, None, None] * out
-    high_m = np.repeat(height_m[:, None], moments, axis=1)
-    time_s = begin_s[:, None] + since[None, :] * took_s[:, None]
-    span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
-    return Stretch(rows, time_s, place_m, angle + np.pi, high_m, span_s), begin_s + took_s
+    return _stretch(rows, begin_s, took_s, place_m, angle + np.pi, height_m), begin_s + took_s
+
+
+def _stretch(
+    rows: Counts, begin_s: Floats, took_s: Floats, place_m: Floats, heading_rad: Floats, height_m: Floats
+) -> Stretch:
+    """Moments at equal spans, all at one height."""
+    moments = heading_rad.shape[1]
+    since_s = (np.arange(moments) + 0.5) / moments * took_s[:, None]
+    high_m, span_s = (np.repeat(each[:, None], moments, axis=1) for each in (height_m, took_s / moments))
+    return Stretch(rows, begin_s[:, None] + since_s, place_m, heading_rad, high_m, span_s)
 
 
 def cut_off(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -> tuple[Stretch, Floats]:

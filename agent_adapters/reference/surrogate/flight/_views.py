@@ -4,6 +4,7 @@ or hiding.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.contracts import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
 
+from ..._settings import DEFAULTS
 from ..batch._batch import Batch
 
 BLOCK = 24
@@ -35,6 +37,11 @@ class Stretch:
     def select(self, rows: Counts) -> Stretch:
         """Some of the missions."""
         return Stretch(*(getattr(self, name)[rows] for name in Stretch.__slots__))
+
+    def flown_m(self) -> Floats:
+        """(r, j) how far it is to each moment's place from that of the moment before."""
+        steps_m = np.diff(self.place_m, axis=1, prepend=self.place_m[:, :1])
+        return np.hypot(steps_m[..., 0], steps_m[..., 1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +78,50 @@ def views_of(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
     return _clarity(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
 
 
-def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats) -> Bools:
+def unseen_share(
+    batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats
+) -> Floats:
+    """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before
+    `until_s`.
+    """
+    if not len(rows):
+        return np.zeros(0)
+    radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
+    places_m = target_m[:, None] + radius_m[:, None, None] * _DISC[None]
+    index = np.full(len(batch), -1)
+    index[rows] = np.arange(len(rows))
+    shown_lately = np.zeros(places_m.shape[:2], dtype=np.bool_)
+    for stretch in course:
+        place_of = index[stretch.rows]
+        late = (
+            (place_of >= 0)
+            & (stretch.time_s[:, -1] >= until_s[place_of] - DEFAULTS.memory_s)
+            & (stretch.time_s[:, 0] <= until_s[place_of])
+        )
+        part = np.flatnonzero(late)
+        if len(part):
+            at = place_of[part]
+            shown_lately[at] |= _shown_between(
+                batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at]
+            )
+    unseen: Floats = 1.0 - shown_lately.mean(axis=1)
+    return unseen
+
+
+def _disc() -> Floats:
+    """Places of a disc of radius 1 on a grid: some 11 m apart in surroundings of 56 m."""
+    steps = np.linspace(-1.0, 1.0, 11)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    disc: Floats = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0]
+    return disc
+
+
+_DISC = _disc()
+
+
+def _shown_between(
+    batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats
+) -> Bools:
     """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two
     moments (r,).
     """
@@ -91,63 +141,51 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
     across_m = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
     widens = batch.tan_half[rows] * np.cos(batch.tilt_rad[rows])
     half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
-    frame = _Frame(
-        sine=_single_precision(sine),
-        cosine=_single_precision(cosine),
-        near_edge=_single_precision(ahead_m + batch.near_edge[rows][:, None] * stretch.height_m),
-        far_edge=_single_precision(ahead_m + batch.far_edge[rows][:, None] * stretch.height_m),
-        widens=_single_precision(widens)[:, :, None],
-        right_edge=_single_precision(across_m + half_m - widens[:, None] * ahead_m),
-        left_edge=_single_precision(across_m - half_m + widens[:, None] * ahead_m),
+    # The picture's edges on the ground: limits of coordinates along and across the way it looks. In single precision,
+    # block by block, for that is where the time goes.
+    near_m, far_m = (
+        ahead_m + edge[rows][:, None] * stretch.height_m for edge in (batch.near_edge, batch.far_edge)
     )
-    east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
+    right_m, left_m = (
+        across_m + half_m - widens[:, None] * ahead_m,
+        across_m - half_m + widens[:, None] * ahead_m,
+    )
+    of_moments = (sine, cosine, near_m, far_m, widens[:, None], right_m, left_m)
+    frame = [values[..., None].astype(np.float32) for values in of_moments]
+    frame += [places_m[:, None, :, axis].astype(np.float32) for axis in range(2)]
     blocks = [
-        _in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows)))
+        _in_picture(begin, *(values[begin : begin + BLOCK] for values in frame))
         for begin in range(0, len(rows), BLOCK)
     ]
     at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it
-    looks.
-    """
-
-    sine: Narrow
-    cosine: Narrow
-    near_edge: Narrow
-    far_edge: Narrow
-    widens: Narrow
-    right_edge: Narrow
-    left_edge: Narrow
-
-
-def _single_precision(values: Floats) -> Narrow:
-    return values.astype(np.float32)[..., None]
-
-
 def _in_picture(
-    frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
+    first: int,
+    sine: Narrow,
+    cosine: Narrow,
+    near_m: Narrow,
+    far_m: Narrow,
+    widens: Narrow,
+    right_m: Narrow,
+    left_m: Narrow,
+    east_m: Narrow,
+    north_m: Narrow,
 ) -> tuple[Counts, Counts, Counts]:
-    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time
-    goes.
-    """
-    block = slice(begin, end)
-    east, north, sine, cosine = east[block], north[block], frame.sine[block], frame.cosine[block]
-    ahead = east * sine
-    ahead += north * cosine
-    across = east * cosine
-    across -= north * sine
-    shown = ahead > frame.near_edge[block]
-    shown &= ahead < frame.far_edge[block]
-    ahead *= frame.widens[block]
-    shown &= across - ahead < frame.right_edge[block]
+    """Row, moment and actor of all pairs of a block that begins with row `first`."""
+    ahead = east_m * sine
+    ahead += north_m * cosine
+    across = east_m * cosine
+    across -= north_m * sine
+    shown = ahead > near_m
+    shown &= ahead < far_m
+    ahead *= widens
+    shown &= across - ahead < right_m
     across += ahead
-    shown &= across > frame.left_edge[block]
+    shown &= across > left_m
     at, moment, actor = np.nonzero(shown)
-    return at + begin, moment, actor
+    return at + first, moment, actor
 
 
 def _clarity(

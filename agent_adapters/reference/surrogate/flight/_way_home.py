@@ -12,7 +12,7 @@ from ..._settings import DEFAULTS
 from ...flight._descent import DESCENT_MPS, landing_s
 from ...flight._reserve import BATTERY_MARGIN, CHARGE_SPARE_S
 from ...mission._planner import TURN_S
-from ..batch._airspace import SurrogateAirspace
+from ..batch._airspace import SurrogateAirspace, padded
 from ..batch._batch import Batch
 from ._views import Stretch
 
@@ -41,14 +41,10 @@ class WayHome:
             return corners_m
         routed = [(members, space.paths(corners_m[members])) for members, space in self._spaces(rows, now_s)]
         longest = max([corners_m.shape[1], *(path.shape[1] for _, path in routed)])
-        padded = np.concatenate(
-            (corners_m, np.repeat(corners_m[:, -1:], longest - corners_m.shape[1], axis=1)), axis=1
-        )
+        lengthened = padded(corners_m, longest)
         for members, path in routed:
-            padded[members] = np.concatenate(
-                (path, np.repeat(path[:, -1:], longest - path.shape[1], axis=1)), axis=1
-            )
-        return padded
+            lengthened[members] = padded(path, longest)
+        return lengthened
 
     def latest_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """(r,) when it has to leave a place, to be home in time."""
@@ -130,13 +126,9 @@ class WayHome:
         """The rows (by their place among these) that have an airspace, with what is in force there."""
         if not self._closed:
             return []
-        members: dict[tuple[int, int], list[int]] = {}
-        spaces = self._batch.airspaces[rows]
-        objects = {id(airspace): airspace for airspace in spaces if airspace is not None}
-        for index, airspace in enumerate(spaces):
-            if airspace is not None:
-                state = int(airspace.states(now_s[index : index + 1])[0])
-                members.setdefault((id(airspace), state), []).append(index)
-        return [
-            (np.array(indices), objects[identity].of(state)) for (identity, state), indices in members.items()
-        ]
+        members: dict[SurrogateAirspace, list[int]] = {}
+        for index, airspaces in enumerate(self._batch.airspaces[rows]):
+            if airspaces is not None:
+                state = int(airspaces.states(now_s[index : index + 1])[0])
+                members.setdefault(airspaces.of(state), []).append(index)
+        return [(np.array(indices), airspace) for airspace, indices in members.items()]
