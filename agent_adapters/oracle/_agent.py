@@ -7,11 +7,10 @@ from dataclasses import replace
 from agent_adapters.client import AgentEnvironment, open_bench
 
 from ..reference._agent import LINK, Agent, AgentParts, wanted
-from ..reference._log import Publish
+from ..reference._log import Log, Publish
 from ..reference._settings import Settings
 from ..reference.flight._piloted_vehicle import PilotedVehicle, Sender
 from ..reference.perception._pose import PoseHistory
-from ._log import OracleLog
 from ._mission import SECOND_SIDE_DEG, OracleMission
 from ._perception import TruthPerception
 from ._truth import Truth, load_truth
@@ -40,20 +39,20 @@ def run(environment: AgentEnvironment, truth_path: str) -> str:
     )
     with open_bench(NAME, environment, wanted(environment, settings.camera)) as bench:
         vehicle = environment.vehicle
-        parts, watch = _parts(vehicle, bench.links[LINK], bench.publish, settings, truth)
+        parts, eyes = _parts(vehicle, bench.links[LINK], bench.publish, settings, truth)
         agent = Agent(vehicle, parts)
         for moment in bench.moments(NAME):
-            watch.perception.truth_tracks.advance(moment.time.s)
+            eyes.truth_tracks.advance(moment.time.s)
             agent.act(moment)
         return bench.ended
 
 
 def _parts(
     name: str, link: Sender, publish: Publish, settings: Settings, truth: Truth
-) -> tuple[AgentParts, OracleWatch]:
+) -> tuple[AgentParts, TruthPerception]:
     poses = PoseHistory()
     vehicle, eyes = PilotedVehicle(link, poses), TruthPerception(poses, settings.mount, truth)
-    log = OracleLog(publish, name, eyes)
+    log = Log(publish, name)
     watch = OracleWatch(vehicle, eyes, log, truth)
     mission = OracleMission(vehicle, eyes, log, watch, settings, truth)
-    return AgentParts(vehicle, eyes, log, watch, mission), watch
+    return AgentParts(vehicle, eyes, log, watch, mission), eyes

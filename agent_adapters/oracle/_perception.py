@@ -98,6 +98,7 @@ class TruthPerception(ObjectPerception):
     def __init__(self, poses: PoseHistory, mount: str, truth: Truth) -> None:
         super().__init__(poses, mount)
         self.truth_tracks = self.tracks = TruthTracks(truth)
+        self.published = self.truth_tracks.published
         self.own_error = OwnError()
         self._people = [index for index, member in enumerate(truth.cast) if member.class_label in PEOPLE]
         self._truth = truth

@@ -140,7 +140,7 @@ class Agent:
         self._mission.send_messages()
         next(self._flight)
         self._vehicle.send_setpoint()
-        self._log.publish_due(self._eyes.tracks)
+        self._log.publish_due(self._eyes.published)
 
     def _take(self, sample: Sample) -> None:
         topic = sample.topic

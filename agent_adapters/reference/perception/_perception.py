@@ -39,7 +39,8 @@ class ObjectPerception:
     """What the camera has shown so far."""
 
     def __init__(self, poses: PoseHistory, mount: str, *, own_identities: bool = False) -> None:
-        self.tracks = Tracks()
+        # What is known, and what of it the camera has had in view.
+        self.tracks = self.published = Tracks()
         self.quality = DetectionQuality()
         self.frames = 0
         self.heard_s = 0.0  # when the detector last said anything
