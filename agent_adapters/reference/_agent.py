@@ -35,7 +35,7 @@ LINK = "onboard"
 
 
 def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detections") -> str:
-    """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
+    """Fly one session; returns why it ended. Raises SetupError and LinkLost."""
     settings = Settings.of(environment.options, policy)
     name = f"reference-{'pictures' if eyes == 'pictures' else policy.replace('_', '-')}"
     detector = _open_shipped_detector() if eyes == "pictures" else None

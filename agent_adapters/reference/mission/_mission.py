@@ -14,6 +14,7 @@ from agent_adapters.client.documents import (
     MissionOrder,
     OrderDocument,
 )
+from bench.errors import LinkLost
 
 from .._log import Log
 from .._orders import Ordered, Orders, Situation
@@ -46,7 +47,7 @@ STATION_S = 2.0
 LAST_WORD_S = 3.0
 
 
-class MissionOrderMissing(Exception):
+class MissionOrderMissing(LinkLost):
     """No mission order came; the agent cannot know what to do."""
 
 
