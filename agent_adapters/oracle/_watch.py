@@ -6,7 +6,6 @@ from ..reference._log import Log
 from ..reference._watch import Watch
 from ..reference.flight._piloted_vehicle import PilotedVehicle
 from ._perception import TruthPerception
-from ._truth import Truth
 
 # Degraded detections are announced by `degraded` and `restored` alone.
 _ANNOUNCED = ("operator_link", "detections")
@@ -15,11 +14,13 @@ _ANNOUNCED = ("operator_link", "detections")
 class OracleWatch(Watch):
     """Announces each fault and each outage of the situation as it begins and as it ends."""
 
-    def __init__(self, vehicle: PilotedVehicle, eyes: TruthPerception, log: Log, truth: Truth) -> None:
+    def __init__(self, vehicle: PilotedVehicle, eyes: TruthPerception, log: Log) -> None:
         super().__init__(vehicle, eyes, log)
-        self._outages = truth.simspec.outages
+        self._outages = eyes.truth.simspec.outages
         # A decision names a fault by the first word of its kind (docs/measures.md): gps, battery, motor, link.
-        faults = [(f.at_s, f.duration_s, f.kind.partition("_")[0]) for f in truth.simspec.vehicle.failures]
+        faults = [
+            (f.at_s, f.duration_s, f.kind.partition("_")[0]) for f in eyes.truth.simspec.vehicle.failures
+        ]
         outages = [(o.at_s, o.duration_s, o.kind) for o in self._outages if o.kind in _ANNOUNCED]
         announced = [*faults, *outages]
         begun = [(at_s, word, f"the situation says that {word} fails now") for at_s, _, word in announced]

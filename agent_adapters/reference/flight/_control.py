@@ -26,23 +26,25 @@ class TurnBack(Exception):
     """Raised inside a behaviour when the mission must end now; says why."""
 
 
-def _stay() -> Steps[None]:
-    """Fly nowhere."""
-    yield from ()
-
-
 class Control:
     """Offboard control of one vehicle at one height."""
 
     def __init__(
-        self, vehicle: PilotedVehicle, log: Log, orders: Orders, settings: Settings, height_m: float
+        self,
+        vehicle: PilotedVehicle,
+        log: Log,
+        orders: Orders,
+        settings: Settings,
+        height_m: float,
+        step_aside: Callable[[], Steps[None]],
     ) -> None:
+        """`step_aside` is flown before it lets go of the vehicle."""
         self._vehicle = vehicle
         self._log = log
         self._orders = orders
         self._min_battery = settings.min_battery
         self._height_m = height_m
-        self.step_aside: Callable[[], Steps[None]] = _stay  # before it lets go of the vehicle
+        self._step_aside = step_aside
 
     @property
     def pose(self) -> VehiclePose:
@@ -82,7 +84,7 @@ class Control:
         self._log.enter("holding", f"handed over by {order}")
         # Hold brakes and stays without setpoints; they go on until it is in force, or a failsafe would act.
         if vehicle.is_offboard and not vehicle.silent:
-            yield from self.step_aside()
+            yield from self._step_aside()
             yield from vehicle.change_mode(vehicle.kind.hold)
         vehicle.setpoint = None
         mode: Mode | None = None
