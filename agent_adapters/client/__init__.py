@@ -20,6 +20,7 @@ from ._bench import Wanted as Wanted
 from ._bench import open_bench as open_bench
 from ._environment import AgentEnvironment as AgentEnvironment
 from ._environment import end_process as end_process
+from ._environment import exit_code as exit_code
 from ._environment import read_environment as read_environment
 from ._environment import use_one_thread as use_one_thread
 from ._link import MavlinkFrame as MavlinkFrame

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from typing import NoReturn
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, LinkLost, SetupError
 from bench.values import value_class
 
 Option = str | float | int | bool
@@ -77,6 +77,20 @@ def use_one_thread() -> None:
     The threads of its linear algebra cost a third of its import, and sessions already run one on each core.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def exit_code(fly: Callable[[], str]) -> int:
+    """Fly one session, and say on standard error why it ended: 0 when it ended in order, 1 when the bench or the vehicle
+    was lost, 2 when the agent was started wrongly.
+    """
+    try:
+        code, text = 0, fly()
+    except SetupError as error:
+        code, text = 2, str(error)
+    except LinkLost as error:
+        code, text = 1, str(error)
+    sys.stderr.write(f"{text}\n")
+    return code
 
 
 def end_process(code: int) -> NoReturn:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import signal
-import sys
 from contextlib import suppress
 
-from agent_adapters.client import Wanted, end_process, open_bench, read_environment
+from agent_adapters.client import Wanted, end_process, exit_code, open_bench, read_environment
 from bench.clock import CLOCK
-from bench.errors import LinkLost, SetupError
 from bench.streams import Clock
 
 from ._autopilot import LINK, Autopilot
@@ -19,25 +17,17 @@ from ._session import NullSession, subscriptions
 
 
 def main() -> int:
-    """0 when the session ended in order, 1 when the bench was lost, 2 when the agent was started wrongly."""
+    """The exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m agent_adapters.null", description="An agent that does not do what is asked of it."
     )
     parser.add_argument("behaviour", choices=sorted(BEHAVIOURS))
     name: str = parser.parse_args().behaviour
-    try:
-        run(name, BEHAVIOURS[name])
-    except SetupError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    except LinkLost as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    return 0
+    return exit_code(lambda: run(name, BEHAVIOURS[name]))
 
 
-def run(name: str, behaviour: Behaviour) -> None:
-    """Follow one session to its end. Raises SetupError and LinkLost."""
+def run(name: str, behaviour: Behaviour) -> str:
+    """Follow one session to its end; returns why it ended. Raises SetupError and LinkLost."""
     links = {LINK: "REBAR_MAVLINK"} if behaviour.flies else {}
     environment = read_environment(os.environ, links)
     wanted = subscriptions(environment.vehicle, behaviour.listens) if environment.zenoh else []
@@ -57,6 +47,7 @@ def run(name: str, behaviour: Behaviour) -> None:
             # A behaviour that has ended stays silent until the session is over.
             with suppress(StopIteration):
                 next(steps)
+        return bench.ended
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ from dataclasses import replace
 from agent_adapters.client import AgentEnvironment, open_bench
 
 from ..reference._agent import LINK, Agent, AgentParts, wanted
-from ..reference._log import Publish
+from ..reference._log import Log
 from ..reference._settings import Settings
-from ..reference.flight._piloted_vehicle import PilotedVehicle, Sender
+from ..reference.flight._piloted_vehicle import PilotedVehicle
 from ..reference.perception._pose import PoseHistory
-from ._log import OracleLog
 from ._mission import SECOND_SIDE_DEG, OracleMission
 from ._perception import TruthPerception
-from ._truth import Truth, load_truth
+from ._truth import load_truth
 from ._watch import OracleWatch
 
 NAME = "oracle"
@@ -26,7 +25,7 @@ RESERVE_S = 8.0
 
 
 def run(environment: AgentEnvironment, truth_path: str) -> str:
-    """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
+    """Fly one session; returns why it ended. Raises SetupError and LinkLost."""
     truth = load_truth(truth_path)
     # What it knows needs no second look, but what it reports has to rest on one, from another side. It picks the
     # moment to come down by itself.
@@ -39,21 +38,13 @@ def run(environment: AgentEnvironment, truth_path: str) -> str:
         reserve_s=RESERVE_S,
     )
     with open_bench(NAME, environment, wanted(environment, settings.camera)) as bench:
-        vehicle = environment.vehicle
-        parts, watch = _parts(vehicle, bench.links[LINK], bench.publish, settings, truth)
-        agent = Agent(vehicle, parts)
+        poses, name = PoseHistory(), environment.vehicle
+        vehicle, log = PilotedVehicle(bench.links[LINK], poses), Log(bench.publish, name)
+        eyes = TruthPerception(poses, settings.mount, truth)
+        watch = OracleWatch(vehicle, eyes, log)
+        mission = OracleMission(vehicle, eyes, log, watch, settings)
+        agent = Agent(name, AgentParts(vehicle, eyes, log, watch, mission))
         for moment in bench.moments(NAME):
-            watch.perception.truth_tracks.advance(moment.time.s)
+            eyes.truth_tracks.advance(moment.time.s)
             agent.act(moment)
         return bench.ended
-
-
-def _parts(
-    name: str, link: Sender, publish: Publish, settings: Settings, truth: Truth
-) -> tuple[AgentParts, OracleWatch]:
-    poses = PoseHistory()
-    vehicle, eyes = PilotedVehicle(link, poses), TruthPerception(poses, settings.mount, truth)
-    log = OracleLog(publish, name, eyes)
-    watch = OracleWatch(vehicle, eyes, log, truth)
-    mission = OracleMission(vehicle, eyes, log, watch, settings, truth)
-    return AgentParts(vehicle, eyes, log, watch, mission), watch

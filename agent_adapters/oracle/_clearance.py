@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 
 from bench.arrays import Floats
 from bench.values import value_class
 
-from ..reference.flight._paths import Place
+from ..reference.flight._paths import Place, ring
 from ._truth import Truth
 
 STEP_S = 0.5
@@ -44,10 +44,10 @@ class Passage:
     """For how long somebody is within 10 m of it while it is low."""
     breach_s: float
     """For how long somebody is nearer than the stand-off."""
-    over_s: float
-    """By how much a stay near one person is too long."""
     close_s: float
     """For how long somebody is nearer than the stand-off with a wide margin."""
+    over_s: float
+    """By how much a stay near one person is too long."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,6 @@ class Clearance:
     """Home, the rule about distance from people, and where these people will be."""
 
     truth: Truth
-    people: list[int]
     home: Place
     standoff_m: float
 
@@ -63,8 +62,8 @@ class Clearance:
         """The clearest start in a span, and of equally clear ones the first."""
         spans_s = np.arange(0.0, CLIMB_S[-1] + STEP_S, STEP_S)
         away_m, up_m = np.interp(spans_s, CLIMB_S, CLIMB_AWAY_M), np.interp(spans_s, CLIMB_S, CLIMB_UP_M)
-        goals = self._round((START_AWAY_M,))
-        paths = [_towards(self.home, goal, away_m / START_AWAY_M) for goal in goals]
+        goals, home = self._round((START_AWAY_M,)), np.array(self.home)
+        paths = [home + (away_m / START_AWAY_M)[:, None] * (np.array(goal) - home) for goal in goals]
         return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s), self.standoff_m)
 
     def landing(self, from_s: float, until_s: float) -> Passage:
@@ -80,18 +79,11 @@ class Clearance:
     def _is_never_clear(self) -> bool:
         """Whether somebody is always nearer to home than the stand-off: no landing there is better than another."""
         moments_s = np.arange(0.0, self.truth.simspec.mission.time_limit_s, STEP_S).tolist()
-        return all(
-            np.linalg.norm(self.truth.places_m(at_s)[self.people] - np.array(self.home), axis=1).min(
-                initial=np.inf
-            )
-            < self.standoff_m
-            for at_s in moments_s
-        )
+        people = (self.truth.people_m(at_s) - np.array(self.home) for at_s in moments_s)
+        return all(np.linalg.norm(each, axis=1).min(initial=np.inf) < self.standoff_m for each in people)
 
     def _round(self, radii_m: tuple[float, ...]) -> list[Place]:
-        turns_rad = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
-        east_m, north_m = self.home
-        return [(east_m + r * math.sin(a), north_m + r * math.cos(a)) for r in radii_m for a in turns_rad]
+        return [place for radius_m in radii_m for place in ring(self.home, radius_m, 0.0, DIRECTIONS)[:-1]]
 
     def landings(self, until_s: float) -> list[float]:
         """The moments, a second apart, at which a touchdown breaks no rule about people."""
@@ -110,50 +102,17 @@ class Clearance:
         standoff_m: float,
     ) -> Passage:
         """The best of all goals and moments; `paths` hold a place for each of `spans_s` from the moment."""
-        from_s, until_s = window_s
-        passages = [
-            passage
-            for at_s in np.arange(from_s, max(until_s, from_s) + STEP_S / 2, STEP_S).tolist()
-            for passage in self._passages(at_s, goals, np.array(paths), spans_s, up_m, standoff_m)
-        ]
-        return min(
-            passages,
-            key=lambda passage: (
-                passage.near_s,
-                passage.breach_s + passage.over_s,
-                passage.close_s,
-                passage.at_s,
-            ),
-        )
-
-    def _passages(
-        self,
-        at_s: float,
-        goals: list[Place],
-        paths: Floats,
-        spans_s: Floats,
-        up_m: Floats,
-        standoff_m: float,
-    ) -> list[Passage]:
-        people = np.array([self.truth.places_m(at_s + span_s)[self.people] for span_s in spans_s.tolist()])
-        each_m = np.linalg.norm(people[None] - paths[:, :, None], axis=3)
-        stay_s = STEP_S * (each_m <= STAY_M).sum(axis=1).max(axis=1, initial=0)
-        over_s = np.maximum(stay_s - LONGEST_STAY_S, 0.0)
-        apart_m = each_m.min(axis=2, initial=np.inf)
-        near_s = STEP_S * ((apart_m < NEAR_M + MARGIN_M) & (up_m < LOW_M)).sum(axis=1)
-        space_m = np.hypot(apart_m, up_m) - standoff_m
-        breach_s, close_s = (
-            STEP_S * (space_m < margin_m).sum(axis=1) for margin_m in (MARGIN_M, WIDE_MARGIN_M)
-        )
-        return [
-            Passage(at_s, *values)
-            for values in zip(
-                goals, near_s.tolist(), breach_s.tolist(), over_s.tolist(), close_s.tolist(), strict=True
+        passages, (from_s, until_s) = list[Passage](), window_s
+        for at_s in np.arange(from_s, max(until_s, from_s) + STEP_S / 2, STEP_S).tolist():
+            people = np.array([self.truth.people_m(at_s + span_s) for span_s in spans_s.tolist()])
+            each_m = np.linalg.norm(people[None] - np.array(paths)[:, :, None], axis=3)
+            stay_s = STEP_S * (each_m <= STAY_M).sum(axis=1).max(axis=1, initial=0)
+            apart_m = each_m.min(axis=2, initial=np.inf)
+            is_near = (apart_m < NEAR_M + MARGIN_M) & (up_m < LOW_M)
+            space_m = np.hypot(apart_m, up_m) - standoff_m
+            spans = (
+                STEP_S * mask.sum(axis=1) for mask in (is_near, space_m < MARGIN_M, space_m < WIDE_MARGIN_M)
             )
-        ]
-
-
-def _towards(begin: Place, end: Place, shares: Floats) -> Floats:
-    """(n, 2) places at shares of the way."""
-    path: Floats = np.array(begin) + shares[:, None] * (np.array(end) - np.array(begin))
-    return path
+            values = (*spans, np.maximum(stay_s - LONGEST_STAY_S, 0.0))
+            passages += map(Passage, repeat(at_s), goals, *(each.tolist() for each in values))
+        return min(passages, key=lambda way: (way.near_s, way.breach_s + way.over_s, way.close_s, way.at_s))

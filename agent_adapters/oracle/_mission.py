@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import accumulate, combinations, pairwise, permutations
 
 from agent_adapters.client.documents import MissionOrder, OrderDocument
-from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, endangered_roles
+from bench.simspec import TARGET_ROLES, endangered_roles
 
 from ..client import ARDUPILOT, PX4
 from ..reference._log import Log
@@ -17,17 +17,14 @@ from ..reference._steps import Steps
 from ..reference._watch import Watch
 from ..reference.flight._limits import HEIGHT_RULE_MARGIN_M
 from ..reference.flight._paths import Place, bearing_rad, length_m
-from ..reference.flight._pilot import Pilot
 from ..reference.flight._piloted_vehicle import PilotedVehicle
-from ..reference.mission._findings import Findings
-from ..reference.mission._mission import SEARCH_S, SearchMission
+from ..reference.mission._mission import SearchMission
 from ..reference.mission._planner import SearchTask
 from ..reference.perception._tracks import Track
 from ._findings import OracleFindings
 from ._perception import TruthPerception
 from ._pilot import OraclePilot
 from ._policy import OraclePolicy
-from ._truth import Truth
 
 # Sectors of 5 degrees: two looks whose sectors begin so far apart differ by more than the 20 degrees that
 # `second_look` asks for, with one sector to spare.
@@ -67,18 +64,15 @@ REACHED_MARGIN_M = 5.0
 class OracleMission(SearchMission):
     """The mission of the careful reference agent, with findings that are never wrong."""
 
+    _eyes: TruthPerception
+    _pilot: OraclePilot
+    _findings: OracleFindings
+
     def __init__(
-        self,
-        vehicle: PilotedVehicle,
-        eyes: TruthPerception,
-        log: Log,
-        watch: Watch,
-        settings: Settings,
-        truth: Truth,
+        self, vehicle: PilotedVehicle, eyes: TruthPerception, log: Log, watch: Watch, settings: Settings
     ) -> None:
         super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
-        self._truth, self._truth_tracks, self._own_error = truth, eyes.truth_tracks, eyes.own_error
-        self._people = [index for index, member in enumerate(truth.cast) if member.role in PROTECTED_ROLES]
+        self._truth, self._truth_tracks = eyes.truth, eyes.truth_tracks
         self._take_off_s: float | None = None
         self._visited: set[str] = set()  # tasks whose reported circle it has flown over
         self._held: set[int] = (
@@ -88,23 +82,17 @@ class OracleMission(SearchMission):
         self._has_looked_far = False
         self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there
 
-    def _whole(self) -> Steps[str]:
-        yield from self._prepare()
+    def _prepare(self) -> Steps[None]:
+        yield from super()._prepare()
         for name, value in _CLIMB[self._vehicle.kind].items():
             yield from self._vehicle.set_parameter(name, value)
-        yield from self._pilot.take_off(self._must_wait_on_the_ground)
-        while True:
-            yield from self._work_through()
-            yield from self._accompany()
-            if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
-                return "complete"
 
     def _must_wait_on_the_ground(self) -> bool:
         if super()._must_wait_on_the_ground():
             return True
         now_s = self._vehicle.now_s
         if self._take_off_s is None:
-            self._take_off_s = self._oracle_pilot.start_s(max(now_s, LATEST_START_S))
+            self._take_off_s = self._pilot.start_s(max(now_s, LATEST_START_S))
         return now_s < self._take_off_s
 
     def _work_through(self) -> Steps[None]:
@@ -147,10 +135,7 @@ class OracleMission(SearchMission):
     def _more_to_do(self) -> bool:
         if self._orders.ended_by is not None:
             return False
-        place, now_s = self._place, self._vehicle.now_s
-        return self._unseen_neighbour() is not None or any(
-            self._planner.fits(place, now_s, task, SEARCH_S) for task in self._planner.waiting(place)
-        )
+        return self._unseen_neighbour() is not None or super()._more_to_do()
 
     def _unseen(self, task: SearchTask) -> list[Track]:
         """Actors in a reported circle that the camera has not had in view often enough to know them."""
@@ -158,10 +143,10 @@ class OracleMission(SearchMission):
         return [track for _, track in inside if self._is_unseen(track)]
 
     def _choose_withheld(self) -> SearchTask | None:
-        return None if self._oracle_pilot.must_leave() else super()._choose_withheld()
+        return None if self._pilot.must_leave() else super()._choose_withheld()
 
     def _unsearched(self, searched: set[str]) -> SearchTask | None:
-        if self._oracle_pilot.must_leave() or self._must_join():
+        if self._pilot.must_leave() or self._must_join():
             return None
         tasks = (
             task for task in self._planner.tasks.values() if task.id not in searched and self._unseen(task)
@@ -180,10 +165,9 @@ class OracleMission(SearchMission):
     def _escorted_to_look_at(self) -> Track | None:
         """Back at whoever of the convoy it has not seen enough of: ahead of it, it would see nobody of them."""
         escort = self._truth.simspec.mission.escort
-        members = zip(self._truth_tracks, self._truth.cast, strict=True)
         unseen = (
             track
-            for track, member in members
+            for track, member in self._truth_tracks.members
             if escort is not None and member.group == escort.group and self._is_unseen(track)
         )
         place = self._place
@@ -199,7 +183,7 @@ class OracleMission(SearchMission):
     def _neighbours(self) -> list[Track]:
         """People who are near enough to a target now to forbid its mark."""
         assert self._order is not None
-        members = list(zip(self._truth_tracks, self._truth.cast, strict=True))
+        members = self._truth_tracks.members
         targets = [
             (track, endangered_roles(member.role)) for track, member in members if member.role in TARGET_ROLES
         ]
@@ -228,11 +212,7 @@ class OracleMission(SearchMission):
     @property
     def _others(self) -> list[Track]:
         """Everybody and everything that is no target."""
-        return [
-            track
-            for track, member in zip(self._truth_tracks, self._truth.cast, strict=True)
-            if member.role not in TARGET_ROLES
-        ]
+        return [track for track, member in self._truth_tracks.members if member.role not in TARGET_ROLES]
 
     def _kind(self, track: Track) -> str:
         return self._truth.cast[track.number - 1].asset
@@ -242,7 +222,7 @@ class OracleMission(SearchMission):
 
     def _nearest_in_time(self, tracks: Iterable[Track]) -> Track | None:
         """The nearest of those for which there is time to go there and come home."""
-        if self._oracle_pilot.must_leave():
+        if self._pilot.must_leave():
             return None
         place, now_s = self._place, self._vehicle.now_s
         within_reach = (
@@ -266,7 +246,7 @@ class OracleMission(SearchMission):
         return self._nearest_in_time(
             track
             for track in self._others
-            if track.number - 1 in self._people and track.distance_m(*place) > FAR_FROM_M
+            if track.number - 1 in self._truth.people and track.distance_m(*place) > FAR_FROM_M
         )
 
     def _look_far(self, track: Track) -> Steps[None]:
@@ -289,7 +269,7 @@ class OracleMission(SearchMission):
 
         def done() -> bool:
             viewed = last_s_of(track.number) > since_s and not self._is_unseen(track)
-            return viewed or self._waiting() or self._oracle_pilot.must_leave()
+            return viewed or self._waiting() or self._pilot.must_leave()
 
         way = [self._place, (track.east_m, track.north_m)]
         yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=done)
@@ -298,14 +278,7 @@ class OracleMission(SearchMission):
 
     def _choose(self) -> SearchTask | None:
         """The first of the shortest tour, which keeps the order of priority of what was told at the same time."""
-        place, now_s = self._place, self._vehicle.now_s
-        tasks: list[SearchTask] = []
-        for task in self._planner.waiting(place):
-            if self._planner.fits(place, now_s, task, SEARCH_S):
-                tasks.append(task)
-            else:
-                task.state = "skipped"
-                self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
+        tasks = list(self._servable())
         if not tasks or tasks[0].ordered or len(tasks) > MAX_TOUR_TASKS:
             return tasks[0] if tasks else None
         tours = (tour for tour in permutations(tasks) if _in_order(self._with_targets(tour)))
@@ -313,7 +286,7 @@ class OracleMission(SearchMission):
 
     def _with_targets(self, tasks: Sequence[SearchTask]) -> list[SearchTask]:
         """Those whose report is about somebody whom no other report has led to."""
-        return [task for task in tasks if self._findings_of_truth.target_in_truth(task) is not None]
+        return [task for task in tasks if self._findings.target_in_truth(task) is not None]
 
     def _tour_cost_m(self, tour: Sequence[SearchTask]) -> float:
         """How far it is to each, summed: what comes first costs all that comes after it."""
@@ -325,17 +298,17 @@ class OracleMission(SearchMission):
         )
 
     def _goal(self, task: SearchTask) -> Place:
-        target = self._findings_of_truth.target_in_truth(task)
+        target = self._findings.target_in_truth(task)
         return task.place if target is None else (target.east_m, target.north_m)
 
     def _diverted(self, task: SearchTask) -> bool:
         """Only an order of the operator makes it leave a target that it is on its way to, and an interruption makes it
         choose again; what comes after the targets ends when it has to be home.
         """
-        if not task.active and self._oracle_pilot.must_leave():
+        if not task.active and self._pilot.must_leave():
             return True
-        if task.active and self._oracle_pilot.interrupted:
-            self._oracle_pilot.interrupted, task.state = False, "waiting"
+        if task.active and self._pilot.interrupted:
+            self._pilot.interrupted, task.state = False, "waiting"
             return True
         if self._return_to is not None and self._return_to is not task:
             if task.active:
@@ -365,7 +338,7 @@ class OracleMission(SearchMission):
 
     def _work_on(self, task: SearchTask) -> Steps[None]:
         task.state = "active"
-        target = self._findings_of_truth.target_in_truth(task)
+        target = self._findings.target_in_truth(task)
         self._log.decide("go", task.id, "the first of the shortest way past all targets")
         self._log.enter("transit", f"to {task.id}")
         speed_mps = self._pilot.speed_mps
@@ -377,7 +350,7 @@ class OracleMission(SearchMission):
         if task.active and target is not None:
             self._log.enter("inspecting", task.id)
             yield from self._circle(target, task)
-            self._findings_of_truth.looked_round.add(task.id)
+            task.enough = True  # whoever is unseen by now stays so
         # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
         visited = lambda: task.id in self._visited  # noqa: E731
         if not (
@@ -442,36 +415,14 @@ class OracleMission(SearchMission):
         there = lambda: math.dist(self._place, task.place) < self._reached_m(task)  # noqa: E731
         yield from self._follow([self._place, task.place], task, self._pilot.speed_mps, until=there)
 
-    def _new_pilot(self, order: MissionOrder) -> Pilot:
+    def _new_pilot(self, order: MissionOrder) -> OraclePilot:
         ceiling_m = order.max_altitude_m - HEIGHT_RULE_MARGIN_M
         height_m = max(order.altitude_m, min(LEAST_HEIGHT_M, order.altitude_m + HIGHER_M, ceiling_m))
-        self._oracle_pilot = OraclePilot(
-            replace(order, altitude_m=height_m),
-            self._vehicle,
-            self._eyes,
-            self._log,
-            self._watch,
-            self._orders,
-            self._settings,
-            careful=True,
-        ).knowing(self._truth, self._people, self._own_error)
-        return self._oracle_pilot
+        return OraclePilot(replace(order, altitude_m=height_m), self._vehicle, *self._shared, careful=True)
 
-    def _new_findings(self, order: MissionOrder) -> Findings:
-        self._findings_of_truth = self._findings_from(order)
-        return self._findings_of_truth
-
-    def _findings_from(self, order: MissionOrder) -> OracleFindings:
-        return OracleFindings(
-            order,
-            OraclePolicy(order, self._settings, self._truth),
-            self._planner,
-            self._eyes,
-            self._log,
-            self._watch,
-            self._orders,
-            self._settings,
-        ).knowing(self._truth)
+    def _new_findings(self, order: MissionOrder) -> OracleFindings:
+        policy = OraclePolicy(order, self._settings, self._truth)
+        return OracleFindings(order, policy, self._planner, *self._shared)
 
 
 def _in_order(tour: Sequence[SearchTask]) -> bool:

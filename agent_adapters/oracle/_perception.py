@@ -7,22 +7,23 @@ view, as the rules ask of every agent (docs/rulings.md, 23).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
 from bench.simspec import TARGET_ROLES
 from bench.streams import Detection2DArray
 
-from ..reference.perception._camera import View
+from ..reference.perception._camera import GroundCamera
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
-from ..reference.perception._pose import PoseHistory
+from ..reference.perception._pose import PoseHistory, VehiclePose
 from ..reference.perception._tracks import PEOPLE, TENTATIVE_FRAMES, Track, Tracks
 from ._own_error import OwnError
 from ._truth import Truth
 
 # The middle of a person is so high above the ground.
 _MIDDLE_M = 0.9
+# A minute is what `surroundings_seen` asks for, of half of the people; then margins. Chosen, not measured.
+SURROUNDINGS_S, UNSEEN_SHARE = 50.0, 0.4
 # Nearer to the image's edge an object may be cut off: the agent's own pose is not exact.
 _EDGE = 0.06
 
@@ -56,7 +57,7 @@ class TruthTracks(Tracks):
     def __init__(self, truth: Truth) -> None:
         super().__init__()
         self.published = CameraTracks()
-        self._truth = truth
+        self.truth = truth
         for index, (member, (east_m, north_m)) in enumerate(
             zip(truth.cast, truth.places_m(0.0), strict=True)
         ):
@@ -66,11 +67,12 @@ class TruthTracks(Tracks):
             if member.role not in TARGET_ROLES:
                 track.frames = TENTATIVE_FRAMES
             self._tracks[track.number] = track
+        self.members = list(zip(self, truth.cast, strict=True))
 
     def advance(self, now_s: float) -> None:
         """Move everybody to where they are now."""
-        places = self._truth.places_m(now_s).tolist()
-        for track, (east_m, north_m), member in zip(self, places, self._truth.cast, strict=True):
+        places = self.truth.places_m(now_s).tolist()
+        for (track, member), (east_m, north_m) in zip(self.members, places, strict=True):
             track.east_m, track.north_m = east_m, north_m
             if member.role not in TARGET_ROLES:
                 track.last_s = now_s
@@ -88,8 +90,14 @@ class TruthTracks(Tracks):
             track.expose(time_s, bearing_rad)
             track.recent.append(track.label)
 
-    def miss(self, tracks: Iterable[Track]) -> None:
-        """Nobody is ever missed: where they are is known."""
+    def unseen_near(self, target: Track, within_m: float, now_s: float) -> str:
+        """How many people near a target have not been in view lately; empty when enough of them have."""
+        near = [track for _, track in self.within(target.east_m, target.north_m, within_m)]
+        people = [t.number for t in near if t.number - 1 in self.truth.people and t is not target]
+        unseen = sum(self.published.last_s_of(number) < now_s - SURROUNDINGS_S for number in people)
+        return (
+            f"{unseen} of {len(people)} people near it unseen" if unseen > UNSEEN_SHARE * len(people) else ""
+        )
 
 
 class TruthPerception(ObjectPerception):
@@ -98,19 +106,15 @@ class TruthPerception(ObjectPerception):
     def __init__(self, poses: PoseHistory, mount: str, truth: Truth) -> None:
         super().__init__(poses, mount)
         self.truth_tracks = self.tracks = TruthTracks(truth)
+        self.published = self.truth_tracks.published
         self.own_error = OwnError()
+        self.truth = truth
         self._people = [index for index, member in enumerate(truth.cast) if member.class_label in PEOPLE]
-        self._truth = truth
 
-    def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
-        time_s = frame.header.stamp.ns * 1e-9
-        pose, camera = self._poses.at(time_s), self.camera
-        if pose is None or camera is None or pose.height_m < 1.0:
-            self.unplaced += 1
-            return False
-        self.frames += 1
-        self._views.append(View(time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
-        places = self._truth.places_m(time_s)
+    def _take(
+        self, frame: Detection2DArray, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
+    ) -> None:
+        places, own = self.truth.places_m(time_s), (pose.east_m, pose.north_m)
         # People alone: the middle of a tree or a house is higher, which would look like an error of metres.
         middles = [
             detection.bbox.center.position
@@ -120,14 +124,10 @@ class TruthPerception(ObjectPerception):
         points = [camera.ground_point(middle.x, middle.y, pose, _MIDDLE_M) for middle in middles]
         seen = np.array([point for point in points if point is not None], dtype=np.float64).reshape(-1, 2)
         self.own_error.take(time_s, seen, places[self._people])
+        view, offset = np.array(((*own, pose.height_m, pose.yaw_rad),)), places - own
+        shown = camera.in_view(places, view)[0] & (np.hypot(offset[:, 0], offset[:, 1]) < USEFUL_M)
         # A margin, by asking of places a little farther from and a little nearer to the axis of the camera.
-        row = np.array(((pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad),))
-        shown = camera.in_view(places, row)[0]
         for factor in (1.0 - _EDGE, 1.0 + _EDGE):
-            scaled = row[0, :2] + (places - row[0, :2]) * factor
-            shown &= camera.in_view(scaled, row)[0]
-        offset = places - row[0, :2]
-        shown &= np.hypot(offset[:, 0], offset[:, 1]) < USEFUL_M
+            shown &= camera.in_view(own + offset * factor, view)[0]
         for index in np.flatnonzero(shown):
             self.truth_tracks.see(int(index), time_s, math.atan2(-offset[index, 0], -offset[index, 1]))
-        return True

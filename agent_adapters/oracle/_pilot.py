@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,11 +20,9 @@ from ..reference.flight._piloted_vehicle import PositionSetpoint
 from ..reference.flight._reserve import ROUTE_AGE_S, Reserve
 from ..reference.mission._planner import Planner
 from ..reference.perception._tracks import Track
-from ._caution import OracleCaution
 from ._clearance import DESCENT_S, DESCENT_UP_M, LOW_M, MARGIN_M, NEAR_M, Clearance
-from ._own_error import OwnError
+from ._perception import TruthPerception
 from ._truth import Truth
-from ._watch import FAULT_WORDS
 
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
 # The last metres at twice the usual 0.7 m/s; an x500 bears 3 m/s.
@@ -92,6 +90,13 @@ LIFT_OFF_S = 1.0
 AFTERMATH_S = 3.0
 
 
+class OracleCaution(Caution):
+    """The small margins of a pilot who knows where people are: for the steps of a moment and for gusts. Chosen."""
+
+    # It creeps half as fast as the reference agent: with a drifting position that still counts as standing.
+    slow_margin_m, slow_share, braking_mps2, creep_mps = 2.0, 0.95, 2.5, 0.35
+
+
 class OraclePlanner(Planner):
     """Knows how fast it comes down."""
 
@@ -114,7 +119,8 @@ class OracleReserve(Reserve):
 class OraclePilot(Pilot):
     """Does not wait for what it knows: places without GPS, for as long as the autopilot follows."""
 
-    planner_type, reserve_type = OraclePlanner, OracleReserve
+    planner_type, reserve_type, caution_type = OraclePlanner, OracleReserve, OracleCaution
+    _eyes: TruthPerception
     interrupted = False  # something else has flown it, or held it, since this was last set back
     _touchdown: Place | None = None
     _touchdown_s = 0.0  # when it means to touch down
@@ -122,15 +128,13 @@ class OraclePilot(Pilot):
     _has_people_below = False  # whether somebody will be under it on its way down
     _leave = (-math.inf, False)  # when it was last worked out, and what came of it
 
-    def knowing(self, truth: Truth, people: list[int], own_error: OwnError) -> OraclePilot:
-        """With the truth about where people will be; `people` are their rows in the cast."""
-        self._truth, self._people_rows, self._own_error = truth, people, own_error
-        rules = Caution.of(self._order)
-        self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
-        self._control.step_aside = self._step_aside
-        self._control.failsafe_cause = self._failsafe_cause
-        self._clearance = Clearance(truth, people, self.home, self._order.bystander_standoff_m)
-        return self
+    @property
+    def _truth(self) -> Truth:
+        return self._eyes.truth
+
+    @cached_property
+    def _clearance(self) -> Clearance:
+        return Clearance(self._truth, super().home, self._order.bystander_standoff_m)
 
     @property
     def home(self) -> Place:
@@ -169,9 +173,9 @@ class OraclePilot(Pilot):
     def _is_low_near_people(self) -> bool:
         """Whether it would come nearer to somebody than the stand-off if it left the way up that it has chosen."""
         below_m = self._order.bystander_standoff_m + STANDOFF_MARGIN_M - self.pose.height_m
-        if below_m <= 0.0 or not self._people_rows:
+        if below_m <= 0.0 or not self._truth.people:
             return False
-        people = self._truth.places_m(self._vehicle.now_s)[self._people_rows]
+        people = self._truth.people_m(self._vehicle.now_s)
         nearest_m = float(np.linalg.norm(people - np.array(self.place), axis=1).min())
         return nearest_m < self._order.bystander_standoff_m + AWAY_PER_CLIMB * below_m
 
@@ -185,8 +189,7 @@ class OraclePilot(Pilot):
         ):
             speed_mps = min(speed_mps, RETASK_MPS)
         super()._aim_along(walk, speed_mps, facing)
-        velocity, aim, space = self._vehicle.poses.velocity_en_mps, self._vehicle.setpoint, self.airspace
-        coast = self.place[0] + COAST_S * velocity[0], self.place[1] + COAST_S * velocity[1]
+        coast, aim, space = self._coast(COAST_S), self._vehicle.setpoint, self.airspace
         # In a closed area, where a failsafe may have flown it, the way out is the path's: a push could hold it there.
         if aim is None or space.allows(coast) or not space.allows(self.place):
             return
@@ -280,9 +283,7 @@ class OraclePilot(Pilot):
         high_m, now_s = self.pose.height_m, self._vehicle.now_s
         spans_s = np.arange(0.0, max(high_m - ASIDE_TO_M, 0.0) / SINK_MPS, 0.5)
         places = [self.home, *ring(self.home, ASIDE_M, 0.0, corners=12)[:-1]]
-        people = np.array(
-            [self._truth.places_m(now_s + at_s)[self._people_rows] for at_s in spans_s.tolist()]
-        )
+        people = np.array([self._truth.people_m(now_s + at_s) for at_s in spans_s.tolist()])
         apart_m = np.linalg.norm(people[None] - np.array(places)[:, None, None], axis=3).min(axis=2)
         is_near = (apart_m < NEAR_M + MARGIN_M) & (high_m - SINK_MPS * spans_s < LOW_M)
         place = places[int(is_near.sum(axis=1).argmin())]
@@ -296,7 +297,7 @@ class OraclePilot(Pilot):
 
     def _hover(self, place: Place) -> Steps[None]:
         """For a moment, looking at those whose places tell how far its own position is off."""
-        self._off_m = self._own_error.estimate_m(self._vehicle.now_s) or self._off_m
+        self._off_m = self._eyes.own_error.estimate_m(self._vehicle.now_s) or self._off_m
         self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, self._yaw_to_most())
         yield from self.keep_control(home_bound=True)
         yield
@@ -304,7 +305,7 @@ class OraclePilot(Pilot):
     def _yaw_to_most(self) -> float:
         """The direction in which most people are in the picture; the present one among equals."""
         pose = self.pose
-        people = self._truth.places_m(self._vehicle.now_s)[self._people_rows]
+        people = self._truth.people_m(self._vehicle.now_s)
         offset = people - np.array(self.place)
         apart_m = np.hypot(offset[:, 0], offset[:, 1])
         bearings_rad = np.arctan2(offset[:, 0], offset[:, 1])
@@ -317,14 +318,8 @@ class OraclePilot(Pilot):
         turns_rad = [pose.yaw_rad, *(pose.yaw_rad + 2.0 * math.pi * k / 12 for k in range(1, 12))]
         return max(turns_rad, key=count)
 
-    def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
-        """Beside people rather than over them: it knows who comes by while it stands."""
-        for _ in self._step_aside():
-            yield
-            yield from self._control.check()
-        yield from super()._stand(cause, why, looking=looking, home_bound=home_bound)
-
     def _step_aside(self) -> Steps[None]:
+        """Beside people rather than over them: it knows who comes by while it stands."""
         place, begun_s, yaw_rad = self._stand_place(), self._vehicle.now_s, self.pose.yaw_rad
         while (
             place is not None
@@ -339,19 +334,15 @@ class OraclePilot(Pilot):
 
     def _stand_place(self) -> Place | None:
         """The place near where it would stop with the shortest stay near anybody; None where any place will do."""
-        if self._caution.max_loiter_s is None or not self._people_rows:
+        if self._caution.max_loiter_s is None or not self._truth.people:
             return None
-        velocity = self._vehicle.poses.velocity_en_mps
-        stop = self.place[0] + STOP_S * velocity[0], self.place[1] + STOP_S * velocity[1]
-        places = [
-            stop,
-            *(place for ring_m in STAND_RINGS_M for place in ring(stop, ring_m, 0.0, corners=12)[:-1]),
-        ]
-        stays_s = np.zeros((len(places), len(self._people_rows)))
+        places = [stop := self._coast(STOP_S)]
+        places += [place for ring_m in STAND_RINGS_M for place in ring(stop, ring_m, 0.0, corners=12)[:-1]]
+        stays_s = np.zeros((len(places), len(self._truth.people)))
         # As bad as a stay without end: where the rules let nobody fly.
         longest_s = np.where([self.airspace.allows(place) for place in places], 0.0, np.inf)
         for ahead_s in range(STAND_AHEAD_S):
-            people = self._truth.places_m(self._vehicle.now_s + ahead_s)[self._people_rows]
+            people = self._truth.people_m(self._vehicle.now_s + ahead_s)
             is_stay = np.linalg.norm(np.array(places)[:, None] - people[None], axis=2) <= STAY_M
             stays_s = np.where(is_stay, stays_s + 1.0, 0.0)
             longest_s = np.maximum(longest_s, stays_s.max(axis=1))
@@ -360,11 +351,12 @@ class OraclePilot(Pilot):
         allowed = [*short, *np.flatnonzero(longest_s < self._caution.max_loiter_s - 1.0)]
         best = int(allowed[0]) if allowed else int(longest_s.argmin())
         # Left to itself, Hold coasts on; where that is too near to what is closed, it brakes by its own setpoints.
-        coast = (
-            self.place[0] + HOLD_COAST_S * velocity[0],
-            self.place[1] + HOLD_COAST_S * velocity[1],
-        )
-        return None if best == 0 and self.airspace.allows(coast) else places[best]
+        return None if best == 0 and self.airspace.allows(self._coast(HOLD_COAST_S)) else places[best]
+
+    def _coast(self, span_s: float) -> Place:
+        """Where its speed carries it."""
+        velocity = self._vehicle.poses.velocity_en_mps
+        return self.place[0] + span_s * velocity[0], self.place[1] + span_s * velocity[1]
 
     def _failsafe_cause(self) -> str:
         """The fault of the situation that is there or was there a moment ago; "" where the autopilot acts on something else,
@@ -372,7 +364,7 @@ class OraclePilot(Pilot):
         """
         now_s = self._vehicle.now_s
         words = [
-            FAULT_WORDS[failure.kind]
+            failure.kind.partition("_")[0]
             for failure in self._truth.simspec.vehicle.failures
             if failure.at_s <= now_s <= failure.at_s + (failure.duration_s or math.inf) + AFTERMATH_S
         ]

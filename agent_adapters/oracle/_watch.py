@@ -5,18 +5,8 @@ from __future__ import annotations
 from ..reference._log import Log
 from ..reference._watch import Watch
 from ..reference.flight._piloted_vehicle import PilotedVehicle
-from ._log import SilentLog
 from ._perception import TruthPerception
-from ._truth import Truth
 
-# The words by which a decision names a fault (docs/measures.md).
-FAULT_WORDS = {
-    "gps_off": "gps",
-    "gps_drift": "gps",
-    "battery_drop": "battery",
-    "motor_off": "motor",
-    "link_loss": "link",
-}
 # Degraded detections are announced by `degraded` and `restored` alone.
 _ANNOUNCED = ("operator_link", "detections")
 
@@ -24,19 +14,15 @@ _ANNOUNCED = ("operator_link", "detections")
 class OracleWatch(Watch):
     """Announces each fault and each outage of the situation as it begins and as it ends."""
 
-    def __init__(self, vehicle: PilotedVehicle, eyes: TruthPerception, log: Log, truth: Truth) -> None:
-        super().__init__(vehicle, eyes, SilentLog(log))
-        self.perception = eyes
-        self._announcing = log
-        simspec = truth.simspec
-        outages = [(o.at_s, o.duration_s, o.kind) for o in simspec.outages]
-        faults = [(f.at_s, f.duration_s, FAULT_WORDS[f.kind]) for f in simspec.vehicle.failures]
-        self._worse = [
-            (at_s, at_s + span_s)
-            for at_s, span_s, kind in outages
-            if kind in ("detections", "detections_degraded")
+    def __init__(self, vehicle: PilotedVehicle, eyes: TruthPerception, log: Log) -> None:
+        super().__init__(vehicle, eyes, log)
+        self._outages = eyes.truth.simspec.outages
+        # A decision names a fault by the first word of its kind (docs/measures.md): gps, battery, motor, link.
+        faults = [
+            (f.at_s, f.duration_s, f.kind.partition("_")[0]) for f in eyes.truth.simspec.vehicle.failures
         ]
-        announced = faults + [(at_s, span_s, kind) for at_s, span_s, kind in outages if kind in _ANNOUNCED]
+        outages = [(o.at_s, o.duration_s, o.kind) for o in self._outages if o.kind in _ANNOUNCED]
+        announced = [*faults, *outages]
         begun = [(at_s, word, f"the situation says that {word} fails now") for at_s, _, word in announced]
         over = [
             (at_s + span_s, word, f"the situation says that {word} works again")
@@ -47,18 +33,17 @@ class OracleWatch(Watch):
 
     def update(self) -> None:
         super().update()
-        while self._due and self._due[0][0] <= self._announcing.now_s + 1e-6:
-            _, word, text = self._due.pop(0)
-            self._announcing.decide("notice", word, text)
+        while self._due and self._due[0][0] <= self._log.now_s + 1e-6:
+            super()._notice(*self._due.pop(0)[1:])
 
-    def _look_at_quality(self) -> None:
-        """Tell the operator when perception is worse than usual, from the schedule."""
-        now_s = self._announcing.now_s + 1e-6
-        degraded = any(begun_s <= now_s < over_s for begun_s, over_s in self._worse)
-        if degraded and not self.degraded:
-            self._announcing.decide(
-                "degraded", "detections", "the detections are worse than usual from now on"
-            )
-        elif self.degraded and not degraded:
-            self._announcing.decide("restored", "detections", "the detections are as good as usual again")
-        self.degraded = degraded
+    def _notice(self, subject: str, reason: str) -> None:
+        """Nothing that it notices: the schedule says it."""
+
+    def _perception_flaw(self) -> str:
+        now_s = self._log.now_s + 1e-6
+        worse = any(
+            outage.at_s <= now_s < outage.at_s + outage.duration_s
+            for outage in self._outages
+            if outage.kind in ("detections", "detections_degraded")
+        )
+        return "so the situation says" if worse else ""

@@ -6,19 +6,15 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from typing import get_args
 
-from agent_adapters.client import end_process, read_environment, use_one_thread
-from bench.errors import LinkLost, SetupError
+from agent_adapters.client import end_process, exit_code, read_environment, use_one_thread
 
 from ._settings import Eyes, PolicyName
 
 
 def main() -> int:
-    """0 when the session ended in order, 1 when the bench or the vehicle was lost, 2 when the agent was
-    started wrongly.
-    """
+    """The exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m agent_adapters.reference", description="The reference search-and-report agent."
     )
@@ -35,18 +31,8 @@ def main() -> int:
     use_one_thread()
     # Only now: NumPy starts its threads when it is imported.
     from ._agent import run
-    from .mission._mission import MissionOrderMissing
 
-    try:
-        ended = run(read_environment(os.environ), arguments.policy, arguments.eyes)
-    except SetupError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    except (LinkLost, MissionOrderMissing) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    sys.stderr.write(f"{ended}\n")
-    return 0
+    return exit_code(lambda: run(read_environment(os.environ), arguments.policy, arguments.eyes))
 
 
 if __name__ == "__main__":

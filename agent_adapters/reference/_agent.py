@@ -35,7 +35,7 @@ LINK = "onboard"
 
 
 def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detections") -> str:
-    """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
+    """Fly one session; returns why it ended. Raises SetupError and LinkLost."""
     settings = Settings.of(environment.options, policy)
     name = f"reference-{'pictures' if eyes == 'pictures' else policy.replace('_', '-')}"
     detector = _open_shipped_detector() if eyes == "pictures" else None
@@ -140,7 +140,7 @@ class Agent:
         self._mission.send_messages()
         next(self._flight)
         self._vehicle.send_setpoint()
-        self._log.publish_due(self._eyes.tracks)
+        self._log.publish_due(self._eyes.published)
 
     def _take(self, sample: Sample) -> None:
         topic = sample.topic

@@ -54,20 +54,20 @@ class Watch:
         """The bench says whether the operator can be reached."""
         now_s = self._log.now_s
         if up and self.link_down_s is not None:
-            self._log.decide(
-                "notice",
+            self._notice(
                 "operator_link",
                 f"the operator's link is back after {now_s - self.link_down_s:.1f} s",
             )
             self.link_down_s = None
         elif not up and self.link_down_s is None:
-            self._log.decide(
-                "notice", "operator_link", "the operator's link is down: reports will be said again"
-            )
+            self._notice("operator_link", "the operator's link is down: reports will be said again")
             self.link_down_s = now_s
 
     def link_down_for_s(self, now_s: float) -> float:
         return 0.0 if self.link_down_s is None else now_s - self.link_down_s
+
+    def _notice(self, subject: str, reason: str) -> None:
+        self._log.decide("notice", subject, reason)
 
     def update(self) -> None:
         """Notice what has changed since the moment before."""
@@ -80,7 +80,7 @@ class Watch:
         if heard_ever and self._vehicle.silent != self._silent:
             self._silent = not self._silent
             what = "the autopilot has fallen silent" if self._silent else "the autopilot is heard again"
-            self._log.decide("notice", "link", what)
+            self._notice("link", what)
 
     def doubt_m(self) -> float:
         """One sigma that GPS trouble adds to a place that is found now; 0 when all is well."""
@@ -102,38 +102,40 @@ class Watch:
         quiet_s = self._log.now_s - eyes.heard_s
         blind = quiet_s > BLIND_S and vehicle.armed and not vehicle.landed and not vehicle.silent
         if blind and not self.blind:
-            self._log.decide(
-                "notice",
+            self._notice(
                 "detections",
                 f"no detections for {quiet_s:.1f} s: nothing new can be found or ruled out",
             )
         elif self.blind and not blind:
-            self._log.decide("notice", "detections", "detections come again")
+            self._notice("detections", "detections come again")
         self.blind = blind
 
     def _look_at_quality(self) -> None:
         """Tell the operator when perception is worse than usual, and when it is good again."""
-        quality = self._eyes.quality
-        degraded = self.blind or quality.degraded
-        if degraded and not self.degraded:
-            cause = (
-                "no detections come"
-                if self.blind
-                else f"the best scores fell from {quality.usual or 0.0:.2f} to {quality.best:.2f}"
-            )
-            self._log.decide("degraded", "detections", f"perception is worse than usual: {cause}")
-        elif self.degraded and not degraded:
+        flaw = self._perception_flaw()
+        if flaw and not self.degraded:
+            self._log.decide("degraded", "detections", f"perception is worse than usual: {flaw}")
+        elif self.degraded and not flaw:
             self._log.decide("restored", "detections", "perception is as good as usual again")
-        self.degraded = degraded
+        self.degraded = bool(flaw)
+
+    def _perception_flaw(self) -> str:
+        """Why perception is worse than usual; empty when it is not."""
+        quality = self._eyes.quality
+        if self.blind:
+            return "no detections come"
+        if not quality.degraded:
+            return ""
+        return f"the best scores fell from {quality.usual or 0.0:.2f} to {quality.best:.2f}"
 
     def _look_at_gps(self) -> None:
         now_s = self._log.now_s
         if self._vehicle.gps_ok is False and self._gps_lost_s is None:
             self._gps_lost_s = now_s
-            self._log.decide("notice", "gps", "no GPS fix: places become uncertain, the autopilot may land")
+            self._notice("gps", "no GPS fix: places become uncertain, the autopilot may land")
         elif self._vehicle.gps_ok and self._gps_lost_s is not None:
             self._gps_doubt_m, self._gps_back_s = self.doubt_m(), now_s
-            self._log.decide("notice", "gps", f"GPS is back after {now_s - self._gps_lost_s:.1f} s")
+            self._notice("gps", f"GPS is back after {now_s - self._gps_lost_s:.1f} s")
             self._gps_lost_s = None
 
     def _look_at_drift(self) -> None:
@@ -148,7 +150,7 @@ class Watch:
         else:
             self._drift_over_s = self._log.now_s
             text = "the position agrees with the velocity again"
-        self._log.decide("notice", "gps", text)
+        self._notice("gps", text)
 
     def _look_at_battery(self) -> None:
         if not self._vehicle.battery_heard:
@@ -158,6 +160,4 @@ class Watch:
         # A battery that was not full at the start has not dropped: its first charge is only news.
         if before is not None and before - charge >= DROP:
             self.charge_lost += before - charge
-            self._log.decide(
-                "notice", "battery", f"the charge fell from {before:.0%} to {charge:.0%} at once"
-            )
+            self._notice("battery", f"the charge fell from {before:.0%} to {charge:.0%} at once")

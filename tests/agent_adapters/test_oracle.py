@@ -11,7 +11,6 @@ from test_null_agents import fly, simspec
 
 from agent_adapters.client.documents import MissionOrder
 from agent_adapters.oracle._clearance import Clearance
-from agent_adapters.oracle._findings import unseen_neighbours
 from agent_adapters.oracle._own_error import OwnError
 from agent_adapters.oracle._perception import TruthTracks
 from agent_adapters.oracle._pilot import OraclePlanner
@@ -85,7 +84,7 @@ def test_it_starts_and_lands_when_nobody_is_near() -> None:
     rows = [((30.0, 20.0), (3.0 if t < 24 or 80 <= t < 140 else 300.0, 0.0)) for t in range(241)]
     changed = {"cast": (document.cast[0], person), "places_m": tuple(rows)}
     truth = Truth(document.model_copy(update=changed))
-    home = Clearance(truth, [1], (0.0, 0.0), 15.0)
+    home = Clearance(truth, (0.0, 0.0), 15.0)
 
     start = home.start(6.0, 21.0)
     assert (start.at_s, start.near_s, start.breach_s) == (12.0, 0.0, 0.0)
@@ -126,7 +125,7 @@ def test_it_reports_a_target_once_the_people_near_it_were_in_view() -> None:
     target = next(iter(tracks))
 
     def unseen(now_s: float) -> str:
-        return unseen_neighbours(target, tracks, [2, 3, 4, 5], within_m, now_s)
+        return tracks.unseen_near(target, within_m, now_s)
 
     assert unseen(10.0) == "3 of 3 people near it unseen"
     tracks.see(4, 9.0, 0.0)
@@ -159,9 +158,9 @@ def test_no_landing_is_better_where_somebody_is_always_too_near() -> None:
     changed = {"cast": (document.cast[0], person), "places_m": rows}
     truth = Truth(document.model_copy(update=changed))
     for standoff_m in (15.0, 10.0):
-        home = Clearance(truth, [1], (0.0, 0.0), standoff_m)
+        home = Clearance(truth, (0.0, 0.0), standoff_m)
         assert home.landing(30.0, 50.0).breach_s == 0.0
-    assert Clearance(truth, [1], (0.0, 0.0), 15.0).start(6.0, 21.0).breach_s > 0.0
+    assert Clearance(truth, (0.0, 0.0), 15.0).start(6.0, 21.0).breach_s > 0.0
 
 
 @pytest.mark.parametrize(("east_m", "north_m"), [(0.0, 0.0), (3.4, -1.2), (-2.6, 4.1)])

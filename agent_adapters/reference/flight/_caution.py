@@ -6,6 +6,7 @@ Pure.
 from __future__ import annotations
 
 import math
+from typing import Self
 
 from agent_adapters.client.documents import MissionOrder
 from bench.values import value_class
@@ -34,17 +35,20 @@ CREEP_MPS = 0.7
 class Caution:
     """The rules about people on the ground that a careful policy keeps by what it knows."""
 
+    # No fields: a kind of pilot has its own.
+    slow_margin_m, slow_share, braking_mps2, creep_mps = MARGIN_M, SLOW_SHARE, BRAKING_MPS2, CREEP_MPS
+
     classes: tuple[str, ...] = ()
     standoff_m: float = 0.0
     slow_within_m: float | None = None
     slow_mps: float | None = None
     max_loiter_s: float | None = None
 
-    @staticmethod
-    def of(order: MissionOrder, margin_m: float = 0.0) -> Caution:
+    @classmethod
+    def of(cls, order: MissionOrder, margin_m: float = 0.0) -> Self:
         """The rules of an order, with a margin on every distance that they state."""
         within_m = order.bystander_slow_within_m
-        return Caution(
+        return cls(
             order.bystander_classes,
             order.bystander_standoff_m + margin_m if order.bystander_standoff_m > 0.0 else 0.0,
             None if within_m is None else within_m + margin_m,
@@ -78,8 +82,9 @@ class Caution:
         if self.slow_mps is None or self.slow_within_m is None or not people:
             return asked_mps
         nearest_m = min(math.dist(place, person) for person in people)
-        room_m = max(0.0, nearest_m - self.slow_within_m - MARGIN_M)
-        return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
+        room_m = max(0.0, nearest_m - self.slow_within_m - self.slow_margin_m)
+        near_mps = self.slow_share * self.slow_mps
+        return min(asked_mps, math.sqrt(near_mps**2 + 2.0 * self.braking_mps2 * room_m))
 
     def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
         """An aim that keeps the stand-off where height alone does not: moved away from whoever is too
@@ -99,7 +104,7 @@ class Caution:
         apart_m = math.dist(stand, away)
         if apart_m < 1e-6:
             return stand
-        share = min(1.0, CREEP_MPS * span_s / apart_m)
+        share = min(1.0, self.creep_mps * span_s / apart_m)
         return stand[0] + share * (away[0] - stand[0]), stand[1] + share * (away[1] - stand[1])
 
 

@@ -26,26 +26,27 @@ class TurnBack(Exception):
     """Raised inside a behaviour when the mission must end now; says why."""
 
 
-def _stay() -> Steps[None]:
-    """Fly nowhere."""
-    yield from ()
-
-
 class Control:
     """Offboard control of one vehicle at one height."""
 
     def __init__(
-        self, vehicle: PilotedVehicle, log: Log, orders: Orders, settings: Settings, height_m: float
+        self,
+        vehicle: PilotedVehicle,
+        log: Log,
+        orders: Orders,
+        settings: Settings,
+        height_m: float,
+        step_aside: Callable[[], Steps[None]],
+        failsafe_cause: Callable[[], str],
     ) -> None:
+        """`step_aside` is flown before it lets go of the vehicle; `failsafe_cause` names the fault that the autopilot acts on, or ""."""
         self._vehicle = vehicle
         self._log = log
         self._orders = orders
         self._min_battery = settings.min_battery
         self._height_m = height_m
-        self.step_aside: Callable[[], Steps[None]] = _stay  # before it lets go of the vehicle
-        self.failsafe_cause: Callable[[], str] = (
-            self._likely_cause
-        )  # the fault that the autopilot acts on, or ""
+        self._step_aside = step_aside
+        self._failsafe_cause = failsafe_cause
 
     @property
     def pose(self) -> VehiclePose:
@@ -85,7 +86,7 @@ class Control:
         self._log.enter("holding", f"handed over by {order}")
         # Hold brakes and stays without setpoints; they go on until it is in force, or a failsafe would act.
         if vehicle.is_offboard and not vehicle.silent:
-            yield from self.step_aside()
+            yield from self._step_aside()
             yield from vehicle.change_mode(vehicle.kind.hold)
         vehicle.setpoint = None
         mode: Mode | None = None
@@ -121,7 +122,7 @@ class Control:
         control back.
         """
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
-        cause = self.failsafe_cause()
+        cause = self._failsafe_cause()
         words = vehicle.reason
         self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
         mode: Mode | None = None
@@ -142,7 +143,7 @@ class Control:
         self._log.decide("go_on", cause, "the autopilot's failsafe is over")
         self._log.enter(*before)
 
-    def _likely_cause(self) -> str:
+    def likely_cause(self) -> str:
         if self._vehicle.gps_ok is False:
             return "gps"
         return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"

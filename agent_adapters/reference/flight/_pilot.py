@@ -60,7 +60,7 @@ def never() -> bool:
 class Pilot:
     """One vehicle under one mission order."""
 
-    planner_type, reserve_type = Planner, Reserve
+    planner_type, reserve_type, caution_type = Planner, Reserve, Caution
 
     def __init__(
         self,
@@ -82,7 +82,8 @@ class Pilot:
         self._orders = orders
         self._settings = settings
         self._airspaces = Airspaces(order)
-        self._caution = Caution.of(order, settings.standoff_margin_m) if careful else Caution()
+        caution = self.caution_type
+        self._caution = caution.of(order, settings.standoff_margin_m) if careful else caution()
         self._looks_before_landing = careful and settings.landing_wait_s > 0.0
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
@@ -99,7 +100,9 @@ class Pilot:
             self._sinks_on_the_way_from,
         )
         self.landing = False
-        self._control = Control(vehicle, log, orders, settings, self.height_m)
+        self._control = Control(
+            vehicle, log, orders, settings, self.height_m, self._step_aside, self._failsafe_cause
+        )
         self._reserve = self.reserve_type(order, vehicle, watch, settings, self.planner)
 
     # What it knows.
@@ -309,6 +312,9 @@ class Pilot:
 
     def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
         """Brake and stay until nothing asks for it any more. Raises TurnBack when it has to go home."""
+        for _ in self._step_aside():
+            yield
+            yield from self._control.check()
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         self._log.decide("hold", cause, why)
         self._log.enter("holding", why)
@@ -336,6 +342,14 @@ class Pilot:
             yield from self._control.check()
         self._log.decide("go_on", cause, "nothing asks to wait any more")
         self._log.enter(*before)
+
+    def _failsafe_cause(self) -> str:
+        """The fault that the autopilot acts on, or ""."""
+        return self._control.likely_cause()
+
+    def _step_aside(self) -> Steps[None]:
+        """To where it may stand; the reference agent stands where it is."""
+        yield from ()
 
     def _homeward_while_link_is_down(self) -> Steps[None]:
         """Towards home as long as the operator cannot be reached.

@@ -6,7 +6,7 @@ Reads from top to bottom.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from agent_adapters.client.documents import (
     ConsentAnswer,
@@ -14,6 +14,7 @@ from agent_adapters.client.documents import (
     MissionOrder,
     OrderDocument,
 )
+from bench.errors import LinkLost
 
 from .._log import Log
 from .._orders import Ordered, Orders, Situation
@@ -46,7 +47,7 @@ STATION_S = 2.0
 LAST_WORD_S = 3.0
 
 
-class MissionOrderMissing(Exception):
+class MissionOrderMissing(LinkLost):
     """No mission order came; the agent cannot know what to do."""
 
 
@@ -74,6 +75,7 @@ class SearchMission:
         self._settings = settings
         self._order: MissionOrder | None = None
         self._orders = Orders()
+        self._shared = eyes, log, watch, self._orders, settings  # between this, the pilot and the findings
         self._early: list[IntelligenceDocument | OrderDocument] = []
         self._asked_s = -math.inf  # when it was last asked whether it has seen enough
 
@@ -95,22 +97,11 @@ class SearchMission:
                 self.add_intelligence(document)
 
     def _new_pilot(self, order: MissionOrder) -> Pilot:
-        return Pilot(
-            order,
-            self._vehicle,
-            self._eyes,
-            self._log,
-            self._watch,
-            self._orders,
-            self._settings,
-            careful=self._policy_name != "naive",
-        )
+        return Pilot(order, self._vehicle, *self._shared, careful=self._policy_name != "naive")
 
     def _new_findings(self, order: MissionOrder) -> Findings:
         policy = policy_named(self._policy_name, order, self._settings)
-        return Findings(
-            order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, self._settings
-        )
+        return Findings(order, policy, self._planner, *self._shared)
 
     def add_intelligence(self, intelligence: IntelligenceDocument) -> None:
         """One intelligence report."""
@@ -336,12 +327,16 @@ class SearchMission:
         return None
 
     def _choose(self) -> SearchTask | None:
+        return next(self._servable(), None)
+
+    def _servable(self) -> Iterator[SearchTask]:
+        """What waits and can be served in time, in order; what comes before it and cannot is skipped."""
         for task in self._planner.waiting(self._place):
             if self._planner.fits(self._place, self._vehicle.now_s, task, SEARCH_S):
-                return task
-            task.state = "skipped"
-            self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
-        return None
+                yield task
+            else:
+                task.state = "skipped"
+                self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
 
     def _work_on(self, task: SearchTask) -> Steps[None]:
         task.state = "active"

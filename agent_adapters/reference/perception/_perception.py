@@ -39,7 +39,8 @@ class ObjectPerception:
     """What the camera has shown so far."""
 
     def __init__(self, poses: PoseHistory, mount: str, *, own_identities: bool = False) -> None:
-        self.tracks = Tracks()
+        # What is known, and what of it the camera has had in view.
+        self.tracks = self.published = Tracks()
         self.quality = DetectionQuality()
         self.frames = 0
         self.heard_s = 0.0  # when the detector last said anything
@@ -101,16 +102,16 @@ class ObjectPerception:
             return False
         self.frames += 1
         self._views.append(View(time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
-        self.tracks.take(
-            time_s,
-            [
-                sight
-                for detection in frame.detections
-                if (sight := self._sight(detection, time_s, pose, camera, doubt_m))
-            ],
-        )
-        self._notice_absence(time_s, camera)
+        self._take(frame, time_s, pose, camera, doubt_m)
         return True
+
+    def _take(
+        self, frame: Detection2DArray, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
+    ) -> None:
+        """What a frame shows of a place that is known."""
+        sights = (self._sight(detection, time_s, pose, camera, doubt_m) for detection in frame.detections)
+        self.tracks.take(time_s, [sight for sight in sights if sight])
+        self._notice_absence(time_s, camera)
 
     def _sight(
         self, detection: Detection2D, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
