@@ -139,9 +139,14 @@ def test_who_spoils_the_page_of_warp_loses_the_run(trick: str, rung: str, tmp_pa
     library_or_skip()
     with rung_or_skip(rung) as isolation:
         result = flown(tmp_path, isolation, "warp", PAGE_AGENT, PAGE_TRICKS[trick])
-    harmless = trick == "shortened by half"
-    assert result.outcome is (Outcome.TIME_LIMIT if harmless else Outcome.AGENT_PROTOCOL), result.reason
-    assert ("REBAR_WARP_WAITERS" in result.reason) != harmless
+    if trick == "shortened by half":
+        assert result.outcome is Outcome.TIME_LIMIT, result.reason
+    elif result.outcome is Outcome.AGENT_CRASHED:
+        # Its own reads of the page may end it before the bench looks.
+        assert "signal 7" in result.reason
+    else:
+        assert result.outcome is Outcome.AGENT_PROTOCOL
+        assert "REBAR_WARP_WAITERS" in result.reason
 
 
 def used_up(folder: Path, *, beside: int) -> tuple[int, int] | None:
