@@ -24,7 +24,7 @@ _READ_BYTES = 4096
 # contains one that is looked for later.
 _ANSWER = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.9g,%.9g,%.9g],'
-    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]}\n'
+    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g],"battery":{"voltage":%.6g,"current":%.6g}}\n'
 )
 # Metres in 1e-7 degrees on ArduPilot's spherical Earth of 6378100 m (Location.h, LOCATION_SCALING_FACTOR).
 _METRES_PER_E7 = 0.011131884502145034
@@ -40,6 +40,8 @@ class PhysicsState:
     position_ned_m: Vector
     attitude: tuple[float, float, float, float]
     velocity_ned_mps: Vector
+    volts: float
+    amperes: float
 
     def encoded(self) -> bytes:
         return (
@@ -51,6 +53,8 @@ class PhysicsState:
                 *self.position_ned_m,
                 *self.attitude,
                 *self.velocity_ned_mps,
+                self.volts,
+                self.amperes,
             )
         ).encode()
 

@@ -208,6 +208,7 @@ class RunningBoard:
     """A board on its line, with the sensors that the bench simulates for it."""
 
     cores: frozenset[int] = frozenset()
+    silent_s = 0.0
 
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
