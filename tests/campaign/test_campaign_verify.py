@@ -386,7 +386,7 @@ def retold_flight(simspec: SimSpec, decomposition: object, folder: Path, realiza
     """The run as it was, but for records at one moment, as where one message of the autopilot came at another."""
 
     def retold(record: Record) -> Record | None:
-        return None if record.topic != TRUTH_ODOMETRY and 0.9 < record.time.s < 1.0 else record
+        return None if record.topic != TRUTH_ODOMETRY and 0.4 < record.time.s < 1.6 else record
 
     return edited_flight(folder, realization, retold)
 

@@ -18,7 +18,7 @@ from bench.errors import FirmwareFault
 from vehicle_models.firmware._ardupilot_link import (
     ArduPilotLink,
     ArduPilotMetres,
-    PhysicsState,
+    encoded_state,
     rotor_share,
 )
 from vehicle_models.firmware._hil import HilEncoder, Place
@@ -239,16 +239,15 @@ def physics(
     return link, ardupilot
 
 
-def state(time_s: float) -> PhysicsState:
-    return PhysicsState(
+def state(time_s: float) -> bytes:
+    return encoded_state(
         time_s,
         (0.1, 0.2, 0.3),
         (0.0, 0.0, -9.81),
         (1.0, 2.0, -3.0),
         (1.0, 0.0, 0.0, 0.0),
         (4.0, 5.0, 6.0),
-        12.25,
-        11.5,
+        (12.25, 11.5),
     )
 
 
@@ -282,7 +281,7 @@ def test_ardupilot_gets_one_answer_for_a_packet_and_the_same_again_for_a_repeate
 
 
 def test_the_answer_is_one_line_that_ardupilot_can_search() -> None:
-    line = state(0.00125).encoded()
+    line = state(0.00125)
     assert line[:1] == line[-1:] == b"\n"
     assert line.count(b"\n") == 2
     assert b" " not in line

@@ -13,7 +13,7 @@ from bench.simspec import BoardAutopilot, Failure, RealAutopilot
 from .._battery import FULL_V, BatteryModel
 from ..x500 import ROTORS
 from ._airframe import BATTERY_NOMINAL_V, ardupilot_parameters, charge_percent, merged
-from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
+from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, encoded_state, rotor_share
 from ._body import Body
 from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
@@ -181,15 +181,14 @@ class RunningArduPilot:
         # the height, which stays the truth.
         north_m, east_m = self._metres.north_east_m(*body.seen_latitude_longitude_deg())
         self._link.answer(
-            PhysicsState(
+            encoded_state(
                 self._samples / body.samples_hz,
                 body.rates_radps(),
                 plant.specific_force_mps2(),
                 (north_m, east_m, -plant.motion.up_m),
                 body.attitude(),
                 body.velocity_ned_mps(),
-                self._volts,
-                self._amperes,
+                self._volts_amperes,
             )
         )
         self._pulses = self._link.receive()
@@ -208,9 +207,8 @@ class RunningArduPilot:
 
     def _measure_battery(self) -> None:
         volts, _ = self._battery.terminals()
-        self._volts = volts * _FULL_V / FULL_V
         # At the voltage by which BATT_CAPACITY was made of the battery's energy: coulombs then tell the true share of it.
-        self._amperes = self._battery.power_w / BATTERY_NOMINAL_V
+        self._volts_amperes = (volts * _FULL_V / FULL_V, self._battery.power_w / BATTERY_NOMINAL_V)
 
     def last_words(self) -> str:
         return self.program.last_words()
