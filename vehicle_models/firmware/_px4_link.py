@@ -23,11 +23,10 @@ from ._hil import (
 PHYSICS_PORT = 4560
 # Host seconds. PX4 starts in 0.3 s and answers in under a millisecond; a busy host gives a hundredth of that.
 CONNECT_S, ANSWER_S = 60.0, 30.0
-# Until its outputs run, PX4 leaves samples unanswered (eight of them, as observed): the bench goes on after this.
+# Until its outputs run, PX4 leaves samples unanswered (eight of them, as observed): the bench goes on after this. Later on it
+# looks then whether PX4 still works on an answer, which takes it less than a hundredth of this.
 _UNANSWERED_S = 0.02
 _MAX_UNANSWERED = 2000
-# Later on, until the bench looks whether PX4 still works on an answer, which takes it a tenth of this.
-_LOOK_S = 0.005
 _TIMEVAL = struct.Struct("ll")
 _POLL_S = 0.1
 _DYING_S = 1.0
@@ -66,7 +65,7 @@ class Px4Link:
         server: socket.socket | None = None,
     ) -> None:
         self._check_alive = check_alive
-        self._is_asleep: IsAsleep = lambda: True
+        self._is_asleep: IsAsleep | None = None
         self._connect_s, self._answer_s = connect_s, answer_s
         self._server = server or socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -79,7 +78,6 @@ class Px4Link:
         self.port: int = self._server.getsockname()[1]
         self._connection: socket.socket | None = None
         self._reader = FrameReader()
-        self._look_s = _UNANSWERED_S
         self._answered = False
         self.unanswered = 0
         self.silent = 0
@@ -89,8 +87,7 @@ class Px4Link:
 
     def connect(self, is_asleep: IsAsleep | None = None) -> None:
         """Wait until PX4 has connected. Without `is_asleep`, it is thought asleep when no answer has come for 20 ms."""
-        if is_asleep:
-            self._is_asleep, self._look_s = is_asleep, _LOOK_S
+        self._is_asleep = is_asleep
         deadline_s = time.monotonic() + self._connect_s
         self._server.settimeout(_POLL_S)
         while self._connection is None:
@@ -125,7 +122,8 @@ class Px4Link:
             self._report_closed()
         slept, deadline_s = False, 0.0
         while True:
-            data = self._read(connection, wait=not (slept or self.silent))
+            # Whoever is silent already is not waited for, where it can be seen whether it works.
+            data = self._read(connection, wait=not (slept or (self.silent and self._is_asleep)))
             if data:
                 controls = self._controls(data)
                 if controls is None or controls.time_us < time_us:
@@ -134,14 +132,14 @@ class Px4Link:
                     raise FirmwareFault(
                         f"PX4 answered a sample of {controls.time_us} us, but the last is of {time_us} us"
                     )
-                self._note_answer(connection)
+                self._answered, self.silent = True, 0
                 return controls
             self._check_alive()
             # It slept before the last look at the socket, which found nothing: no answer is on its way.
             if slept or not self._answered:
                 self._pass_unanswered()
                 return None
-            slept = self._is_asleep()
+            slept = self._is_asleep is None or self._is_asleep()
             now_s = time.monotonic()
             deadline_s = deadline_s or now_s + self._answer_s
             if now_s > deadline_s and not slept:
@@ -163,12 +161,6 @@ class Px4Link:
 
     def _report_closed(self) -> NoReturn:
         report_closed("PX4 closed the simulator link", self._check_alive)
-
-    def _note_answer(self, connection: socket.socket) -> None:
-        self.silent = 0
-        if not self._answered:
-            self._answered = True
-            set_timeout(connection, socket.SO_RCVTIMEO, self._look_s)
 
     def _pass_unanswered(self) -> None:
         self.unanswered += 1
