@@ -247,11 +247,15 @@ def _open_process(pid: int) -> WatchedProcess | None:
     with suppress(OSError, ValueError, IndexError):
         folder = os.open(f"/proc/{pid}/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            return WatchedProcess(pid, folder, _inner_pid(pid), ~pid << 3 | _CPUCLOCK_SCHED)
+            return WatchedProcess(pid, folder, _inner_pid(pid), _cpu_clock(pid))
         except BaseException:
             os.close(folder)
             raise
     return None
+
+
+def _cpu_clock(pid: int) -> int:
+    return ~pid << 3 | _CPUCLOCK_SCHED
 
 
 def _inner_pid(pid: int) -> int:
@@ -302,6 +306,10 @@ def _group_members(group: int) -> Generator[int]:
 @cache
 def unseen_reason() -> str:
     """Why this system does not show whether a thread is asleep; empty where it does."""
+    try:
+        time.clock_gettime_ns(_cpu_clock(os.getpid()))
+    except OSError as error:
+        return f"the CPU clock of a process cannot be read ({error.strerror})"
     woken = threading.Event()
     sleeper = threading.Thread(target=woken.wait, daemon=True)
     sleeper.start()

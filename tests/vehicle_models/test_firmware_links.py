@@ -144,6 +144,16 @@ def test_a_px4_that_sleeps_without_an_answer_lets_the_simulation_go_on(stack: Ex
         assert controls is not None
         assert (controls.time_us, controls.outputs[0], link.silent) == (time_us, 0.5, 0)
     assert (looks, link.unanswered) == ([], 2)
+    # Where nobody can see whether it works, what it says in time counts all the same.
+    blind, px4 = connected(stack)
+    px4.answer(4000)
+    assert blind.exchange(4000, b"") is not None
+    assert (blind.exchange(8000, b""), blind.silent) == (None, 1)
+    px4.answer(8000)
+    px4.answer(12000, 0.25)
+    controls = blind.exchange(12000, b"")
+    assert controls is not None
+    assert (controls.outputs[0], blind.silent) == (0.25, 0)
 
 
 def test_px4_outputs_come_back_for_their_sample(stack: ExitStack) -> None:
