@@ -8,6 +8,7 @@ import socket
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from functools import partial
 from typing import Any
 
 import pymap3d
@@ -139,7 +140,7 @@ def test_a_px4_that_sleeps_without_an_answer_lets_the_simulation_go_on(stack: Ex
     looks += [lambda: True]
     assert (link.exchange(12000, b""), link.silent) == (None, 2)
     for time_us, asleep in ((16000, True), (20000, False)):
-        looks += [lambda: False, lambda time_us=time_us, asleep=asleep: answers(time_us, asleep)]
+        looks += [lambda: False, partial(answers, time_us, asleep)]
         controls = link.exchange(time_us, b"")
         assert controls is not None
         assert (controls.time_us, controls.outputs[0], link.silent) == (time_us, 0.5, 0)

@@ -340,7 +340,9 @@ def test_quiet_is_refused_where_sleep_cannot_be_seen(monkeypatch: pytest.MonkeyP
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).touch(mode=0o755)
     faults = {
-        pace: Px4Kind().faults(RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace), [])
+        pace: Px4Kind().faults(
+            VehicleSpec(autopilot=RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace))
+        )
         for pace in ("quiet", "one_core")
     }
     assert faults["one_core"] == []

@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bench.errors import Fault
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot
+from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
 
 from .._battery import FULL_V, BatteryModel
 from ..x500 import ROTORS
@@ -50,7 +50,8 @@ class ArduPilotKind:
         assert isinstance(autopilot, RealAutopilot)
         return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
         firmware = Path(autopilot.firmware)
         return program_faults(self.program(firmware), [])

@@ -122,7 +122,8 @@ class ArduPilotLink:
             raise FirmwareFault(
                 f"UDP port {self.port} got {len(data)} bytes that are no packet of ArduPilot's JSON physics"
             )
-        _, _, count, *pulses = layout.unpack(data)
+        values = layout.unpack(data)
+        count = values[2]
         self._peer = peer
         if count == self._count:
             self.repeated += 1
@@ -134,7 +135,7 @@ class ArduPilotLink:
             self.restarts += 1
         self._count = count
         self._answer = b""
-        return tuple(pulses)
+        return values[3:]
 
     def _send_answer(self) -> None:
         # A packet may come again before it is answered at all: the answer is still to come.
@@ -166,4 +167,5 @@ class ArduPilotMetres:
 
 def rotor_share(pulse_us: int) -> float:
     """Rotor speed as a share of the greatest: 1000 us is still, 2000 us full."""
-    return min(max((pulse_us - 1000) / 1000.0, 0.0), 1.0)
+    share = (pulse_us - 1000) / 1000.0
+    return 0.0 if share < 0.0 else 1.0 if share > 1.0 else share

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
+from bench.simspec import BoardAutopilot, RealAutopilot, SimSpec, VehicleSpec
 
 from .._battery import BatteryModel
 from ._body import Body
@@ -88,8 +88,8 @@ class FirmwareKind(Protocol):
     def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
         """Which program or board it is, in words."""
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
-        """Why this autopilot or these failures cannot be flown."""
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        """Why a vehicle with this autopilot, or these failures, cannot be flown."""
 
     def open(self, plan: FirmwarePlan) -> AbstractContextManager[RunningFirmware]:
         """Start it and connect to it; leaving the block ends it."""

@@ -424,7 +424,7 @@ class FirmwareX500:
     def _check(self) -> None:
         """Raise SetupError with everything that this autopilot cannot do."""
         vehicle = self._plan.simspec.vehicle
-        faults = self._kind.faults(self._autopilot, vehicle.failures)
+        faults = self._kind.faults(vehicle)
         imitated = "fly the imitated autopilot, or leave it out"
         wishes = {
             "vehicle.camera.gimbal": vehicle.camera.gimbal,

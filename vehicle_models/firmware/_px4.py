@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
+from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec, VehicleSpec
 
 from ..x500 import ROTORS
 from ._airframe import PX4_CHARGE, charge_percent, merged, px4_parameters
@@ -50,14 +50,15 @@ class Px4Kind:
         assert isinstance(autopilot, RealAutopilot)
         return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
         program = self.program(Path(autopilot.firmware))
         faults = program_faults(program, [program.parents[1] / _START_SCRIPT])
         if autopilot.pace == "quiet" and (fault := quiet_fault()):
             faults.append(fault)
-        if not _follows(autopilot.parameters):
-            faults += _failure_faults(failures)
+        if not _follows(vehicle):
+            faults += _failure_faults(vehicle.failures)
         return faults
 
     @contextmanager
@@ -66,8 +67,11 @@ class Px4Kind:
         assert isinstance(autopilot, RealAutopilot)
         program_path = self.program(Path(autopilot.firmware).resolve())
         firmware = program_path.parents[1]
-        given = {**plan.simspec.vehicle.parameters, **autopilot.parameters}
-        parameters = merged(px4_parameters(log=autopilot.log, charge=plan.battery.fraction), given)
+        parameters = merged(
+            px4_parameters(log=autopilot.log, charge=plan.battery.fraction),
+            plan.simspec.vehicle.parameters,
+            autopilot.parameters,
+        )
         environment = {
             "PATH": f"{firmware}/bin:/usr/bin:/bin",
             "PX4_SIM_MODEL": _AIRFRAME,
@@ -87,7 +91,7 @@ class Px4Kind:
             threads = stack.enter_context(open_watch(program.pid, program.check_alive))
             sockets.link.connect(threads.asleep if threads else None)
             watch = threads if autopilot.pace == "quiet" else None
-            yield RunningPx4(plan.simspec, body, program, sockets, ports, cores, watch, _follows(given))
+            yield RunningPx4(plan.simspec, body, program, sockets, ports, cores, watch)
 
 
 class _Sockets:
@@ -171,7 +175,6 @@ class RunningPx4:
         ports: Mapping[str, UdpPort],
         cores: frozenset[int],
         watch: ThreadWatch | None,
-        follows: bool,
     ) -> None:
         self.program = program
         self.estimate_port: MavlinkPort = sockets.onboard
@@ -180,7 +183,7 @@ class RunningPx4:
         self.cores = cores
         self.armed: bool | None = False
         self.silent_s = 0.0
-        self._follows = follows
+        self._follows = _follows(simspec.vehicle)
         self._sample_s = 1.0 / body.samples_hz
         self._plant, self._link, self._watch = body.plant, sockets.link, watch
         self._samples = Px4Samples(simspec, body)
@@ -225,9 +228,11 @@ class RunningPx4:
         return {"firmware_unanswered": self._link.unanswered}
 
 
-def _follows(parameters: Mapping[str, float]) -> bool:
+def _follows(vehicle: VehicleSpec) -> bool:
     """Whether PX4's simulated battery has the charge of the bench's: not where its user has set one."""
-    return not any(name.startswith("SIM_BAT_") for name in parameters)
+    assert isinstance(vehicle.autopilot, RealAutopilot)
+    given = (*vehicle.parameters, *vehicle.autopilot.parameters)
+    return not any(name.startswith("SIM_BAT_") for name in given)
 
 
 def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:

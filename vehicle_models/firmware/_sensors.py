@@ -87,7 +87,7 @@ class Sensors:
         )
         if max(counts) > _MOST_COUNTS or min(counts) < -_MOST_COUNTS:
             # An impact. PX4 turns the readings into 16 bits without a look at their size.
-            counts = tuple(min(max(count, -_MOST_COUNTS), _MOST_COUNTS) for count in counts)  # type: ignore[assignment]
+            counts = tuple(min(max(count, -_MOST_COUNTS), _MOST_COUNTS) for count in counts)
         ax, ay, az, turn_x, turn_y, turn_z = counts
         return ax * step, ay * step, az * step, turn_x * turn_step, turn_y * turn_step, turn_z * turn_step
 
