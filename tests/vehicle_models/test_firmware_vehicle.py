@@ -257,13 +257,13 @@ def test_a_battery_that_the_user_gave_px4_is_left_to_it(firmware: dict[str, Path
     # Whichever of the two places of parameters names it.
     drop = [{"at_s": 1.0, "kind": "battery_drop", "to_fraction": 0.5}]
     autopilot = {"kind": "px4", "firmware": str(firmware["px4"])}
-    for vehicle in (
-        {"autopilot": autopilot, "parameters": given},
-        {"autopilot": {**autopilot, "parameters": given}},
-        {"autopilot": autopilot},
-    ):
-        faults = Px4Kind().faults(VehicleSpec.model_validate({**vehicle, "failures": drop}))
-        refused = ["vehicle.failures[0].kind"] if vehicle != {"autopilot": autopilot} else []
+    documents: list[tuple[dict[str, object], list[str]]] = [
+        ({"autopilot": autopilot, "parameters": given}, ["vehicle.failures[0].kind"]),
+        ({"autopilot": {**autopilot, "parameters": given}}, ["vehicle.failures[0].kind"]),
+        ({"autopilot": autopilot}, []),
+    ]
+    for document, refused in documents:
+        faults = Px4Kind().faults(VehicleSpec.model_validate({**document, "failures": drop}))
         assert [fault.where for fault in faults] == refused
 
 
