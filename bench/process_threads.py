@@ -22,6 +22,7 @@ _NOWHERE = b"0"
 # Long enough for the state behind a name of up to 15 characters, which may hold brackets and spaces.
 _STAT_BYTES = 64
 _SCHEDSTAT_BYTES = 64
+_CPUCLOCK_SCHED = 2
 _LAST_PID = Path("/proc/loadavg")
 # Host time within which a thread that waits must be seen asleep, on a busy host too. Chosen.
 _PROBE_S = 10.0
@@ -52,13 +53,16 @@ class _Thread:
         return True
 
     def still_rests(self) -> bool:
-        """Whether it is off every run queue, and had no core since `rests` read its state.
+        """Whether it is off every run queue, and had no core since `rests` read its state."""
+        return self.off_the_queues() and self.history() == self.asleep_history
+
+    def off_the_queues(self) -> bool:
+        """Whether it is on no run queue.
 
         Its state alone does not say so: a thread that is about to wait calls itself asleep already, and may be kept from its
         core for long before it is, or finds that it need not wait.
         """
-        off_the_queues = os.pread(self.wchan, 1, 0) != _NOWHERE or self.state() in _STOPPED
-        return off_the_queues and self.history() == self.asleep_history
+        return os.pread(self.wchan, 1, 0) != _NOWHERE or self.state() in _STOPPED
 
     def history(self) -> bytes:
         """CPU time, run delay and how often it was given a core; the same bytes as long as it has not run."""
@@ -77,6 +81,8 @@ class WatchedProcess:
     pid: int
     folder: int
     inner_pid: int
+    # Of the kernel, as clock_getcpuclockid(3) makes it: the CPU time of all its threads.
+    cpu_clock: int
     threads: dict[int, _Thread] = field(default_factory=dict)
     # The program in which the library was last seen: there is another one after an exec.
     program: tuple[int, int] | None = None
@@ -103,6 +109,7 @@ class ProcessThreads:
         self._box: dict[int, WatchedProcess] = {}
         self._bench: dict[int, _Thread] = {}
         self._order: list[_Thread] = []
+        self._clocks: list[int] = []
         self._ended_cpu_ns = 0
         self._last_pid = os.open(_LAST_PID, os.O_RDONLY | os.O_CLOEXEC)
         self._seen_pid = b""
@@ -114,7 +121,7 @@ class ProcessThreads:
             process.close()
         for thread in self._bench.values():
             thread.close()
-        self.processes, self._box, self._bench, self._order = {}, {}, {}, []
+        self.processes, self._box, self._bench, self._order, self._clocks = {}, {}, {}, [], []
         if self._last_pid >= 0:
             os.close(self._last_pid)
             self._last_pid = -1
@@ -122,22 +129,27 @@ class ProcessThreads:
     def at_rest(self) -> bool:
         """Whether there was a moment during this call at which every thread was asleep, and none about to run.
 
-        Each thread is looked at in two rounds. One that called itself asleep in the first or before it, is off the run queues
-        in the second, and was given no core from one to the other has slept all the time between, so at the moment between the
-        two rounds all slept. One round is not enough: a thread that was looked at may be woken by another that then goes to
-        sleep before its turn. Whoever could still wake one of them is outside: the clock, and what the bench sends.
+        Each thread is found off the run queues, between two looks at the CPU time of all. Where no time was used, nobody ran
+        between them, and so nobody woke another behind its look, and went to sleep before its own: at the moment of the first
+        look all slept. The bench's threads have no clock without the calling one, so each is looked at before and behind that
+        moment: one that called itself asleep before, is off the run queues behind, and was given no core between has slept all
+        the time. Whoever could still wake one of them is outside: the clock, and what the bench sends.
         """
         try:
             if self._newest_pid() != self._seen_pid:
                 self.scan()
-            for round_of_looks in (_Thread.rests, _Thread.still_rests):
-                for thread in self._order:
-                    if not round_of_looks(thread):
-                        self._put_first(thread)
-                        return False
-            # A process or thread that began meanwhile was in neither round.
+            if not all(thread.rests() for thread in self._bench.values()):
+                return False
+            cpu_ns = self._cpu_ns()
+            for thread in self._order:
+                if not thread.off_the_queues():
+                    self._put_first(thread)
+                    return False
+            if self._cpu_ns() != cpu_ns or not all(thread.still_rests() for thread in self._bench.values()):
+                return False
+            # A process or thread that began meanwhile was not looked at.
             return self._newest_pid() == self._seen_pid
-        except (ProcessLookupError, FileNotFoundError):
+        except OSError:
             self._seen_pid = b""
             return False
 
@@ -183,13 +195,16 @@ class ProcessThreads:
             *(thread for process in self.processes.values() for thread in process.threads.values()),
             # The box takes note of the agent's end, and of what its children leave behind.
             *(thread for process in self._box.values() for thread in process.threads.values()),
-            *self._bench.values(),
         ]
+        self._clocks = [process.cpu_clock for process in (*self.processes.values(), *self._box.values())]
 
     def _put_first(self, thread: _Thread) -> None:
         """Who is at work now is probably at work at the next look, which ends with the first of them."""
         self._order.remove(thread)
         self._order.insert(0, thread)
+
+    def _cpu_ns(self) -> int:
+        return sum(map(time.clock_gettime_ns, self._clocks))
 
     def _newest_pid(self) -> bytes:
         """The number that was given to a process or thread last, in the namespace of this process."""
@@ -232,11 +247,15 @@ def _open_process(pid: int) -> WatchedProcess | None:
     with suppress(OSError, ValueError, IndexError):
         folder = os.open(f"/proc/{pid}/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            return WatchedProcess(pid, folder, _inner_pid(pid))
+            return WatchedProcess(pid, folder, _inner_pid(pid), _cpu_clock(pid))
         except BaseException:
             os.close(folder)
             raise
     return None
+
+
+def _cpu_clock(pid: int) -> int:
+    return ~pid << 3 | _CPUCLOCK_SCHED
 
 
 def _inner_pid(pid: int) -> int:
@@ -287,6 +306,10 @@ def _group_members(group: int) -> Generator[int]:
 @cache
 def unseen_reason() -> str:
     """Why this system does not show whether a thread is asleep; empty where it does."""
+    try:
+        time.clock_gettime_ns(_cpu_clock(os.getpid()))
+    except OSError as error:
+        return f"the CPU clock of a process cannot be read ({error.strerror})"
     woken = threading.Event()
     sleeper = threading.Thread(target=woken.wait, daemon=True)
     sleeper.start()

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 from leftovers import Leftovers
+from real_table import RealTable
 
 HERE = Path(__file__).parent
 
@@ -34,8 +35,10 @@ MARKED_PLACES = {
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A run leaves nothing among the temporary files."""
+    """A run leaves nothing among the temporary files. One of real autopilots ends with a table."""
     config.pluginmanager.register(Leftovers(config))
+    if config.option.markexpr == "real":
+        config.pluginmanager.register(RealTable())
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

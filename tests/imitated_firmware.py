@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from firmware_stand_in import Pilot, State
 from firmware_stand_in._ardupilot import fly_ardupilot
-from firmware_stand_in._px4 import fly_px4
+from firmware_stand_in._px4 import HELLO_S, fly_px4
 
 from bench.contracts import LinkSpec, Vector, VehiclePlan
 from bench.documents import validate_document
@@ -31,6 +31,10 @@ from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
 from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
 
 CONTROLLER_HZ = 50
+# By which the bench makes BATT_CAPACITY of its battery's energy, and its current of the power.
+NOMINAL_V = 14.8
+# Almost its defaults, with which it would have the vehicle's own battery: the real one's simulation has one of its own.
+SITL_BATTERY = {"SIM_BAT_DRAIN": 60.001, "SIM_BAT_MIN_PCT": 50.0}
 # As fast as the X500 of the bench turns.
 TURN_MAX_RADPS = 1.0
 # Positions come with rounding and with a receiver's error: below this it stands.
@@ -41,11 +45,13 @@ def main() -> None:
     """Fly as the autopilot by whose name the program was started."""
     with ExitStack() as stack:
         if Path(sys.argv[0]).name == "px4":
-            fly_px4(lambda instance, parameters, state: stack.enter_context(_px4(instance, state)))
+            fly_px4(
+                lambda instance, parameters, state: stack.enter_context(_px4(instance, parameters, state))
+            )
         else:
             fly_ardupilot(
                 lambda instance, parameters, state: stack.enter_context(
-                    _ardupilot(instance, state, int(parameters["SIM_RATE_HZ"]))
+                    _ardupilot(instance, parameters, state)
                 )
             )
 
@@ -179,6 +185,12 @@ class Imitation(Aircraft):
     def armed(self) -> bool:
         return self._flight.armed
 
+    @property
+    def has_outputs(self) -> bool:
+        """None in OFFBOARD on the ground, nor behind the end of a flight, as observed of PX4."""
+        mode = self._flight.mode.name
+        return mode != "TERMINATION" and (mode != "OFFBOARD" or self._plant.motion.up_m > 0.0)
+
     def set_gps_off(self, off: bool) -> None:
         if off != self._navigation.off:
             self._navigation.set_off(off)
@@ -191,7 +203,8 @@ class Imitation(Aircraft):
         return TruePlant(self._state, place), self._crude
 
     def _drain(self, battery: BatteryModel) -> None:
-        """The bench drains a battery of its own."""
+        """By the current that the link of ArduPilot tells; PX4's simulation drains by the clock."""
+        battery.spend(self._state.amperes * NOMINAL_V, self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:
         return False
@@ -201,8 +214,18 @@ class ImitatedSide:
     """PX4's or ArduPilot's side of `firmware_stand_in`: built when the link has told where the vehicle stands."""
 
     def __init__(
-        self, kind: str, links: list[Any], specs: list[LinkSpec], state: State, rate_hz: int
+        self,
+        kind: str,
+        parameters: Mapping[str, float],
+        links: list[Any],
+        specs: list[LinkSpec],
+        state: State,
+        rate_hz: int,
     ) -> None:
+        battery = {name: parameters.get(name, value) for name, value in SITL_BATTERY.items()}
+        self._parameters = battery if kind == "px4" else {}
+        self._capacity_wh = parameters.get("BATT_CAPACITY", 3300.0) / 1000.0 * NOMINAL_V
+        self._hello_s = HELLO_S if kind == "px4" else 0.0
         self._kind, self._links, self._specs, self._state = kind, links, specs, state
         self._every = rate_hz // CONTROLLER_HZ
         self._samples = 0
@@ -213,6 +236,10 @@ class ImitatedSide:
     def armed(self) -> bool:
         return self._imitation is not None and self._imitation.armed
 
+    @property
+    def has_outputs(self) -> bool:
+        return self._imitation is None or self._imitation.has_outputs
+
     def rotors(self, *, gps_off: bool = False) -> list[float]:
         if self._imitation:
             self._imitation.set_gps_off(gps_off)
@@ -221,7 +248,8 @@ class ImitatedSide:
     def serve(self) -> None:
         self._samples += 1
         if self._imitation is None:
-            if not (self._state.latitude_deg and self._has_all_ports):
+            is_late = self._state.time_s < self._hello_s
+            if is_late or not (self._state.latitude_deg and self._has_all_ports):
                 return
             self._imitation = self._build_imitation()
         if self._samples % self._every == 0:
@@ -241,20 +269,26 @@ class ImitatedSide:
         document = {
             "name": "imitated-firmware",
             "world": {"area": {"corners": corners}, "origin": origin},
-            "vehicle": {"autopilot": self._kind},
+            "vehicle": {
+                "autopilot": self._kind,
+                "parameters": self._parameters,
+                "battery": {"capacity_wh": self._capacity_wh},
+            },
         }
         plan = VehiclePlan(validate_document(document, SimSpec), tuple(self._specs), CONTROLLER_HZ)
         return Imitation(plan, self._links, state)
 
 
 class ImitatedArduPilot(ImitatedSide):
-    def __init__(self, instance: int, state: State, rate_hz: int, stack: ExitStack) -> None:
+    def __init__(
+        self, instance: int, parameters: Mapping[str, float], state: State, stack: ExitStack
+    ) -> None:
         spec = LinkSpec("first", "tcp_in", port=5760 + 10 * instance)
         links = stack.enter_context(open_links((spec,)))
         while not links[0].connected():
             links[0].poll()
             time.sleep(0.001)
-        super().__init__("ardupilot", links, [spec], state, rate_hz)
+        super().__init__("ardupilot", parameters, links, [spec], state, int(parameters["SIM_RATE_HZ"]))
         self._instance, self._stack = instance, stack
         self._has_all_ports = False
 
@@ -266,16 +300,16 @@ class ImitatedArduPilot(ImitatedSide):
 
 
 @contextmanager
-def _px4(instance: int, state: State) -> Iterator[ImitatedSide]:
+def _px4(instance: int, parameters: Mapping[str, float], state: State) -> Iterator[ImitatedSide]:
     specs = [
         LinkSpec("onboard", "udp_in", port=14580 + instance),
         LinkSpec("gcs", "udp_in", port=18570 + instance, streams="gcs"),
     ]
     with open_links(tuple(specs)) as links:
-        yield ImitatedSide("px4", links, specs, state, 200)
+        yield ImitatedSide("px4", parameters, links, specs, state, 200)
 
 
 @contextmanager
-def _ardupilot(instance: int, state: State, rate_hz: int) -> Iterator[ImitatedArduPilot]:
+def _ardupilot(instance: int, parameters: Mapping[str, float], state: State) -> Iterator[ImitatedArduPilot]:
     with ExitStack() as stack:
-        yield ImitatedArduPilot(instance, state, rate_hz, stack)
+        yield ImitatedArduPilot(instance, parameters, state, stack)

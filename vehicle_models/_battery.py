@@ -21,6 +21,8 @@ _PER_THRUST15 = 1.0 / math.sqrt(2.0 * _AIR_KGPM3 * _DISK_M2) / _EFFICIENCY
 _CELLS = 4
 # Of one cell at rest; linear in between, which holds from 100 % to 5 % of charge.
 _FULL_V, _EMPTY_V = 4.15, 3.45
+FULL_V = _CELLS * _FULL_V
+"""Of the whole battery, full and at rest."""
 _RESISTANCE_OHM = 0.02
 
 
@@ -62,8 +64,3 @@ class BatteryModel:
         rest_v = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * (self._remaining_j / self._capacity_j))
         volts = rest_v - _RESISTANCE_OHM * self.power_w / rest_v
         return volts, self.power_w / volts
-
-
-def rest_volts_share(fraction: float) -> float:
-    """The voltage at rest of a battery with this charge, as a share of that of a full one."""
-    return (_EMPTY_V + (_FULL_V - _EMPTY_V) * fraction) / _FULL_V

@@ -56,7 +56,9 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
     firmware: Annotated[
         str,
-        typer.Option(help="Start this real autopilot too: PX4's folder, or ArduPilot's program"),
+        typer.Option(
+            help="Start this real autopilot too: PX4's folder or its bin/px4, or ArduPilot's program"
+        ),
     ] = "",
     board: Annotated[
         str,
@@ -149,7 +151,7 @@ def _firmware(path: str) -> str:
     from bench.simulation import DEFAULT_HOME, standalone_simspec
 
     # PX4 is a folder of program and start scripts, ArduPilot one executable.
-    kind = "px4" if Path(path).is_dir() else "ardupilot"
+    kind = "px4" if Path(path).is_dir() or Path(path).name == "px4" else "ardupilot"
     spec = standalone_simspec(kind, DEFAULT_HOME, {}, firmware=path)
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)

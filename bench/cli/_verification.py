@@ -190,5 +190,5 @@ def _exit_for(sample: ReflownSample) -> None:
     statuses = {run.status for run in sample.runs}
     if ReflownStatus.DIFFERENT in statuses:
         raise typer.Exit(1)
-    if statuses != {ReflownStatus.IDENTICAL}:
+    if not statuses or statuses - {ReflownStatus.IDENTICAL, ReflownStatus.EQUAL}:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)

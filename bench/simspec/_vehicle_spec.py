@@ -350,14 +350,12 @@ class RealAutopilot(Document):
             "for px4 and 50 for ardupilot when absent.",
         ),
     ] = None
-    pace: Annotated[
-        Literal["free", "one_core", "quiet"],
-        Field(
-            description="`one_core`: autopilot and physics take turns on one core, which is fastest. `quiet`: as well, each "
-            "sample waits until every thread of the autopilot sleeps, so that PX4 repeats. `free`: wherever the system "
-            "puts them."
-        ),
-    ] = "one_core"
+    pace: Literal["free", "one_core", "quiet"] = Field(
+        default_factory=lambda values: "quiet" if values.get("kind") == "px4" else "one_core",
+        description="`one_core`: autopilot and physics take turns on one core, which is fastest. `quiet`: as well, each "
+        "sample waits until every thread of the autopilot sleeps, so that PX4 repeats. `free`: wherever the system "
+        "puts them. When absent `quiet` for px4, and `one_core` for ardupilot, which has one thread.",
+    )
     log: Annotated[
         bool,
         Field(

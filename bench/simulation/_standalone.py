@@ -40,7 +40,7 @@ DEFAULT_HOME = (47.3977, 8.5456, 488.0, 0.0)
 # A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not
 # measured.
 _LATE_S = 0.25
-# Until a real autopilot has told its version; the rest of its start is flown before the eyes of its clients.
+# Until a real autopilot tells its version at the earliest; the rest of its start is flown before the eyes of its clients.
 _HELLO_S = 4.0
 
 
@@ -157,7 +157,7 @@ def standalone_simspec(
     ]
     carried: object = autopilot
     if firmware:
-        carried = {"kind": autopilot, "firmware": firmware, "boot_s": _HELLO_S}
+        carried = {"kind": autopilot, "firmware": firmware, "boot_s": _HELLO_S, "pace": "one_core"}
     elif board:
         carried = board.model_dump()
     document = {

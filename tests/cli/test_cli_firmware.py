@@ -19,7 +19,8 @@ pytestmark = [pytest.mark.process, pytest.mark.flight]
 
 def test_the_doctor_starts_a_firmware_or_says_what_is_missing(tmp_path: Path) -> None:
     px4 = install_firmware(tmp_path / "px4", "px4")
-    assert _firmware(str(px4)).startswith("PX4 1.2.3 (5tand1n), px4 sha256:")
+    for place in (px4, px4 / "bin" / "px4"):
+        assert _firmware(str(place)).startswith("PX4 1.2.3 (5tand1n), px4 sha256:")
     (px4 / "etc" / "init.d-posix" / "rcS").unlink()
     with pytest.raises(SetupError, match=r"etc/init\.d-posix/rcS does not exist"):
         _firmware(str(px4))

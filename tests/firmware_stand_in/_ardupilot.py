@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ._ardupilot_checks import AnswerChecks
+from ._battery import ArduPilotBattery
 from ._clients import Clients
 from ._faults import PATIENCE_S, Faults
 from ._frames import require
@@ -36,7 +37,8 @@ class CrudeArduPilot:
     def __init__(self, instance: int, parameters: dict[str, float], state: State) -> None:
         self.instance, self.state = instance, state
         self.pilot = Pilot(0.174, 0.016)
-        self.clients = Clients(self.pilot, state, is_px4=False, takeoff_m=10.0)
+        battery = ArduPilotBattery(parameters, state)
+        self.clients = Clients(self.pilot, state, is_px4=False, takeoff_m=10.0, battery=battery)
         self.clients.forgetful = parameters.get("STAND_IN_FORGETS", 0) == 1
         first = socket.create_server(("127.0.0.1", 5760 + 10 * instance))
         self.servers: list[socket.socket] = []
@@ -56,7 +58,8 @@ class CrudeArduPilot:
                 client = server.accept()[0]
                 client.setblocking(False)
                 self.sockets.append(client)
-        beat, motion = self.clients.due()
+        beat, motion, texts = self.clients.due()
+        beat += texts
         for client in self.sockets:
             answers = b""
             with contextlib.suppress(BlockingIOError):
@@ -86,6 +89,10 @@ def fly_ardupilot(
     require(parameters["FRAME_CLASS"] == 1 and parameters["FRAME_TYPE"] == 1, "quad X is class 1, type 1")
     require(
         parameters["MOT_THST_EXPO"] == 1 and 0.125 <= parameters["MOT_THST_HOVER"] <= 0.6875, "MOT_THST_*"
+    )
+    # Of upstream's copter.parm, which a SITL has: not the firmware's own defaults.
+    require(
+        parameters.get("FENCE_RADIUS") == 150 and parameters.get("FLTMODE1") == 7, "parameters of the SITL"
     )
     rate_hz = int(parameters["SIM_RATE_HZ"])
     require(rate_hz >= 720, f"SIM_RATE_HZ {rate_hz}: the gyro is too slow for a main loop of 400 Hz")

@@ -5,18 +5,35 @@ from __future__ import annotations
 import math
 import struct
 
+from ._battery import ArduPilotBattery, Px4Battery
 from ._frames import Mavlink, require, unpacked
 from ._pilot import Pilot, State
 
 # Before it refuses to arm, as an autopilot whose estimator is not ready.
 READY_S = 1.0
+_GCS, _CRITICAL, _TERMINATED = 6, 5, 8
+# Custom modes of PX4: main and sub-mode in the upper bytes.
+_OFFBOARD, _TERMINATION = 0x00060000, 0x000A0000
 
 
 class Clients:
     """The MAVLink side: commands in, telemetry out. `takeoff_height_m` reads param7 of the autopilot's kind."""
 
-    def __init__(self, pilot: Pilot, state: State, is_px4: bool, takeoff_m: float) -> None:
+    def __init__(
+        self,
+        pilot: Pilot,
+        state: State,
+        is_px4: bool,
+        takeoff_m: float,
+        battery: Px4Battery | ArduPilotBattery,
+    ) -> None:
         self.pilot, self.state, self.is_px4, self.takeoff_m = pilot, state, is_px4, takeoff_m
+        self.battery = battery
+        self.told_s = 0.0
+        self.low_battery = False
+        # Modes of PX4 in which no controller runs.
+        self.offboard = self.terminated = False
+        self.ground_stations: set[object] = set()
         self.mavlink = Mavlink()
         self.readers: dict[object, Mavlink] = {}
         self.stream_clients: set[object] = set()
@@ -31,13 +48,17 @@ class Clients:
     def take(self, source: object, data: bytes) -> bytes:
         """Answers to what one client sent."""
         answers = b""
-        for number, payload in self.readers.setdefault(source, Mavlink()).read(data):
-            if number == 76:
+        reader = self.readers.setdefault(source, Mavlink())
+        for number, payload in reader.read(data):
+            if number == 0 and unpacked("<IBBBBB", payload)[1] == _GCS:
+                self.ground_stations.add(source)
+            elif number == 76:
                 *params, command, _, _, _ = unpacked("<7fHBBB", payload)
-                answers += self._command(source, int(command), params)
+                answers += self._command(source, reader.sender, int(command), params)
             elif number == 23:
                 value, _, _, name, _ = struct.unpack("<fBB16sB", payload.ljust(23, b"\0"))
                 print(f"{self.state.time_s:.2f} s: {name.rstrip(bytes(1)).decode()} {value:.4g}", flush=True)
+                self.battery.set_parameter(name.rstrip(bytes(1)).decode(), value)
                 if name.startswith(b"SIM_GPS_DISABLE"):
                     self.gps_off = value == 1.0
                 if name.startswith(b"SIM_") and not self.forgetful:
@@ -48,12 +69,22 @@ class Clients:
             elif number == 73:
                 item = struct.unpack("<4fiifHHBBBBBB", payload.ljust(38, b"\0")[:38])
                 require(item[7] == len(self.items), f"mission item {item[7]} after {len(self.items) - 1}")
+                if refusal := self._refusal(item):
+                    answers += self.mavlink.pack(47, struct.pack("<BBBB", 255, 190, refusal, 0))
+                    continue
                 self.items.append(item)
                 answers += self._request_item()
             elif number == 75:
                 p = unpacked("<4fiifHBBBBB", payload)
-                answers += self._command(source, int(p[7]), [*p[:4], p[4] * 1e-7, p[5] * 1e-7, p[6]])
+                place = [p[4] * 1e-7, p[5] * 1e-7, p[6]]
+                answers += self._command(source, reader.sender, int(p[7]), [*p[:4], *place])
         return answers
+
+    def _refusal(self, item: tuple[float, ...]) -> int:
+        """MAV_MISSION_RESULT of an item that ArduCopter does not take: it wants numbers in parameters 2, 3, 4 of a return."""
+        if self.is_px4 or item[8] != 20:
+            return 0
+        return next((number + 5 for number in (2, 3, 4) if math.isnan(item[number - 1])), 0)
 
     def _request_item(self) -> bytes:
         if len(self.items) < self.item_count:
@@ -79,16 +110,26 @@ class Clients:
                 self.pilot.ends_at_home = True
         self.pilot.target = self.pilot.route[0]
 
-    def watch_receiver(self) -> bytes:
-        """Lands when it has no position, and says so."""
+    def failsafe_texts(self) -> bytes:
+        """It lands when it has no position, and warns of a low battery."""
+        texts = b""
+        if isinstance(self.battery, ArduPilotBattery) and self.battery.fails and not self.low_battery:
+            self.low_battery = True
+            texts += self.mavlink.pack(253, struct.pack("<B50s", 4, b"Battery Failsafe"))
         if not (self.gps_off and self.pilot.armed) or self.gps_failsafe:
-            return b""
+            return texts
         self.gps_failsafe = True
         self.pilot.target, self.pilot.landing, self.pilot.route = self.state.position, True, []
         text = b"Failsafe activated" if self.is_px4 else b"EKF Failsafe: changed to LAND Mode"
-        return self.mavlink.pack(253, struct.pack("<B50s", 2, text))
+        return texts + self.mavlink.pack(253, struct.pack("<B50s", 2, text))
 
-    def _command(self, source: object, command: int, params: list[float]) -> bytes:
+    @property
+    def has_outputs(self) -> bool:
+        """Whether a controller of PX4 runs."""
+        on_ground = -self.state.position[2] < 0.1
+        return not (self.terminated or (self.offboard and on_ground))
+
+    def _command(self, source: object, sender: tuple[int, int], command: int, params: list[float]) -> bytes:
         pilot, state, accepted = self.pilot, self.state, True
         version = b""
         if command == 400:
@@ -105,9 +146,13 @@ class Clients:
         elif command == 20:
             pilot.target, pilot.returning = (0.0, 0.0, min(state.position[2], -5.0)), True
         elif command == 176:
-            # PX4: main mode auto, sub-mode mission.
+            # PX4: main mode auto, sub-mode mission; offboard.
+            self.offboard = self.is_px4 and params[1] == 6.0
             if self.is_px4 and params[1:3] == [4.0, 4.0]:
                 self._start_mission()
+        elif command == 185 and self.is_px4:
+            accepted = self.pilot.armed
+            self.terminated = accepted and params[0] > 0.5
         elif command == 300:
             self._start_mission()
         elif command == 192:
@@ -121,38 +166,54 @@ class Clients:
         elif command == 512 and params[0] == 148:
             layout = struct.pack("<QQIIIIHH8s", 0, 0, 0x010203FF, 0, 0, 0, 0, 0, b"5tand1n\0")
             version = self.mavlink.pack(148, layout)
+        elif command == 512 and params[0] == 2:
+            version = self.mavlink.pack(2, struct.pack("<QI", 0, round(self.state.time_s * 1000)))
+        elif command == 512 and params[0] == 0:
+            version = self._heartbeat()
+        elif command == 42651:
+            accepted = params[0] == 1.0 and self.battery.reset(params[1])
         else:
             accepted = False
-        return self.mavlink.pack(77, struct.pack("<HB", command, 0 if accepted else 2)) + version
+        ack = struct.pack("<HBBiBB", command, 0 if accepted else 2, 0, 0, *sender)
+        return self.mavlink.pack(77, ack) + version
 
     def _home(self) -> tuple[float, float, float]:
         assert self.home
         return self.home
 
-    def due(self) -> tuple[bytes, bytes]:
-        """What every client gets now, and what those get that asked."""
+    def due(self) -> tuple[bytes, bytes, bytes]:
+        """What every client gets now, what those get that asked, and texts."""
         state, motion = self.state, b""
-        text = self.watch_receiver()
+        self.battery.advance(state.time_s - self.told_s, self.pilot.armed)
+        self.told_s = state.time_s
+        texts = self.failsafe_texts()
         beat = b""
         if self.home is None and state.latitude_deg:
             self.home = (state.latitude_deg, state.longitude_deg, state.altitude_m + state.position[2])
         if state.time_s >= self.next_beat_s:
-            self.next_beat_s += 1.0
-            base = 81 | (128 if self.pilot.armed else 0)
-            mode = 0x03040000 if self.is_px4 else 4
-            status = 4 if self.pilot.armed else 3
-            if self.gps_failsafe and self.pilot.armed:
-                mode, status = 0x06040000 if self.is_px4 else 9, 5
-            beat = self.mavlink.pack(
-                0,
-                struct.pack("<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, status, 3),
-            )
+            self.next_beat_s = max(self.next_beat_s + 1.0, state.time_s)
+            status = struct.pack("<IIIHHhHHHHHHb", *[0] * 12, self.battery.remaining())
+            beat = self._heartbeat() + self.mavlink.pack(1, status)
         if state.time_s >= self.next_motion_s:
-            self.next_motion_s += 0.02
+            self.next_motion_s = max(self.next_motion_s + 0.02, state.time_s)
             ms = round(state.time_s * 1000)
             place = (round(state.latitude_deg * 1e7), round(state.longitude_deg * 1e7))
             heights = (round(state.altitude_m * 1000), round(-state.position[2] * 1000))
             speeds = (round(v * 100) for v in state.velocity)
             motion = self.mavlink.pack(33, struct.pack("<IiiiihhhH", ms, *place, *heights, *speeds, 65535))
             motion += self.mavlink.pack(30, struct.pack("<I6f", ms, *state.euler(), *state.rates))
-        return text + beat, motion
+        return beat, motion, texts
+
+    def _heartbeat(self) -> bytes:
+        base = 81 | (128 if self.pilot.armed else 0)
+        mode = 0x03040000 if self.is_px4 else 4
+        status = 4 if self.pilot.armed else 3
+        if self.gps_failsafe and self.pilot.armed:
+            mode, status = 0x06040000 if self.is_px4 else 9, _CRITICAL
+        if self.offboard:
+            mode = _OFFBOARD
+        if self.terminated:
+            mode, status = _TERMINATION, _TERMINATED
+        return self.mavlink.pack(
+            0, struct.pack("<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, status, 3)
+        )

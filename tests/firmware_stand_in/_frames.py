@@ -10,6 +10,8 @@ from typing import NoReturn
 # Number of each message that is sent or read here, and its CRC_EXTRA in MAVLink's common.xml.
 CRC_EXTRA = {
     0: 50,
+    1: 124,
+    2: 137,
     22: 220,
     23: 168,
     30: 39,
@@ -66,6 +68,8 @@ class Mavlink:
     def __init__(self) -> None:
         self.buffer = bytearray()
         self.sequence = 0
+        # System and component of the message that was read last.
+        self.sender = (0, 0)
 
     def pack(self, number: int, payload: bytes) -> bytes:
         payload = payload.rstrip(b"\0") or b"\0"
@@ -89,6 +93,7 @@ class Mavlink:
             if number in CRC_EXTRA:
                 crc = crc_of(frame[1:-2] + bytes((CRC_EXTRA[number],)))
                 require(struct.pack("<H", crc) == frame[-2:], f"checksum of message {number}")
+                self.sender = (frame[5], frame[6])
                 yield number, frame[10:-2]
 
 

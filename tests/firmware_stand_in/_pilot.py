@@ -24,6 +24,8 @@ class State:
         # What the receiver of PX4 said last: metres north and east of the truth, and when.
         self.fix_error_m = (0.0, 0.0)
         self.fix_us = 0
+        # Of the battery, where the link tells them: ArduPilot's does.
+        self.volts = self.amperes = 0.0
 
     def euler(self) -> Vector:
         w, x, y, z = self.quaternion

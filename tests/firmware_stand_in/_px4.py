@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from ._battery import Px4Battery
 from ._clients import Clients
 from ._faults import PATIENCE_S, Faults
 from ._frames import Mavlink, require
@@ -21,6 +22,8 @@ from ._px4_checks import SampleChecks
 
 # Without a fix for so long PX4 gives its position up.
 GPS_PATIENCE_US = 2_000_000
+# Its MAVLink modules start by the clock of the host: where physics runs as fast as it can, that long after its own.
+HELLO_S = 4.8
 
 
 class Px4Side(Protocol):
@@ -28,6 +31,10 @@ class Px4Side(Protocol):
 
     @property
     def armed(self) -> bool: ...
+
+    @property
+    def has_outputs(self) -> bool:
+        """Whether a controller runs, so that samples are answered."""
 
     def rotors(self, *, gps_off: bool) -> list[float]:
         """Rotor speeds for the state after one more sample."""
@@ -41,9 +48,17 @@ class CrudePx4:
         self.state = state
         self.pilot = Pilot(parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_KM"])
         self.clients = Clients(
-            self.pilot, state, is_px4=True, takeoff_m=parameters.get("MIS_TAKEOFF_ALT", 2.5)
+            self.pilot,
+            state,
+            is_px4=True,
+            takeoff_m=parameters.get("MIS_TAKEOFF_ALT", 2.5),
+            battery=Px4Battery(parameters),
         )
-        self.ports = []
+        self.instance, self.hello_s = instance, parameters.get("STAND_IN_HELLO_S", HELLO_S)
+        self.ports: list[tuple[socket.socket, tuple[str, int]]] = []
+
+    def open_ports(self) -> None:
+        instance = self.instance
         for local, far in ((14580 + instance, 14540 + instance), (18570 + instance, 14550)):
             port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             port.bind(("127.0.0.1", local))
@@ -54,11 +69,17 @@ class CrudePx4:
     def armed(self) -> bool:
         return self.pilot.armed
 
+    @property
+    def has_outputs(self) -> bool:
+        return self.clients.has_outputs
+
     def rotors(self, *, gps_off: bool) -> list[float]:
         self.clients.gps_off = gps_off
         return self.pilot.rotors(self.state)
 
     def serve(self) -> None:
+        if not self.ports and self.state.time_s >= self.hello_s:
+            self.open_ports()
         serve_datagrams(self.clients, self.ports)
 
 
@@ -114,7 +135,7 @@ def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = Crude
                 checks.take_sensor(payload, side.armed)
                 samples += 1
                 # Outputs do not run before the eighth sample.
-                answered = samples > 8
+                answered = samples > 8 and side.has_outputs
                 last_fix_us = (checks.gps_times or [0])[-1]
                 rotors = side.rotors(gps_off=checks.time_us - last_fix_us > GPS_PATIENCE_US)
                 faults.act(state, link)
@@ -127,7 +148,7 @@ def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = Crude
 
 
 def serve_datagrams(clients: Clients, ports: list[tuple[socket.socket, tuple[str, int]]]) -> None:
-    beat, motion = clients.due()
+    beat, motion, texts = clients.due()
     for port, far in ports:
         answers = b""
         while True:
@@ -137,9 +158,11 @@ def serve_datagrams(clients: Clients, ports: list[tuple[socket.socket, tuple[str
                 break
             require(source == far, f"a datagram from {source}, not {far}")
             answers += clients.take(port, data)
-        if beat or motion or answers:
+        # Texts go only where a ground station is heard.
+        heard = texts if port in clients.ground_stations else b""
+        if beat or motion or answers or heard:
             try:
-                port.sendto(beat + motion + answers, far)
+                port.sendto(heard + beat + motion + answers, far)
             except ConnectionRefusedError:
                 continue
 

@@ -6,8 +6,9 @@ import json
 import math
 import socket
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from functools import partial
 from typing import Any
 
 import pymap3d
@@ -18,7 +19,7 @@ from bench.errors import FirmwareFault
 from vehicle_models.firmware._ardupilot_link import (
     ArduPilotLink,
     ArduPilotMetres,
-    PhysicsState,
+    encoded_state,
     rotor_share,
 )
 from vehicle_models.firmware._hil import HilEncoder, Place
@@ -81,6 +82,23 @@ def test_a_sample_has_the_units_and_masks_that_px4_takes() -> None:
     assert [message.get_seq() for message in (gps, state, full, bare)] == [0, 1, 2, 3]
 
 
+def test_what_16_bits_do_not_hold_is_cut() -> None:
+    """An impact has more than the 32.7 g of HIL_STATE_QUATERNION; speeds of both messages have 16 bits too."""
+    encoder = HilEncoder()
+    for sign in (1.0, -1.0):
+        fast = Place(0, 0, 488.0, (sign * 400.0, sign * -400.0, sign * 328.0))
+        force = (sign * 330.0, sign * -330.0, sign * 320.0)
+        data = encoder.gps(4000, fast)
+        data += encoder.state(4000, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), fast, 700.0, force)
+        gps, state = decoded(data)
+        most = {1.0: 32767, -1.0: -32768}
+        assert (gps.vel, gps.vn, gps.ve, gps.vd) == (56569, most[sign], most[-sign], most[sign])
+        assert (state.vx, state.vy, state.vz) == (most[sign], most[-sign], most[sign])
+        assert (state.xacc, state.yacc) == (most[sign], most[-sign])
+        assert state.zacc == round(sign * 320.0 / 9.80665 * 1000.0)
+        assert (state.ind_airspeed, state.true_airspeed) == (65535, 65535)
+
+
 class Px4:
     """The other end of the simulator link, in the test's own thread: what it says lies ready before it is read."""
 
@@ -96,12 +114,47 @@ class Px4:
         self.send(common.MAVLink_hil_actuator_controls_message(time_us, controls, 128 if armed else 0, 1))
 
 
-def connected(stack: ExitStack, answer_s: float = 30.0) -> tuple[Px4Link, Px4]:
+def connected(
+    stack: ExitStack, answer_s: float = 30.0, is_asleep: Callable[[], bool] | None = None
+) -> tuple[Px4Link, Px4]:
     link = stack.enter_context(closing(Px4Link(0, check_alive=alive, answer_s=answer_s)))
     px4 = Px4(link.port)
     stack.enter_context(px4.socket)
-    link.connect()
+    link.connect(is_asleep)
     return link, px4
+
+
+def test_a_px4_that_sleeps_without_an_answer_lets_the_simulation_go_on(stack: ExitStack) -> None:
+    """Whatever it is asked while it works is waited for, an answer between the last two looks too."""
+    looks: list[Callable[[], bool]] = []
+    link, px4 = connected(stack, is_asleep=lambda: looks.pop(0)())
+
+    def answers(time_us: int, asleep: bool) -> bool:
+        px4.answer(time_us, 0.5)
+        return asleep
+
+    px4.answer(4000)
+    assert link.exchange(4000, b"") is not None
+    looks += [lambda: False, lambda: False, lambda: True]
+    assert (link.exchange(8000, b""), link.silent) == (None, 1)
+    looks += [lambda: True]
+    assert (link.exchange(12000, b""), link.silent) == (None, 2)
+    for time_us, asleep in ((16000, True), (20000, False)):
+        looks += [lambda: False, partial(answers, time_us, asleep)]
+        controls = link.exchange(time_us, b"")
+        assert controls is not None
+        assert (controls.time_us, controls.outputs[0], link.silent) == (time_us, 0.5, 0)
+    assert (looks, link.unanswered) == ([], 2)
+    # Where nobody can see whether it works, what it says in time counts all the same.
+    blind, px4 = connected(stack)
+    px4.answer(4000)
+    assert blind.exchange(4000, b"") is not None
+    assert (blind.exchange(8000, b""), blind.silent) == (None, 1)
+    px4.answer(8000)
+    px4.answer(12000, 0.25)
+    controls = blind.exchange(12000, b"")
+    assert controls is not None
+    assert (controls.outputs[0], blind.silent) == (0.25, 0)
 
 
 def test_px4_outputs_come_back_for_their_sample(stack: ExitStack) -> None:
@@ -129,11 +182,13 @@ def test_px4_outputs_come_back_for_their_sample(stack: ExitStack) -> None:
 
 
 def test_a_px4_that_fails_is_named_with_what_it_did(stack: ExitStack) -> None:
-    silent, px4 = connected(stack, answer_s=0.05)
+    busy, px4 = connected(stack, answer_s=0.05, is_asleep=lambda: False)
     px4.answer(4000)
-    assert silent.exchange(4000, b"") is not None
-    with pytest.raises(FirmwareFault, match=r"PX4 has not answered the sample of 0\.008 s for 0\.05 s"):
-        silent.exchange(8000, b"")
+    assert busy.exchange(4000, b"") is not None
+    with pytest.raises(
+        FirmwareFault, match=r"worked on the sample of 0\.008 s for 0\.05 s without an answer"
+    ):
+        busy.exchange(8000, b"")
 
     ahead, px4 = connected(stack)
     px4.answer(99000)
@@ -195,9 +250,15 @@ def physics(
     return link, ardupilot
 
 
-def state(time_s: float) -> PhysicsState:
-    return PhysicsState(
-        time_s, (0.1, 0.2, 0.3), (0.0, 0.0, -9.81), (1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (4.0, 5.0, 6.0)
+def state(time_s: float) -> bytes:
+    return encoded_state(
+        time_s,
+        (0.1, 0.2, 0.3),
+        (0.0, 0.0, -9.81),
+        (1.0, 2.0, -3.0),
+        (1.0, 0.0, 0.0, 0.0),
+        (4.0, 5.0, 6.0),
+        (12.25, 11.5),
     )
 
 
@@ -231,7 +292,7 @@ def test_ardupilot_gets_one_answer_for_a_packet_and_the_same_again_for_a_repeate
 
 
 def test_the_answer_is_one_line_that_ardupilot_can_search() -> None:
-    line = state(0.00125).encoded()
+    line = state(0.00125)
     assert line[:1] == line[-1:] == b"\n"
     assert line.count(b"\n") == 2
     assert b" " not in line
@@ -242,9 +303,11 @@ def test_the_answer_is_one_line_that_ardupilot_can_search() -> None:
         "position": [1.0, 2.0, -3.0],
         "quaternion": [1.0, 0.0, 0.0, 0.0],
         "velocity": [4.0, 5.0, 6.0],
+        "battery": {"voltage": 12.25, "current": 11.5},
     }
     # Keys are found as text: the first place where one stands must be its own.
-    keys = ["timestamp", "imu", "gyro", "accel_body", "position", "quaternion", "velocity"]
+    keys = ["timestamp", "imu", "gyro", "accel_body", "position", "quaternion", "velocity", "battery"]
+    keys += ["voltage", "current"]
     assert [line.find(key.encode()) for key in keys] == [line.find(f'"{key}":'.encode()) + 1 for key in keys]
 
 

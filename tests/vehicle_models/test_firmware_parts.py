@@ -43,7 +43,7 @@ def test_the_autopilot_is_told_the_geometry_of_the_aircraft_file() -> None:
     """Places and torques of x500.xml, whose x points back; FRD for PX4."""
     root = ET.parse(str(files("vehicle_models") / "x500" / "x500.xml")).getroot()
     forces = {force.get("name"): force for force in root.iter("force")}
-    parameters = px4_parameters(log=False)
+    parameters = px4_parameters(log=False, charge=1.0)
     for number, name in enumerate(ROTORS):
         location = forces[name].find("location")
         assert location is not None
@@ -62,7 +62,7 @@ def test_the_autopilot_is_told_the_geometry_of_the_aircraft_file() -> None:
     assert parameters["CA_ROTOR2_KM"] == parameters["CA_ROTOR3_KM"] == pytest.approx(-ratio_m, rel=1e-3)
     assert (
         parameters["MPC_THR_HOVER"]
-        == ardupilot_parameters(log=False, samples_hz=800)["MOT_THST_HOVER"]
+        == ardupilot_parameters(log=False, samples_hz=800, capacity_wh=60.0)["MOT_THST_HOVER"]
         == 0.59
     )
 
@@ -340,7 +340,9 @@ def test_quiet_is_refused_where_sleep_cannot_be_seen(monkeypatch: pytest.MonkeyP
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).touch(mode=0o755)
     faults = {
-        pace: Px4Kind().faults(RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace), [])
+        pace: Px4Kind().faults(
+            VehicleSpec(autopilot=RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace))
+        )
         for pace in ("quiet", "one_core")
     }
     assert faults["one_core"] == []
@@ -358,6 +360,8 @@ def test_a_simspec_names_an_imitation_or_a_firmware() -> None:
         False,
         "ardupilot (real)",
     )
+    paces = [RealAutopilot(kind="px4", firmware="px4", **given).pace for given in ({}, {"pace": "free"})]
+    assert paces == ["quiet", "free"], "PX4 repeats unless it is told not to"
     with pytest.raises(ValidationError, match="firmware"):
         VehicleSpec.model_validate({"autopilot": {"kind": "px4"}})
 

@@ -52,6 +52,18 @@ def test_noise_bias_and_resolution_are_as_stated() -> None:
     assert abs(pressures.mean() - 955.82) < 4 * BAROMETER.bias
 
 
+def test_an_impact_is_cut_to_what_the_sensor_holds() -> None:
+    """PX4 turns each reading into 16 bits: what is over would come out with the other sign."""
+    sensors = Sensors(FIELD, np.random.default_rng(1))
+    hard = sensors.read_imu((900.0, -900.0, -100.0), (60.0, -60.0, 0.5))
+    counts = [
+        value / quality.resolution
+        for value, quality in zip(hard, [ACCELEROMETER] * 3 + [GYRO] * 3, strict=True)
+    ]
+    assert [round(count) for count in counts[:2] + counts[3:5]] == [32767, -32767, 32767, -32767]
+    assert (hard[2], hard[5]) == pytest.approx((-100.0, 0.5), abs=0.2)
+
+
 def test_the_same_seed_gives_the_same_readings_and_another_seed_others() -> None:
     first, again, other = (
         np.concatenate([part.ravel() for part in readings(seed, 20)]) for seed in (1, 1, 2)

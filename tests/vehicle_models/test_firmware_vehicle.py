@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import signal
 import socket
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -18,10 +19,11 @@ from vehicle_client import Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
+from bench.simspec import VehicleSpec
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
 from vehicle_models.firmware._ardupilot import RunningArduPilot
 from vehicle_models.firmware._program import FirmwareProgram
-from vehicle_models.firmware._px4 import RunningPx4
+from vehicle_models.firmware._px4 import Px4Kind, RunningPx4
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
 
@@ -81,10 +83,12 @@ def opened(
     seed: int = 0,
     **vehicle: Any,
 ) -> Generator[FirmwareX500]:
+    # Nobody waits for its MAVLink but the tests of that.
+    hello = {"STAND_IN_HELLO_S": 0.0} if kind == "px4" else {}
     autopilot = {
         "kind": kind,
         "firmware": str(firmware),
-        "parameters": dict(parameters or {}),
+        "parameters": hello | dict(parameters or {}),
         "boot_s": boot_s,
         "pace": pace,
         "log": log,
@@ -103,15 +107,15 @@ def opened(
         yield flown
 
 
-def flown_up(client: Client, kind: str) -> FirmwareX500:
-    """Armed and at 10 m."""
+def flown_up(client: Client, kind: str, height_m: float = 10.0) -> FirmwareX500:
+    """Armed, and on its way to this height."""
     vehicle = client.vehicle
     assert isinstance(vehicle, FirmwareX500)
     # Of ArduPilot there are heartbeats alone, once a second.
     client.fly(1.1)
     client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     client.fly(0.1)
-    height = 10.0
+    height = height_m
     if kind == "px4":
         # Above mean sea level.
         height += client_altitude(vehicle)
@@ -165,7 +169,8 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         assert vehicle.sent()["onboard"] == len(client.received)
     artefacts = {path.name for path in (tmp_path / "kept").iterdir()}
     assert artefacts == {"console.log", "10_00_00.ulg" if kind == "px4" else "00000001.BIN"}
-    assert (tmp_path / "kept" / "console.log").read_text() == ""
+    console = (tmp_path / "kept" / "console.log").read_text()
+    assert re.fullmatch(r"\d+\.\d\d s: SIM_BAT_MIN_PCT 99\n", console) if kind == "px4" else console == ""
     assert kind == "ardupilot" or not lock.exists()
     assert_nothing_left(folder)
     client.socket.close()
@@ -189,18 +194,15 @@ def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str,
 def test_failures_reach_an_ardupilot_that_simulates_the_part_itself(
     firmware: dict[str, Path], tmp_path: Path
 ) -> None:
-    """Off and on again at their moments, and the voltage of the charge; one that does not know the names is told."""
-    failures = [
-        {"at_s": 0.2, "kind": "gps_off", "duration_s": 0.3},
-        {"at_s": 0.3, "kind": "battery_drop", "to_fraction": 0.5},
-    ]
+    """Off and on again at their moments; one that does not know the names is told, or takes no charge."""
+    failures = [{"at_s": 0.2, "kind": "gps_off", "duration_s": 0.3}]
     program, kept = firmware["ardupilot"], tmp_path / "kept"
     with opened("ardupilot", program, boot_s=0.3, failures=failures, artefacts=kept) as vehicle:
         vehicle.boot()
         step(vehicle, 80)
     told = [line.split(" s: ") for line in (kept / "console.log").read_text().splitlines()]
-    assert [text for _, text in told] == ["SIM_GPS_DISABLE 1", "SIM_BATT_VOLTAGE 11.54", "SIM_GPS_DISABLE 0"]
-    assert [float(time) for time, _ in told] == pytest.approx([0.5, 0.6, 0.8], abs=0.05)
+    assert [text for _, text in told] == ["SIM_GPS_DISABLE 1", "SIM_GPS_DISABLE 0"]
+    assert [float(time) for time, _ in told] == pytest.approx([0.5, 0.8], abs=0.05)
     lasting = [{"at_s": 0.1, "kind": "gps_off"}]
     forgetful = {"STAND_IN_FORGETS": 1}
     with opened("ardupilot", program, boot_s=0.3, failures=lasting, parameters=forgetful) as vehicle:
@@ -208,6 +210,138 @@ def test_failures_reach_an_ardupilot_that_simulates_the_part_itself(
         step(vehicle, 55)
         with pytest.raises(FirmwareFault, match=r"has not confirmed SIM_GPS_DISABLE"):
             step(vehicle, 1)
+    drop = [{"at_s": 0.1, "kind": "battery_drop", "to_fraction": 0.5}]
+    blind = {"BATT_MONITOR": 0}
+    with opened("ardupilot", program, boot_s=0.3, failures=drop, parameters=blind) as vehicle:
+        vehicle.boot()
+        step(vehicle, 55)
+        with pytest.raises(FirmwareFault, match=r"has not confirmed command 42651"):
+            step(vehicle, 1)
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_the_autopilot_has_the_battery_of_the_bench(kind: str, firmware: dict[str, Path]) -> None:
+    """Within 3 % in flight, behind a drop and a start with less than all; its own empties by the clock, or is not there."""
+    failures = [{"at_s": 12.0, "kind": "battery_drop", "to_fraction": 0.3}]
+    battery = {"capacity_wh": 4.0, "initial_fraction": 0.7}
+    client = Client()
+    with opened(kind, firmware[kind], client=client, failures=failures, battery=battery) as vehicle:
+        vehicle.boot()
+        flown_up(client, kind)
+        told = []
+        for span_s in (2.0, 3.0, 3.0, 4.5, 3.0):
+            client.fly(span_s)
+            told.append(
+                (client.last("SYS_STATUS").battery_remaining / 100.0, vehicle.condition().battery_fraction)
+            )
+        apart = [abs(remaining - fraction) for remaining, fraction in told]
+        assert max(apart) <= 0.03, told
+        assert 0.5 < told[2][1] < 0.66
+        assert 0.2 < told[-1][1] < 0.29
+        assert vehicle.condition().failures == ("battery_drop 0.3",)
+        if kind == "ardupilot":
+            assert "Battery Failsafe" not in client.texts()
+    client.socket.close()
+
+
+def test_a_battery_that_the_user_gave_px4_is_left_to_it(firmware: dict[str, Path]) -> None:
+    given = {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 20.0}
+    client = Client()
+    with opened("px4", firmware["px4"], client=client, parameters=given, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        flown_up(client, "px4")
+        client.fly(6.0)
+        assert 35 < client.last("SYS_STATUS").battery_remaining < 50
+        assert vehicle.condition().battery_fraction > 0.98
+    client.socket.close()
+    # Whichever of the two places of parameters names it.
+    drop = [{"at_s": 1.0, "kind": "battery_drop", "to_fraction": 0.5}]
+    autopilot = {"kind": "px4", "firmware": str(firmware["px4"])}
+    documents: list[tuple[dict[str, object], list[str]]] = [
+        ({"autopilot": autopilot, "parameters": given}, ["vehicle.failures[0].kind"]),
+        ({"autopilot": {**autopilot, "parameters": given}}, ["vehicle.failures[0].kind"]),
+        ({"autopilot": autopilot}, []),
+    ]
+    for document, refused in documents:
+        faults = Px4Kind().faults(VehicleSpec.model_validate({**document, "failures": drop}))
+        assert [fault.where for fault in faults] == refused
+
+
+@pytest.mark.parametrize("pace", ["quiet", "one_core", "free"])
+def test_no_message_of_a_client_ends_the_simulation_of_px4(pace: str, firmware: dict[str, Path]) -> None:
+    """OFFBOARD on the ground without setpoints stops its outputs, and so does the end of a flight in the air: its clock runs on.
+
+    It stands as long as it is in that mode, then flies; its rotors stop with the flight, and it falls.
+    """
+    client = Client()
+    with opened("px4", firmware["px4"], client=client, boot_s=0.2, pace=pace) as vehicle:
+        vehicle.boot()
+        client.fly(1.1)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
+        client.fly(7.0)
+        assert vehicle.condition().mode == "OFFBOARD"
+        assert vehicle.counters()["firmware_unanswered"] > 1000
+        assert vehicle.condition().landed
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+        flown_up(client, "px4")
+        client.fly(5.0)
+        height_m = vehicle.truth().position_enu_m[2]
+        assert height_m > 8.0
+        assert vehicle.condition().armed
+        client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1)
+        client.fly(0.5)
+        velocity = vehicle.truth().velocity_enu_mps
+        assert velocity[2] < -2.5, "it falls freely, a fifth of a second later at most"
+        client.fly(6.0)
+        condition = vehicle.condition()
+        assert condition.crashed
+        assert condition.mode == "TERMINATION"
+        assert vehicle.truth().position_enu_m[2] == pytest.approx(0.0, abs=0.2)
+    client.socket.close()
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_a_fall_from_thirty_metres_is_a_crash(kind: str, firmware: dict[str, Path]) -> None:
+    """The impact has more g than the 16 bits of PX4's truth hold."""
+    failures = [{"at_s": 15.0, "kind": "motor_off", "instance": number} for number in (1, 2, 3, 4)]
+    client = Client()
+    with opened(kind, firmware[kind], client=client, failures=failures, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        flown_up(client, kind, 40.0)
+        client.fly(13.5)
+        assert vehicle.truth().position_enu_m[2] > 30.0
+        client.fly(6.0)
+        assert vehicle.condition().crashed
+    client.socket.close()
+
+
+def test_the_first_heartbeat_is_waited_for(firmware: dict[str, Path]) -> None:
+    """PX4's comes after some five simulated seconds, and its version behind it; one that never comes is told."""
+    with opened("px4", firmware["px4"], boot_s=3.5, parameters={"STAND_IN_HELLO_S": 5.1}) as vehicle:
+        assert vehicle.boot().startswith("PX4 1.2.3 (5tand1n), px4 sha256:")
+    with (
+        opened("px4", firmware["px4"], boot_s=3.5, parameters={"STAND_IN_HELLO_S": 99.0}) as vehicle,
+        pytest.raises(FirmwareFault, match="PX4 has sent no MAVLink heartbeat in 30 s"),
+    ):
+        vehicle.boot()
+
+
+def test_what_a_killed_bench_leaves_is_gone_with_the_next_flight(
+    firmware: dict[str, Path], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pid = os.fork()
+    if pid == 0:
+        with opened("ardupilot", firmware["ardupilot"], boot_s=0.1) as vehicle:
+            vehicle.boot()
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(pid, 0)
+    (left,) = folder.iterdir()
+    assert re.fullmatch(r"rebar-autopilot-.{8}\.scratch", left.name)
+    monkeypatch.setattr("bench.temporary_folders.UNLOCKED_S", 0.0)
+    with opened("ardupilot", firmware["ardupilot"], boot_s=0.1) as vehicle:
+        vehicle.boot()
+        assert left not in folder.iterdir()
+    assert_nothing_left(folder)
 
 
 def step(vehicle: FirmwareX500, count: int) -> None:
@@ -217,7 +351,7 @@ def step(vehicle: FirmwareX500, count: int) -> None:
 
 FAULTS = {
     stand_in.DIES: r"ended with SIGSEGV; its console ends with: out of memory in the mixer.*of clients: .*COMMAND_LONG \d",
-    stand_in.HANGS: r"for 0\.5 s",
+    stand_in.HANGS: r"for 0\.5 s|the clock of PX4 stands still: for 5\.0 simulated s",
     stand_in.TALKS_NONSENSE: r"does not speak MAVLink|bytes that are no packet",
 }
 
@@ -236,7 +370,8 @@ def test_an_autopilot_that_fails_in_the_air_is_the_fault_of_its_firmware(
         flown_up(client, kind)
         with pytest.raises(FirmwareFault, match=FAULTS[fault]):
             client.fly(8.0)
-        assert vehicle.truth().position_enu_m[2] == pytest.approx(stand_in.FAULT_HEIGHT_M, abs=0.2)
+        if kind == "ardupilot" or fault != stand_in.HANGS:
+            assert vehicle.truth().position_enu_m[2] == pytest.approx(stand_in.FAULT_HEIGHT_M, abs=0.2)
     assert_nothing_left(folder)
     client.socket.close()
 

@@ -1,4 +1,4 @@
-"""Real PX4 and ArduCopter, where REBAR_PX4 and REBAR_ARDUCOPTER name them: `make real`. Never run against a real one so far.
+"""Real PX4 and ArduCopter, where REBAR_PX4 and REBAR_ARDUCOPTER name them: `make real`. It ends with a table to send.
 
 The commands and times are those of the flights in docs/real-autopilots.md.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from real_table import measured
 from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
@@ -48,7 +49,7 @@ def flying(kind: str, **vehicle: Any) -> Generator[Client]:
     link = LinkSpec("onboard", "udp_out", port=client.port)
     try:
         with open_firmware_x500(VehiclePlan(spec, (link,))) as opened:
-            print(opened.boot())
+            measured("firmware", opened.boot())
             client.vehicle = opened
             client.fly(1.5)
             yield client
@@ -83,11 +84,11 @@ def origin(client: Client) -> tuple[float, float, float]:
     return place.latitude_deg, place.longitude_deg, place.altitude_m
 
 
-def go_to(kind: str, client: Client, north_m: float, east_m: float) -> None:
+def go_to(kind: str, client: Client, north_m: float, east_m: float, height_m: float = HEIGHT_M) -> None:
     latitude, longitude, altitude = origin(client)
     latitude_e7 = round((latitude + north_m / 111_170.0) * 1e7)
     longitude_e7 = round((longitude + east_m / (111_320.0 * math.cos(math.radians(latitude)))) * 1e7)
-    frame, height = (0, altitude + HEIGHT_M) if kind == "px4" else (6, HEIGHT_M)
+    frame, height = (0, altitude + height_m) if kind == "px4" else (6, height_m)
     client.command_int(
         mavlink.MAV_CMD_DO_REPOSITION, frame, -1.0, 1.0, 0.0, NAN, latitude_e7, longitude_e7, height
     )
@@ -98,12 +99,13 @@ def position(client: Client) -> tuple[float, float, float]:
     return client.vehicle.truth().position_enu_m
 
 
-def wait_until_down(client: Client, limit_s: float) -> None:
-    for _ in range(round(limit_s)):
+def wait_until_down(client: Client, limit_s: float) -> float:
+    """The seconds that it took."""
+    for second in range(round(limit_s)):
         wait(client, 1.0)
         condition = client.vehicle.condition()
         if condition.landed and not condition.armed:
-            return
+            return second + 1.0
     pytest.fail(f"not down and disarmed after {limit_s} s: {client.vehicle.condition()}, {client.texts()}")
 
 
@@ -116,7 +118,8 @@ def test_takeoff_square_and_landing(kind: str) -> None:
             assert position(client) == pytest.approx((east_m, north_m, HEIGHT_M), abs=1.5)
             assert client.vehicle.estimate().position_enu_m == pytest.approx(position(client), abs=1.5)
         client.command(mavlink.MAV_CMD_NAV_LAND)
-        wait_until_down(client, 60.0)
+        down_s = wait_until_down(client, 60.0)
+        measured("landing from 10 m to disarmed (s)", f"{down_s:.0f}")
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=1.5)
 
 
@@ -124,8 +127,10 @@ def test_return_to_launch(kind: str) -> None:
     with flying(kind) as client:
         take_off(kind, client)
         go_to(kind, client, SIDE_M, 0.0)
+        assert position(client) == pytest.approx((0.0, SIDE_M, HEIGHT_M), abs=1.5)
         client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-        wait_until_down(client, 120.0)
+        down_s = wait_until_down(client, 120.0)
+        measured("return from 20 m to disarmed (s)", f"{down_s:.0f}")
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
 
 
@@ -143,10 +148,11 @@ def upload(kind: str, client: Client, places: list[tuple[float, float]]) -> None
             if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
                 number, (latitude_e7, longitude_e7), height_m = items[message.seq]
                 place = (latitude_e7, longitude_e7, height_m)
+                # No delay, passed within 2 m, straight through, with whatever heading. ArduPilot refuses NaN in a return.
+                is_return = number == command.MAV_CMD_NAV_RETURN_TO_LAUNCH
                 # PX4 takes a return, which has no place, in no frame of places.
-                at = mavlink.MAV_FRAME_MISSION if number == command.MAV_CMD_NAV_RETURN_TO_LAUNCH else frame
-                # No delay, passed within 2 m, straight through, with whatever heading.
-                parameters = (0.0, 2.0, 0.0, NAN)
+                at = mavlink.MAV_FRAME_MISSION if is_return else frame
+                parameters = (0.0,) * 4 if is_return else (0.0, 2.0, 0.0, NAN)
                 client.send(
                     mavlink.MAVLink_mission_item_int_message(
                         1, 1, message.seq, at, number, 0, 1, *parameters, *place, 0
@@ -188,6 +194,7 @@ def test_a_mission_passes_its_places_and_returns(kind: str) -> None:
             if condition.landed and not condition.armed and max(nearest_m.values()) < math.inf:
                 break
         # PX4 passes within its acceptance radius of 2 m, ArduCopter within WPNAV_RADIUS of 2 m.
+        measured("farthest from a waypoint of the mission (m)", f"{max(nearest_m.values()):.1f}")
         assert max(nearest_m.values()) < 2.5, (nearest_m, client.texts())
         wait_until_down(client, 120.0)
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
@@ -204,6 +211,7 @@ def test_a_lost_receiver_is_noticed(kind: str) -> None:
             condition = client.vehicle.condition()
             if condition.failsafe or condition.mode != mode:
                 assert condition.failures
+                measured("a lost receiver is noticed after (s)", f"{client.vehicle.time.s - 40.0:.0f}")
                 return
         pytest.fail(f"nothing noticed: {client.texts()}")
 
@@ -217,6 +225,53 @@ def test_a_receiver_that_drifts_takes_the_vehicle_along(kind: str) -> None:
         east_m, _, up_m = position(client)
         assert east_m < -4.0
         assert up_m == pytest.approx(HEIGHT_M, abs=2.0)
+
+
+def test_the_battery_is_the_one_of_the_bench(kind: str) -> None:
+    """Within 3 % in flight, and again 10 s behind a drop."""
+    drop = {"at_s": 60.0, "kind": "battery_drop", "to_fraction": 0.5}
+    with flying(kind, failures=[drop], battery={"capacity_wh": 30.0}) as client:
+        wait(client, 1.0)
+        for number in (mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS):
+            client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 500_000)
+        take_off(kind, client)
+        apart = []
+        for until_s in (30.0, 50.0, 58.0, 70.0, 80.0):
+            wait(client, max(0.0, until_s - client.vehicle.time.s))
+            told = client.last("SYS_STATUS").battery_remaining / 100.0
+            apart.append(abs(told - client.vehicle.condition().battery_fraction))
+        measured("battery: farthest from the bench's charge (%)", f"{100.0 * max(apart):.1f}")
+        assert max(apart) <= 0.03, (apart, client.texts())
+        assert client.vehicle.condition().battery_fraction < 0.5
+
+
+def test_a_fall_is_told_as_a_crash(kind: str) -> None:
+    """Rotors that stop at 30 m: the impact is the vehicle's end, and no failure of the bench or the firmware."""
+    failures = [{"at_s": 70.0, "kind": "motor_off", "instance": number} for number in (1, 2, 3, 4)]
+    with flying(kind, failures=failures) as client:
+        take_off(kind, client)
+        go_to(kind, client, 0.0, 0.0, height_m=30.0)
+        wait(client, max(0.0, 69.0 - client.vehicle.time.s))
+        assert position(client)[2] > 25.0, client.texts()
+        wait(client, 8.0)
+        assert client.vehicle.condition().crashed
+        measured("a fall from 30 m", "crashed")
+
+
+def test_no_message_ends_the_simulation(kind: str) -> None:
+    """PX4 has no outputs in OFFBOARD on the ground, and none behind the end of a flight; ArduPilot always has."""
+    with flying(kind) as client:
+        if kind == "px4":
+            client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
+            wait(client, 10.0)
+            client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+            wait(client, 2.0)
+        take_off(kind, client)
+        client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1)
+        wait(client, 8.0)
+        assert position(client)[2] == pytest.approx(0.0, abs=0.5)
+        unanswered = client.vehicle.counters().get("firmware_unanswered", 0)
+        measured("samples without an answer, of 3,600 without a controller", unanswered)
 
 
 def test_a_kill_in_mid_air_is_the_fault_of_the_firmware(kind: str) -> None:
@@ -252,7 +307,7 @@ def test_two_quiet_or_lockstep_flights_are_equal(kind: str) -> None:
         with flying(kind, autopilot={"pace": "quiet"}) as client:
             take_off(kind, client)
             ends.append(position(client))
-    print(f"{kind}: two flights end {math.dist(*ends):.4f} m apart")
+    measured("two flights at the pace quiet end apart (m)", f"{math.dist(*ends):.4f}")
     assert math.dist(*ends) < (0.1 if kind == "px4" else 1e-9)
 
 

@@ -8,12 +8,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bench.errors import Fault
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot
+from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
 
-from .._battery import rest_volts_share
+from .._battery import FULL_V, BatteryModel
 from ..x500 import ROTORS
-from ._airframe import ardupilot_parameters, merged
-from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
+from ._airframe import BATTERY_NOMINAL_V, ardupilot_parameters, charge_percent, merged
+from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, encoded_state, rotor_share
 from ._body import Body
 from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
@@ -25,8 +25,10 @@ from ._program import FirmwareProgram, open_program
 _SERIAL0_PORT, _SERIAL1_PORT, _SERIAL2_PORT = 5760, 5762, 5763
 _PORTS_PER_INSTANCE = 10
 _DEFAULTS_FILE = "rebar.parm"
-# SIM_BATT_VOLTAGE of a full battery, as ArduCopter 4.6.3 has it.
+# Of a full battery, as ArduCopter 4.6.3 has it: its voltage limits are for three cells, the bench's battery has four.
 _FULL_V = 12.6
+# MAV_CMD_BATTERY_RESET, with a mask of batteries.
+_BATTERY_RESET, _FIRST_BATTERY = 42651, 1.0
 # It waits for nobody: the bench's answers are its clock.
 _SPEEDUP = 1000
 
@@ -48,7 +50,8 @@ class ArduPilotKind:
         assert isinstance(autopilot, RealAutopilot)
         return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
         firmware = Path(autopilot.firmware)
         return program_faults(self.program(firmware), [])
@@ -65,7 +68,11 @@ class ArduPilotKind:
             instance = stack.enter_context(claimed_instance(physics.open))
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             parameters = merged(
-                ardupilot_parameters(log=autopilot.log, samples_hz=body.samples_hz),
+                ardupilot_parameters(
+                    log=autopilot.log,
+                    samples_hz=body.samples_hz,
+                    capacity_wh=plan.simspec.vehicle.battery.capacity_wh,
+                ),
                 plan.simspec.vehicle.parameters,
                 autopilot.parameters,
             )
@@ -90,7 +97,7 @@ class ArduPilotKind:
             first, second, third = port(_SERIAL0_PORT), port(_SERIAL1_PORT), port(_SERIAL2_PORT)
             # Nothing of it runs before its first port has a client.
             first.open(plan.budgets.connect_s)
-            running = RunningArduPilot(body, program, physics.link, cores)
+            running = RunningArduPilot(body, plan.battery, program, physics.link, cores)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
             running.estimate_port = third
             running.connections = [first, second, third]
@@ -145,13 +152,21 @@ class RunningArduPilot:
     ports: Mapping[str, MavlinkPort]
     connections: Sequence[MavlinkPort]
 
+    silent_s = 0.0
+
     def __init__(
-        self, body: Body, program: FirmwareProgram, link: ArduPilotLink, cores: frozenset[int]
+        self,
+        body: Body,
+        battery: BatteryModel,
+        program: FirmwareProgram,
+        link: ArduPilotLink,
+        cores: frozenset[int],
     ) -> None:
         self.program = program
         self.cores = cores
         self.armed: bool | None = None
-        self._body, self._link = body, link
+        self._body, self._battery, self._link = body, battery, link
+        self._measure_battery()
         self._metres = ArduPilotMetres(*body.home_e7)
         self._samples = 0
         # The pulses of the next step. Received before the present step ends, so that all that ArduPilot has sent in it
@@ -167,28 +182,34 @@ class RunningArduPilot:
         # the height, which stays the truth.
         north_m, east_m = self._metres.north_east_m(*body.seen_latitude_longitude_deg())
         self._link.answer(
-            PhysicsState(
+            encoded_state(
                 self._samples / body.samples_hz,
                 body.rates_radps(),
                 plant.specific_force_mps2(),
                 (north_m, east_m, -plant.motion.up_m),
                 body.attitude(),
                 body.velocity_ned_mps(),
+                self._volts_amperes,
             )
         )
         self._pulses = self._link.receive()
 
-    def failure_parameters(self, gps_off: bool, battery_fraction: float | None) -> dict[str, float]:
-        """It simulates receiver and battery itself, so what breaks them are parameters of its simulation."""
-        if battery_fraction is None:
-            return {"SIM_GPS_DISABLE": float(gps_off)}
-        return {
-            "SIM_GPS_DISABLE": float(gps_off),
-            "SIM_BATT_VOLTAGE": _FULL_V * rest_volts_share(battery_fraction),
-        }
+    def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
+        """It simulates its receiver itself, so what breaks it is a parameter of its simulation."""
+        return {"SIM_GPS_DISABLE": float(gps_off)}
+
+    def drop_command(self, charge: float) -> tuple[int, float, float]:
+        """It counts the charge from the current, so it has to be told what was lost at once."""
+        return _BATTERY_RESET, _FIRST_BATTERY, charge_percent(charge)
 
     def settle(self) -> None:
-        """It does nothing between two packets."""
+        """It does nothing between two packets. The battery changes once a step."""
+        self._measure_battery()
+
+    def _measure_battery(self) -> None:
+        volts, _ = self._battery.terminals()
+        # At the voltage by which BATT_CAPACITY was made of the battery's energy: coulombs then tell the true share of it.
+        self._volts_amperes = (volts * _FULL_V / FULL_V, self._battery.power_w / BATTERY_NOMINAL_V)
 
     def last_words(self) -> str:
         return self.program.last_words()

@@ -6,13 +6,12 @@ import math
 import socket
 import struct
 import time
-from dataclasses import dataclass
 
 from bench.contracts import Vector
 from bench.errors import FirmwareFault
 from bench.geodesy import wrapped
 
-from ._px4_link import ANSWER_S, CONNECT_S, CheckAlive
+from ._px4_link import ANSWER_S, CONNECT_S, CheckAlive, set_timeout
 
 PHYSICS_PORT = 9002
 # `<HHI` is magic, wanted rate (Hz), frame count; then 16 pulses (us), or 32 where SERVO_32_ENABLE is 1.
@@ -24,35 +23,26 @@ _READ_BYTES = 4096
 # contains one that is looked for later.
 _ANSWER = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.9g,%.9g,%.9g],'
-    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]}\n'
+    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g],"battery":{"voltage":%.6g,"current":%.6g}}\n'
 )
 # Metres in 1e-7 degrees on ArduPilot's spherical Earth of 6378100 m (Location.h, LOCATION_SCALING_FACTOR).
 _METRES_PER_E7 = 0.011131884502145034
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicsState:
-    """What ArduPilot makes its sensors from. Position and velocity are north, east, down; the rest is body FRD."""
-
-    time_s: float
-    rates_radps: Vector
-    specific_force_mps2: Vector
-    position_ned_m: Vector
-    attitude: tuple[float, float, float, float]
-    velocity_ned_mps: Vector
-
-    def encoded(self) -> bytes:
-        return (
-            _ANSWER
-            % (
-                self.time_s,
-                *self.rates_radps,
-                *self.specific_force_mps2,
-                *self.position_ned_m,
-                *self.attitude,
-                *self.velocity_ned_mps,
-            )
-        ).encode()
+def encoded_state(
+    time_s: float,
+    rates_radps: Vector,
+    specific_force_mps2: Vector,
+    position_ned_m: Vector,
+    attitude: tuple[float, float, float, float],
+    velocity_ned_mps: Vector,
+    battery: tuple[float, float],
+) -> bytes:
+    """The answer that ArduPilot makes its sensors from. Position and velocity are north, east, down; the battery is volts and
+    amperes; the rest is body FRD.
+    """
+    values = (*specific_force_mps2, *position_ned_m, *attitude, *velocity_ned_mps, *battery)
+    return (_ANSWER % (time_s, *rates_radps, *values)).encode()
 
 
 class ArduPilotLink:
@@ -79,7 +69,9 @@ class ArduPilotLink:
         except OSError:
             self._socket.close()
             raise
-        self._socket.settimeout(_POLL_S)
+        # The kernel's timeout costs nothing; that of Python is a further call for each of the socket's.
+        self._socket.settimeout(None)
+        set_timeout(self._socket, socket.SO_RCVTIMEO, _POLL_S)
         self.port: int = self._socket.getsockname()[1]
         self._peer: tuple[str, int] | None = None
         self._count: int | None = None
@@ -94,13 +86,15 @@ class ArduPilotLink:
     def receive(self) -> tuple[int, ...]:
         """Pulse widths (us) of the next step. A packet that comes again gets the same answer again, and no step."""
         patience_s = self._answer_s if self._peer else self._connect_s
-        deadline_s = time.monotonic() + patience_s
+        deadline_s = 0.0
         while True:
             try:
                 data, peer = self._socket.recvfrom(_READ_BYTES)
-            except TimeoutError:
+            except BlockingIOError:
                 self._check_alive()
-                if time.monotonic() > deadline_s:
+                now_s = time.monotonic()
+                deadline_s = deadline_s or now_s - _POLL_S + patience_s
+                if now_s > deadline_s:
                     raise FirmwareFault(self._silence(patience_s)) from None
                 continue
             except OSError:  # an ICMP answer to what was sent to a program that has ended
@@ -114,9 +108,9 @@ class ArduPilotLink:
             if pulses is not None:
                 return pulses
 
-    def answer(self, state: PhysicsState) -> None:
+    def answer(self, state: bytes) -> None:
         """Answer the packet that `receive` returned last."""
-        self._answer = state.encoded()
+        self._answer = state
         self._send_answer()
 
     def close(self) -> None:
@@ -128,7 +122,8 @@ class ArduPilotLink:
             raise FirmwareFault(
                 f"UDP port {self.port} got {len(data)} bytes that are no packet of ArduPilot's JSON physics"
             )
-        _, _, count, *pulses = layout.unpack(data)
+        values = layout.unpack(data)
+        count = values[2]
         self._peer = peer
         if count == self._count:
             self.repeated += 1
@@ -140,7 +135,7 @@ class ArduPilotLink:
             self.restarts += 1
         self._count = count
         self._answer = b""
-        return tuple(pulses)
+        return values[3:]
 
     def _send_answer(self) -> None:
         # A packet may come again before it is answered at all: the answer is still to come.
@@ -172,4 +167,5 @@ class ArduPilotMetres:
 
 def rotor_share(pulse_us: int) -> float:
     """Rotor speed as a share of the greatest: 1000 us is still, 2000 us full."""
-    return min(max((pulse_us - 1000) / 1000.0, 0.0), 1.0)
+    share = (pulse_us - 1000) / 1000.0
+    return 0.0 if share < 0.0 else 1.0 if share > 1.0 else share

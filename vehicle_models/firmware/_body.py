@@ -38,7 +38,7 @@ class Body:
             home.north_m,
             math.radians(home.heading_deg),
         )
-        self.plant = X500Plant(pose, 1.0 / samples_hz, samples_hz)
+        self.plant = X500Plant(pose, 1.0 / samples_hz, samples_hz, cascade=False)
         # The legs give by 3 mm in the first tenth of a second, and until then nothing carries the aircraft: an
         # accelerometer would show free fall to an autopilot that takes its first samples for those of a still vehicle.
         for _ in range(round(_SETTLING_S * samples_hz)):

@@ -12,8 +12,9 @@ from typing import Protocol, runtime_checkable
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
+from bench.simspec import BoardAutopilot, RealAutopilot, SimSpec, VehicleSpec
 
+from .._battery import BatteryModel
 from ._body import Body
 from ._mavlink_ports import MavlinkPort
 from ._pace import LineClock
@@ -37,6 +38,7 @@ class FirmwarePlan:
     simspec: SimSpec
     autopilot: RealAutopilot | BoardAutopilot
     body: Body
+    battery: BatteryModel
     links: Sequence[LinkSpec]
     folder: Path
     budgets: Budgets
@@ -56,6 +58,8 @@ class RunningFirmware(Protocol):
     """Every connection: the autopilot may wait for one that nobody reads."""
     armed: bool | None
     """Whether it is armed by what the physics link says; None where only its heartbeat does."""
+    silent_s: float
+    """Simulated seconds without outputs for the rotors, which keep the last ones; 0 where they come."""
 
     def fly_sample(self, *, new_fix: bool) -> None:
         """Make one step of the physics and get the autopilot's outputs for it. `new_fix`: the receiver has a new fix."""
@@ -84,8 +88,8 @@ class FirmwareKind(Protocol):
     def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
         """Which program or board it is, in words."""
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
-        """Why this autopilot or these failures cannot be flown."""
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        """Why a vehicle with this autopilot, or these failures, cannot be flown."""
 
     def open(self, plan: FirmwarePlan) -> AbstractContextManager[RunningFirmware]:
         """Start it and connect to it; leaving the block ends it."""
@@ -95,8 +99,11 @@ class FirmwareKind(Protocol):
 class SimulatesParts(Protocol):
     """What a started autopilot promises beside `RunningFirmware` when it simulates receiver and battery itself."""
 
-    def failure_parameters(self, gps_off: bool, battery_fraction: float | None) -> dict[str, float]:
-        """Parameters that break its receiver, and its battery to this charge where one is given."""
+    def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
+        """Parameters by which its receiver and battery are those of the bench; `charge` is 0 to 1."""
+
+    def drop_command(self, charge: float) -> tuple[int, float, float] | None:
+        """MAV_CMD and its first two parameters that tell it a charge which fell at once; None where none is needed."""
 
 
 @runtime_checkable

@@ -34,7 +34,6 @@ from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, Runni
 from ._gate import Gate
 from ._keeper import Keeper
 from ._line_budget import SAMPLE_RATES_HZ
-from ._mavlink_ports import MavlinkPort
 from ._pace import held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
@@ -53,8 +52,12 @@ def kind_of(autopilot: RealAutopilot | BoardAutopilot) -> FirmwareKind:
 _TOUCH_M, _STANDING_MPS = 0.02, 0.2
 # When the bench asks for version and estimate, and again until it gets them: the autopilot hears nothing before.
 _REQUEST_S, _REQUEST_EVERY_S = 3.0, 5.0
-# Until it says that a parameter of a failure is set. Chosen: fifty steps.
+# Until the first heartbeat: PX4's came after 4.5 to 5.1 s.
+_HELLO_S = 30.0
+# Until it says that a parameter of its simulation is set. Chosen: fifty steps.
 _CONFIRMATION_NS = 1_000_000_000
+# Of a firmware without outputs: when it is asked for its clock, again and again, and how far that may stay behind.
+_ASK_CLOCK_S, _ASK_CLOCK_EVERY_S, _CLOCK_LAG_S = 0.1, 1.0, 5.0
 # Messages of clients that stand in the reason when the firmware fails.
 _LAST_HEARD = 5
 _SPEED_MATTERS_BELOW_M = 50.0
@@ -115,9 +118,22 @@ class FirmwareX500:
         self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
-        # Parameters of the autopilot's own simulation as failures have set them; 0 works.
-        self._broken: dict[str, float] = {}
+        # Parameters of the autopilot's own simulation, as they were set last.
+        self._simulated: dict[str, float] = {}
         self._confirm_by_ns = -1
+        # When its charge falls at once. A battery that is not full at the start fell before it.
+        battery = simspec.vehicle.battery
+        self._drops_ns = [
+            round(failure.at_s * 1e9)
+            for failure in simspec.vehicle.failures
+            if failure.kind == "battery_drop"
+        ]
+        if battery.initial_fraction < 1.0:
+            self._drops_ns.append(0)
+        # What of them it has to confirm: parameters, and commands.
+        self._told: dict[str, float] = {}
+        self._commanded: set[int] = set()
+        self._ask_clock_s = _ASK_CLOCK_S
         self._last_heard: deque[tuple[SimTime, int]] = deque(maxlen=_LAST_HEARD)
         self._flown_steps = 0
         self._next_request_s = _REQUEST_S
@@ -128,9 +144,14 @@ class FirmwareX500:
         boot_s = self._kind.boot_s if self._autopilot.boot_s is None else self._autopilot.boot_s
         for _ in range(round(boot_s / self.step_s)):
             self._stand(running)
-        if boot_s > _REQUEST_S and not self._telemetry.heartbeats:
+        telemetry = self._telemetry
+        while boot_s > _REQUEST_S and not (telemetry.heartbeats and telemetry.version):
+            if self._flown_steps * self.step_s >= max(boot_s, _HELLO_S):
+                break
+            self._stand(running)
+        if boot_s > _REQUEST_S and not telemetry.heartbeats:
             raise FirmwareFault(
-                f"{self._kind.name} has sent no MAVLink heartbeat in {boot_s:g} s{running.last_words()}"
+                f"{self._kind.name} has sent no MAVLink heartbeat in {max(boot_s, _HELLO_S):g} s{running.last_words()}"
             )
         if isinstance(running, KeepsRealTime):
             # The agent starts now, for seconds, and a board that gets no sensors meanwhile has no estimate any more.
@@ -156,7 +177,7 @@ class FirmwareX500:
             self._keeper = None
         self._failures.apply(self.time.ns)
         if isinstance(running, SimulatesParts):
-            self._break_simulated_parts(running, running.estimate_port)
+            self._tell_simulated_parts(running, running)
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
@@ -165,6 +186,7 @@ class FirmwareX500:
         )
         try:
             self._advance(running)
+            self._watch_silence(running)
         except FirmwareFault as error:
             raise FirmwareFault(f"{error}{self._last_messages()}") from error
         self.time = SimTime(self.time.ns + self._step_ns)
@@ -233,13 +255,16 @@ class FirmwareX500:
             self._plan.simspec,
             self._autopilot,
             self._body,
+            self._battery,
             [link.spec for link in self._links],
             folder,
             self._budgets,
             self._plan.controller_hz,
         )
-        self._running = self._stack.enter_context(self._kind.open(plan))
-        return self._running
+        self._running = running = self._stack.enter_context(self._kind.open(plan))
+        if isinstance(running, SimulatesParts):
+            self._simulated = running.simulated_parameters(gps_off=False, charge=self._battery.fraction)
+        return running
 
     def _stand(self, running: RunningFirmware) -> None:
         """One step on the ground, of which clients hear nothing."""
@@ -270,28 +295,68 @@ class FirmwareX500:
             self._stop_rotors()
         navigation.step()
 
-    def _break_simulated_parts(self, parts: SimulatesParts, port: MavlinkPort) -> None:
-        """Let a failure of the timeline reach an autopilot that simulates the part itself."""
-        dropped = [
-            failure.to_fraction
-            for failure in self._plan.simspec.vehicle.failures
-            if failure.to_fraction is not None and failure.at_s * 1e9 <= self.time.ns
-        ]
-        wanted = parts.failure_parameters(self._body.navigation.off, min(dropped, default=None))
-        changed = {name: value for name, value in wanted.items() if self._broken.get(name, 0.0) != value}
-        if changed:
-            port.send([self._telemetry.parameter(name, value) for name, value in changed.items()])
-            self._broken |= changed
+    def _tell_simulated_parts(self, running: RunningFirmware, parts: SimulatesParts) -> None:
+        """Let receiver and battery of an autopilot that simulates them itself be as the bench's."""
+        charge = self._battery.fraction
+        wanted = parts.simulated_parameters(gps_off=self._body.navigation.off, charge=charge)
+        changed = {name: value for name, value in wanted.items() if self._simulated[name] != value}
+        frames = [self._telemetry.parameter(name, value) for name, value in changed.items()]
+        if dropped := [at_ns for at_ns in self._drops_ns if at_ns <= self.time.ns]:
+            self._drops_ns = [at_ns for at_ns in self._drops_ns if at_ns not in dropped]
+            if command := parts.drop_command(charge):
+                self._telemetry.results.pop(command[0], None)
+                self._commanded.add(command[0])
+                frames.append(self._telemetry.command(*command))
+        if frames:
+            running.estimate_port.send(frames)
+            self._simulated |= changed
+            self._told |= changed
             self._confirm_by_ns = self.time.ns + _CONFIRMATION_NS
-        if self.time.ns == self._confirm_by_ns:
-            told = self._telemetry.parameters
-            if silent := [
-                name for name in wanted if abs(told.get(name, 0.0) - self._broken.get(name, 0.0)) > 1e-3
-            ]:
-                raise FirmwareFault(
-                    f"{self._kind.name} has not confirmed {', '.join(silent)}, by which a failure reaches it: ArduCopter "
-                    "4.6.3 has these names, others may not"
-                )
+        elif self.time.ns == self._confirm_by_ns:
+            self._confirm_parts(running)
+
+    def _confirm_parts(self, running: RunningFirmware) -> None:
+        """Raise FirmwareFault where the autopilot has not taken what it was told of its parts.
+
+        Where it shares its connection with clients, they may be why: it is told again then.
+        """
+        telemetry, port = self._telemetry, running.estimate_port
+        silent = {
+            name: value
+            for name, value in self._told.items()
+            if abs(telemetry.parameters.get(name, math.inf) - value) > 1e-3
+        }
+        refused = [f"command {number}" for number in self._commanded if telemetry.results.get(number) != 0]
+        if not silent and not refused:
+            return
+        if port in running.ports.values():
+            port.send([telemetry.parameter(name, value) for name, value in silent.items()])
+            self._confirm_by_ns += _CONFIRMATION_NS
+            return
+        raise FirmwareFault(
+            f"{self._kind.name} has not confirmed {', '.join([*silent, *refused])}, by which a failure reaches it: "
+            "ArduCopter 4.6.3 has these names, others may not"
+        )
+
+    def _watch_silence(self, running: RunningFirmware) -> None:
+        """Let the rotors of a firmware without outputs stop where it has ended the flight. Raises FirmwareFault when its
+        clock stands still: while that runs, it has stopped its outputs because of what clients wanted.
+        """
+        telemetry, silent_s = self._telemetry, running.silent_s
+        if not silent_s:
+            self._ask_clock_s = _ASK_CLOCK_S
+            return
+        if silent_s >= self._ask_clock_s:
+            self._ask_clock_s = silent_s + _ASK_CLOCK_EVERY_S
+            running.estimate_port.send(telemetry.clock_requests())
+        if telemetry.terminated:
+            self._body.plant.turn_rotors([0.0] * len(ROTORS))
+        lag_s = min(silent_s, self._flown_steps * self.step_s - telemetry.clock_s)
+        if lag_s > _CLOCK_LAG_S:
+            raise FirmwareFault(
+                f"the clock of {self._kind.name} stands still: for {lag_s:.1f} simulated s it has sent neither outputs nor a "
+                f"later time{running.last_words()}"
+            )
 
     def _request(self, running: RunningFirmware) -> None:
         now_s = self._flown_steps * self.step_s
@@ -359,7 +424,7 @@ class FirmwareX500:
     def _check(self) -> None:
         """Raise SetupError with everything that this autopilot cannot do."""
         vehicle = self._plan.simspec.vehicle
-        faults = self._kind.faults(self._autopilot, vehicle.failures)
+        faults = self._kind.faults(vehicle)
         imitated = "fly the imitated autopilot, or leave it out"
         wishes = {
             "vehicle.camera.gimbal": vehicle.camera.gimbal,

@@ -60,6 +60,11 @@ class ThreadWatch:
         self._patience_s = patience_s
         self._threads = ProcessThreads(pid, root_is_box=False, with_bench=False)
 
+    def asleep(self) -> bool:
+        """Whether all sleep now; a start script is not asked."""
+        self._threads.with_group = False
+        return self._threads.at_rest()
+
     def wait(self, starting: bool) -> None:
         """Return once all sleep. Raises FirmwareFault when they do not within the budget."""
         looks, needed = 0, _LOOKS_WHILE_STARTING if starting else 1
@@ -79,6 +84,19 @@ class ThreadWatch:
 
     def close(self) -> None:
         self._threads.close()
+
+
+@contextmanager
+def open_watch(pid: int, check_alive: CheckAlive) -> Generator[ThreadWatch | None]:
+    """A watch of this process, closed behind the block; None where the system does not show whether threads sleep."""
+    if unseen_reason():
+        yield None
+        return
+    watch = ThreadWatch(pid, check_alive)
+    try:
+        yield watch
+    finally:
+        watch.close()
 
 
 def quiet_fault() -> Fault | None:

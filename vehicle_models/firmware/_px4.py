@@ -11,15 +11,15 @@ from pathlib import Path
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
+from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec, VehicleSpec
 
 from ..x500 import ROTORS
-from ._airframe import merged, px4_parameters
+from ._airframe import PX4_CHARGE, charge_percent, merged, px4_parameters
 from ._body import Body
 from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, UdpPort
-from ._pace import ThreadWatch, core_of, quiet_fault
+from ._pace import ThreadWatch, core_of, open_watch, quiet_fault
 from ._program import FirmwareProgram, open_program
 from ._px4_link import PHYSICS_PORT, Px4Link
 from ._px4_samples import Px4Samples
@@ -43,27 +43,34 @@ class Px4Kind:
     logs: Sequence[str] = ("log/**/*.ulg",)
 
     def program(self, firmware: Path) -> Path:
-        return firmware / "bin" / "px4"
+        """`firmware` is PX4's folder, or the program in it."""
+        return firmware if firmware.name == "px4" and firmware.is_file() else firmware / "bin" / "px4"
 
     def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
         assert isinstance(autopilot, RealAutopilot)
         return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
-        firmware = Path(autopilot.firmware)
-        faults = program_faults(self.program(firmware), [firmware / _START_SCRIPT])
+        program = self.program(Path(autopilot.firmware))
+        faults = program_faults(program, [program.parents[1] / _START_SCRIPT])
         if autopilot.pace == "quiet" and (fault := quiet_fault()):
             faults.append(fault)
-        return [*faults, *_failure_faults(failures)]
+        if not _follows(vehicle):
+            faults += _failure_faults(vehicle.failures)
+        return faults
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningPx4]:
         autopilot, body, links = plan.autopilot, plan.body, plan.links
         assert isinstance(autopilot, RealAutopilot)
-        firmware = Path(autopilot.firmware).resolve()
+        program_path = self.program(Path(autopilot.firmware).resolve())
+        firmware = program_path.parents[1]
         parameters = merged(
-            px4_parameters(log=autopilot.log), plan.simspec.vehicle.parameters, autopilot.parameters
+            px4_parameters(log=autopilot.log, charge=plan.battery.fraction),
+            plan.simspec.vehicle.parameters,
+            autopilot.parameters,
         )
         environment = {
             "PATH": f"{firmware}/bin:/usr/bin:/bin",
@@ -79,12 +86,11 @@ class Px4Kind:
             ports = sockets.ports(links)
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             (plan.folder / "etc").symlink_to(firmware / "etc")
-            command = [str(self.program(firmware)), "-d", "-i", str(instance), "-s", _START_SCRIPT]
+            command = [str(program_path), "-d", "-i", str(instance), "-s", _START_SCRIPT]
             program.run(command, cores)
-            watch = ThreadWatch(program.pid, program.check_alive) if autopilot.pace == "quiet" else None
-            if watch:
-                stack.callback(watch.close)
-            sockets.link.connect()
+            threads = stack.enter_context(open_watch(program.pid, program.check_alive))
+            sockets.link.connect(threads.asleep if threads else None)
+            watch = threads if autopilot.pace == "quiet" else None
             yield RunningPx4(plan.simspec, body, program, sockets, ports, cores, watch)
 
 
@@ -176,6 +182,9 @@ class RunningPx4:
         self.connections: Sequence[MavlinkPort] = sockets.connections()
         self.cores = cores
         self.armed: bool | None = False
+        self.silent_s = 0.0
+        self._follows = _follows(simspec.vehicle)
+        self._sample_s = 1.0 / body.samples_hz
         self._plant, self._link, self._watch = body.plant, sockets.link, watch
         self._samples = Px4Samples(simspec, body)
         self._is_starting = True
@@ -189,13 +198,24 @@ class RunningPx4:
         if self._watch:
             self._watch.wait(starting=self._is_starting)
         controls = self._link.exchange(time_us, b"".join(messages))
+        self.silent_s = self._link.silent * self._sample_s
         if controls is None:
+            if self.silent_s:
+                # What it said last need not hold any more.
+                self.armed = None
             return
         self.armed = controls.armed
         # NaN stands for an output that is stopped.
         self._plant.turn_rotors(
             [0.0 if math.isnan(share) else share for share in controls.outputs[: len(ROTORS)]]
         )
+
+    def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
+        """Its battery falls to the bench's charge by whole percents. That fixes cease it sees on the physics link."""
+        return {PX4_CHARGE: charge_percent(charge)} if self._follows else {}
+
+    def drop_command(self, charge: float) -> None:
+        """Its parameter is all that it needs."""
 
     def settle(self) -> None:
         if self._watch:
@@ -208,12 +228,19 @@ class RunningPx4:
         return {"firmware_unanswered": self._link.unanswered}
 
 
+def _follows(vehicle: VehicleSpec) -> bool:
+    """Whether PX4's simulated battery has the charge of the bench's: not where its user has set one."""
+    assert isinstance(vehicle.autopilot, RealAutopilot)
+    given = (*vehicle.parameters, *vehicle.autopilot.parameters)
+    return not any(name.startswith("SIM_BAT_") for name in given)
+
+
 def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:
     return [
         Fault(
             f"vehicle.failures[{index}].kind",
-            f"{failure.kind} does not reach a real PX4, which simulates its battery itself",
-            "set SIM_BAT_DRAIN and SIM_BAT_MIN_PCT under vehicle.autopilot.parameters",
+            f"{failure.kind} does not reach a real PX4 whose parameters SIM_BAT_* are given: its battery is its own then",
+            "leave these parameters out",
         )
         for index, failure in enumerate(failures)
         if failure.kind == "battery_drop"

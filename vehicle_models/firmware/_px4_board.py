@@ -15,7 +15,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 
 from bench.errors import Fault, FirmwareFault, SetupError
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot
+from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
 
 from ..controller.links._enums import MAV_CMD
 from ..controller.links._frames import message_id
@@ -64,7 +64,8 @@ class Px4BoardKind:
         assert isinstance(autopilot, BoardAutopilot)
         return f"{autopilot.device} at {autopilot.baud} baud, {self._budget.samples_hz} samples a second, in real time"
 
-    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
+        autopilot = vehicle.autopilot
         assert isinstance(autopilot, BoardAutopilot)
         faults = [
             Fault(
@@ -72,7 +73,7 @@ class Px4BoardKind:
                 "battery_drop does not reach a board: PX4 tells itself 16 V and 70 % in this mode",
                 "leave it out, or fly the imitated autopilot",
             )
-            for index, failure in enumerate(failures)
+            for index, failure in enumerate(vehicle.failures)
             if failure.kind == "battery_drop"
         ]
         try:
@@ -208,6 +209,7 @@ class RunningBoard:
     """A board on its line, with the sensors that the bench simulates for it."""
 
     cores: frozenset[int] = frozenset()
+    silent_s = 0.0
 
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters

@@ -1,8 +1,10 @@
-"""PX4's simulator link: the bench listens on TCP, PX4 connects, and every sample is answered with motor outputs."""
+"""PX4's simulator link: the bench listens on TCP, PX4 connects, and answers samples with motor outputs."""
 
 from __future__ import annotations
 
+import os
 import socket
+import struct
 import time
 from collections.abc import Callable
 from typing import NoReturn
@@ -21,15 +23,19 @@ from ._hil import (
 PHYSICS_PORT = 4560
 # Host seconds. PX4 starts in 0.3 s and answers in under a millisecond; a busy host gives a hundredth of that.
 CONNECT_S, ANSWER_S = 60.0, 30.0
-# Until its outputs run, PX4 leaves samples unanswered (eight of them, as observed): the bench goes on after this.
+# Until its outputs run, PX4 leaves samples unanswered (eight of them, as observed): the bench goes on after this. Later on it
+# looks then whether PX4 still works on an answer, which takes it less than a hundredth of this.
 _UNANSWERED_S = 0.02
 _MAX_UNANSWERED = 2000
+_TIMEVAL = struct.Struct("ll")
 _POLL_S = 0.1
 _DYING_S = 1.0
 _READ_BYTES = 65536
 
 CheckAlive = Callable[[], None]
 """Raises FirmwareFault when the firmware's program has ended."""
+IsAsleep = Callable[[], bool]
+"""Whether no thread of the firmware is at work, or about to be."""
 
 
 def report_closed(text: str, check_alive: CheckAlive) -> NoReturn:
@@ -59,6 +65,7 @@ class Px4Link:
         server: socket.socket | None = None,
     ) -> None:
         self._check_alive = check_alive
+        self._is_asleep: IsAsleep | None = None
         self._connect_s, self._answer_s = connect_s, answer_s
         self._server = server or socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -71,13 +78,16 @@ class Px4Link:
         self.port: int = self._server.getsockname()[1]
         self._connection: socket.socket | None = None
         self._reader = FrameReader()
-        self._answered, self._answered_us = False, 0
+        self._answered = False
         self.unanswered = 0
+        self.silent = 0
+        """Samples since PX4's last answer; 0 as long as it has never answered."""
         self.truth_interval_us: int | None = None
         """How often PX4 wants HIL_STATE_QUATERNION; None until it has asked."""
 
-    def connect(self) -> None:
-        """Wait until PX4 has connected."""
+    def connect(self, is_asleep: IsAsleep | None = None) -> None:
+        """Wait until PX4 has connected. Without `is_asleep`, it is thought asleep when no answer has come for 20 ms."""
+        self._is_asleep = is_asleep
         deadline_s = time.monotonic() + self._connect_s
         self._server.settimeout(_POLL_S)
         while self._connection is None:
@@ -92,30 +102,52 @@ class Px4Link:
         # Nobody else may take the place of PX4, and a sample is one small write that must not wait.
         self._server.close()
         self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # The kernel's timeouts cost nothing; those of Python are a further call for each of the socket's.
+        self._connection.settimeout(None)
+        set_timeout(self._connection, socket.SO_SNDTIMEO, self._answer_s)
+        set_timeout(self._connection, socket.SO_RCVTIMEO, _UNANSWERED_S)
 
     def exchange(self, time_us: int, frames: bytes) -> ActuatorControls | None:
         """Send the messages of one sample, HIL_SENSOR last, and return PX4's outputs for it.
 
-        None as long as PX4 has never answered: its output driver starts some samples after its clock.
+        None where there are none: its output driver starts some samples after its clock, and no controller runs in
+        OFFBOARD on the ground without setpoints, or after a flight termination (observed). It sleeps then.
         """
         connection = self._connected()
         try:
             connection.sendall(frames)
+        except BlockingIOError:
+            raise FirmwareFault(f"PX4 has read no sample for {self._answer_s:g} s") from None
         except OSError:
             self._report_closed()
-        deadline_s = time.monotonic() + (self._answer_s if self._answered else _UNANSWERED_S)
+        slept, deadline_s = False, 0.0
         while True:
-            controls = self._receive(connection, deadline_s, time_us)
-            if controls is not None and controls.time_us == time_us:
-                self._answered, self._answered_us = True, time_us
+            # Whoever is silent already is not waited for, where it can be seen whether it works.
+            data = self._read(connection, wait=not (slept or (self.silent and self._is_asleep)))
+            if data:
+                controls = self._controls(data)
+                if controls is None or controls.time_us < time_us:
+                    continue
+                if controls.time_us > time_us:
+                    raise FirmwareFault(
+                        f"PX4 answered a sample of {controls.time_us} us, but the last is of {time_us} us"
+                    )
+                self._answered, self.silent = True, 0
                 return controls
-            if controls is not None and controls.time_us > time_us:
-                raise FirmwareFault(
-                    f"PX4 answered a sample of {controls.time_us} us, but the last is of {time_us} us"
-                )
-            if controls is None and not self._answered and time.monotonic() >= deadline_s:
+            self._check_alive()
+            # It slept before the last look at the socket, which found nothing: no answer is on its way.
+            if slept or not self._answered:
                 self._pass_unanswered()
                 return None
+            slept = self._is_asleep is None or self._is_asleep()
+            now_s = time.monotonic()
+            deadline_s = deadline_s or now_s + self._answer_s
+            if now_s > deadline_s and not slept:
+                raise FirmwareFault(
+                    f"PX4 has worked on the sample of {time_us / 1e6:.3f} s for {self._answer_s:g} s without an answer"
+                )
+            if not slept:
+                os.sched_yield()
 
     def close(self) -> None:
         self._server.close()
@@ -131,32 +163,28 @@ class Px4Link:
         report_closed("PX4 closed the simulator link", self._check_alive)
 
     def _pass_unanswered(self) -> None:
-        self._check_alive()
         self.unanswered += 1
-        if self.unanswered > _MAX_UNANSWERED:
+        self.silent += self._answered
+        if self.unanswered > _MAX_UNANSWERED and not self._answered:
             raise FirmwareFault(
                 f"PX4 answered none of {self.unanswered} samples; its actuator outputs do not run (does its airframe set "
                 "PWM_MAIN_FUNC1 to 4?)"
             )
 
-    def _receive(self, connection: socket.socket, deadline_s: float, time_us: int) -> ActuatorControls | None:
-        """The last outputs that one read brings; None when it brings none or nothing comes in time."""
-        remaining_s = deadline_s - time.monotonic()
-        connection.settimeout(min(max(remaining_s, 1e-3), _POLL_S))
+    def _read(self, connection: socket.socket, *, wait: bool) -> bytes:
+        """What PX4 has sent; empty where nothing comes in time."""
         try:
-            data = connection.recv(_READ_BYTES)
-        except TimeoutError:
-            self._check_alive()
-            if self._answered and remaining_s <= 0.0:
-                raise FirmwareFault(
-                    f"PX4 has not answered the sample of {time_us / 1e6:.3f} s for {self._answer_s:g} s; its last answer was "
-                    f"for {self._answered_us / 1e6:.3f} s"
-                ) from None
-            return None
+            data = connection.recv(_READ_BYTES, 0 if wait else socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return b""
         except OSError:
             self._report_closed()
         if not data:
             self._report_closed()
+        return data
+
+    def _controls(self, data: bytes) -> ActuatorControls | None:
+        """The last outputs in what PX4 has sent."""
         latest = None
         for frame in self._reader.feed(data):
             number = message_id(frame)
@@ -167,3 +195,8 @@ class Px4Link:
         if self._reader.garbage_bytes:
             raise FirmwareFault("what connected to the simulator link does not speak MAVLink")
         return latest
+
+
+def set_timeout(connection: socket.socket, option: int, seconds: float) -> None:
+    """Let the kernel end the calls of a socket that blocks: SO_RCVTIMEO or SO_SNDTIMEO. They raise BlockingIOError then."""
+    connection.setsockopt(socket.SOL_SOCKET, option, _TIMEVAL.pack(int(seconds), round(seconds % 1.0 * 1e6)))

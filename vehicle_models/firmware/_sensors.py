@@ -33,6 +33,7 @@ class SensorQuality:
 # 16 bits over +-16 g and +-2000 deg/s, which is also what PX4 turns the readings of its first IMU into.
 ACCELEROMETER = SensorQuality(noise=0.03, bias=0.02, resolution=_G / 2048.0)  # m/s2
 GYRO = SensorQuality(noise=0.003, bias=0.001, resolution=math.radians(2000.0 / 32768.0))  # rad/s
+_MOST_COUNTS = 32767
 MAGNETOMETER = SensorQuality(noise=0.001, bias=0.002, resolution=0.0015)  # gauss; 0.15 uT a step
 BAROMETER = SensorQuality(noise=0.01, bias=0.05, resolution=0.0012)  # hPa; 1 cm of height a step
 
@@ -76,14 +77,19 @@ class Sensors:
         bias_p, bias_q, bias_r = self._gyro_bias
         noise, step = ACCELEROMETER.noise, ACCELEROMETER.resolution
         turn_noise, turn_step = GYRO.noise, GYRO.resolution
-        return (
-            round((x + bias_x + noise * a) / step) * step,
-            round((y + bias_y + noise * b) / step) * step,
-            round((z + bias_z + noise * c) / step) * step,
-            round((p + bias_p + turn_noise * d) / turn_step) * turn_step,
-            round((q + bias_q + turn_noise * e) / turn_step) * turn_step,
-            round((r + bias_r + turn_noise * f) / turn_step) * turn_step,
+        counts = (
+            round((x + bias_x + noise * a) / step),
+            round((y + bias_y + noise * b) / step),
+            round((z + bias_z + noise * c) / step),
+            round((p + bias_p + turn_noise * d) / turn_step),
+            round((q + bias_q + turn_noise * e) / turn_step),
+            round((r + bias_r + turn_noise * f) / turn_step),
         )
+        if max(counts) > _MOST_COUNTS or min(counts) < -_MOST_COUNTS:
+            # An impact. PX4 turns the readings into 16 bits without a look at their size.
+            counts = tuple(min(max(count, -_MOST_COUNTS), _MOST_COUNTS) for count in counts)
+        ax, ay, az, turn_x, turn_y, turn_z = counts
+        return ax * step, ay * step, az * step, turn_x * turn_step, turn_y * turn_step, turn_z * turn_step
 
     def read_magnetometer(self, attitude: tuple[float, float, float, float]) -> tuple[float, ...]:
         """The field in the body (FRD), gauss; `attitude` is the quaternion w, x, y, z of the body against NED."""

@@ -11,12 +11,13 @@ from bench.contracts import Vector
 from ..controller.links._frames import Packer, message_id, sender
 from ..controller.state._flight_state import Cause
 
-_HEARTBEAT, _ATTITUDE, _GLOBAL_POSITION_INT, _COMMAND_LONG, _AUTOPILOT_VERSION = 0, 30, 33, 76, 148
+_HEARTBEAT, _SYSTEM_TIME, _ATTITUDE, _GLOBAL_POSITION_INT = 0, 2, 30, 33
+_COMMAND_LONG, _COMMAND_ACK, _AUTOPILOT_VERSION = 76, 77, 148
 _PARAM_VALUE, _PARAM_SET, _REAL32 = 22, 23, 9
 _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE = 511, 512
 _AUTOPILOT_COMPONENT = 1
 _ARMED = 0x80
-_STATUSTEXT, _MAV_STATE_CRITICAL = 253, 5
+_STATUSTEXT, _MAV_STATE_CRITICAL, _MAV_STATE_FLIGHT_TERMINATION = 253, 5, 8
 # How ArduCopter's texts begin when a failsafe acts (the first three observed with 4.6.3, the last read in its source);
 # followed by "Cleared" where it ends. PX4's texts name no cause.
 _FAILSAFE_TEXTS = {
@@ -28,8 +29,10 @@ _FAILSAFE_TEXTS = {
 _UNKNOWN_CAUSE = "unknown"
 _LAYOUTS = {
     _HEARTBEAT: struct.Struct("<IBBBBB"),
+    _SYSTEM_TIME: struct.Struct("<QI"),
     _ATTITUDE: struct.Struct("<I6f"),
     _GLOBAL_POSITION_INT: struct.Struct("<IiiiihhhH"),
+    _COMMAND_ACK: struct.Struct("<HBBiBB"),
     _AUTOPILOT_VERSION: struct.Struct("<QQIIIIHH8s8s8s"),
     _PARAM_VALUE: struct.Struct("<fHH16sB"),
     _STATUSTEXT: struct.Struct("<B50s"),
@@ -44,6 +47,9 @@ class Telemetry:
 
     custom_mode: int = 0
     armed: bool = False
+    terminated: bool = False
+    clock_s: float = 0.0
+    """Of the autopilot, since its start."""
     system: int = 1
     latitude_e7: int | None = None
     longitude_e7: int = 0
@@ -54,6 +60,8 @@ class Telemetry:
     version: str = ""
     heartbeats: int = 0
     parameters: dict[str, float] = field(default_factory=dict)
+    results: dict[int, int] = field(default_factory=dict)
+    """MAV_RESULT of the bench's own commands, by their numbers."""
     _packer: Packer = field(default_factory=lambda: Packer(_SYSTEM, _COMPONENT))
     _sequence: int = 0
     _critical: bool = False
@@ -70,9 +78,16 @@ class Telemetry:
             if number == _HEARTBEAT:
                 self.custom_mode, self.armed = values[0], bool(values[3] & _ARMED)
                 self._critical = values[4] == _MAV_STATE_CRITICAL
+                self.terminated = values[4] == _MAV_STATE_FLIGHT_TERMINATION
                 self.system = sender(frame)[0]
                 self.heartbeats += 1
+            elif number == _SYSTEM_TIME:
+                self.clock_s = values[1] / 1000.0
+            elif number == _COMMAND_ACK:
+                if values[4:] == (_SYSTEM, _COMPONENT):
+                    self.results[values[0]] = values[1]
             elif number == _ATTITUDE:
+                self.clock_s = values[0] / 1000.0
                 self.attitude_rad, self.rates_radps = values[1:4], values[4:7]
             elif number == _GLOBAL_POSITION_INT:
                 self.latitude_e7, self.longitude_e7 = values[1], values[2]
@@ -105,14 +120,19 @@ class Telemetry:
                 (_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz)
                 for number in (_ATTITUDE, _GLOBAL_POSITION_INT)
             ]
-        return [self._command(*command) for command in commands]
+        return [self.command(*command) for command in commands]
+
+    def clock_requests(self) -> list[bytes]:
+        """Commands that ask for the clock, and for the state of the vehicle."""
+        return [self.command(_REQUEST_MESSAGE, float(number), 0.0) for number in (_SYSTEM_TIME, _HEARTBEAT)]
 
     def parameter(self, name: str, value: float) -> bytes:
-        """PARAM_SET of a parameter of ArduPilot, which takes every value as a float."""
+        """PARAM_SET of a parameter that is a float: all of ArduPilot are, on MAVLink."""
         values = (value, self.system, _AUTOPILOT_COMPONENT, name.encode(), _REAL32)
         return self._packed(_PARAM_SET, values)
 
-    def _command(self, number: int, first: float, second: float) -> bytes:
+    def command(self, number: int, first: float, second: float) -> bytes:
+        """COMMAND_LONG with its first two parameters."""
         values = (first, second, 0.0, 0.0, 0.0, 0.0, 0.0, number, self.system, _AUTOPILOT_COMPONENT, 0)
         return self._packed(_COMMAND_LONG, values)
 

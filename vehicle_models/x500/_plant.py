@@ -79,10 +79,13 @@ class X500Plant(JsbsimPlant):
     """One quadrotor standing at `place`, advanced by `step_s` at a time in steps of 1 / `physics_hz`.
 
     `shift_ne_m` is what the cascade measures from the start of the flight, less metres in the plane of the
-    origin; `outer_s` is the period of the cascade's outer channel. Raises SetupError when the step is not a whole number of physics steps.
+    origin; `outer_s` is the period of the cascade's outer channel. Without `cascade` somebody else turns the rotors. Raises
+    SetupError when the step is not a whole number of physics steps.
     """
 
-    def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
+    def __init__(
+        self, place: StartPose, step_s: float, physics_hz: int = 200, *, cascade: bool = True
+    ) -> None:
         super().__init__("x500", place, _FEET_M, _WRITTEN, step_s, physics_hz)
         self._start_north, self._start_east = (self.node(name).get_double_value for name in _FROM_START)
         self._motors = [self.node(f"motor/{name}").get_double_value for name in ROTORS]
@@ -91,6 +94,9 @@ class X500Plant(JsbsimPlant):
         self.outer_s = _OUTER_EVERY / physics_hz
         self._setters["outer-dt-s"](self.outer_s)
         self._written: dict[str, float] = {}
+        self._cascade = cascade
+        self.node("ap/cascade").set_double_value(float(cascade))
+        self._rotors = [self.node(f"ap/rotor-{name}").set_double_value for name in ROTORS]
         self.shift_ne_m = self._shift()
 
     def write(self, name: str, value: float) -> None:
@@ -108,9 +114,9 @@ class X500Plant(JsbsimPlant):
         return [get() for get in self._motors]
 
     def turn_rotors(self, speeds: Sequence[float]) -> None:
-        """Command the speed of each rotor as a share of its greatest, past the cascade, which stays disarmed."""
-        for name, speed in zip(ROTORS, speeds, strict=True):
-            self.write(f"test-{name}", speed)
+        """Command the speed of each rotor as a share of its greatest, where no cascade does."""
+        for put, speed in zip(self._rotors, speeds, strict=True):
+            put(0.0 if speed < 0.0 else 1.0 if speed > 1.0 else speed)
 
     def set_works(self, number: int, works: bool) -> None:
         """Let a rotor (by its index in ROTORS) turn as commanded, or stop it."""
@@ -125,7 +131,8 @@ class X500Plant(JsbsimPlant):
 
     def advance(self) -> None:
         super().advance()
-        self.shift_ne_m = self._shift()
+        if self._cascade:
+            self.shift_ne_m = self._shift()
 
     def _shift(self) -> tuple[float, float]:
         return self._start_north() * _FT - self.motion.north_m, self._start_east() * _FT - self.motion.east_m

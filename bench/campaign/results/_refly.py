@@ -50,6 +50,7 @@ from ._finish import read_campaign_folder
 
 # They end a session by the host's clock, so a slower machine ends the same session otherwise.
 _TIMED_BY_HOST = frozenset({Outcome.AGENT_TIMEOUT, Outcome.AGENT_NEVER_CONNECTED})
+_NEED_NOT_REPEAT = "a real autopilot flew, which need not repeat itself"
 # What is no property of the session: seconds of the host, connections of strangers, paths in texts.
 _OF_HOST = {"wall_s", "cpu_s", "agent_cpu_s", "counters", "reason", "details"}
 
@@ -57,9 +58,10 @@ _OF_HOST = {"wall_s", "cpu_s", "agent_cpu_s", "counters", "reason", "details"}
 class ReflownStatus(StrEnum):
     IDENTICAL = "identical"  # recording and result are the same, bit for bit
     DIFFERENT = "different"
-    APART = (
-        "apart"  # a real autopilot flew that need not repeat itself; how far the flights came apart is told
-    )
+    # Of a real autopilot, which need not repeat itself: the same flight and results with other records; or how far the
+    # two flights came apart.
+    EQUAL = "equal"
+    APART = "apart"
     OTHER_VERSIONS = "other versions"  # cannot be compared bit for bit: other software wrote the recording
     NOT_FLOWN = "not flown"  # the host or the set-up here kept the session from flying to its end
 
@@ -148,11 +150,10 @@ def _not_repeatable(simspec: SimSpec) -> str:
 
 
 def _need_not_repeat(simspec: SimSpec) -> bool:
-    """Whether a real autopilot flies that does not always repeat itself: PX4's threads run in wall time between two
-    samples, and at the pace `quiet` two of ten flights differed all the same (docs/real-autopilots.md). ArduPilot repeats.
+    """Whether a real autopilot flies. PX4's threads run in wall time between two samples, and at the pace `quiet` two of
+    ten flights differed all the same; ArduPilot repeated by script, but not always with an agent (docs/real-autopilots.md).
     """
-    autopilot = simspec.vehicle.autopilot
-    return isinstance(autopilot, RealAutopilot) and autopilot.kind == "px4"
+    return isinstance(simspec.vehicle.autopilot, RealAutopilot)
 
 
 class _Reflight:
@@ -247,7 +248,7 @@ class _Reflight:
             what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {what}"
             return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
         if _need_not_repeat(load_json_document(self._folder.simspec(name), SimSpec)):
-            what = f"real PX4 flew, which need not repeat itself: {what}"
+            what = f"{_NEED_NOT_REPEAT}: {what}"
             return ReflownRun(name, ReflownStatus.APART, what)
         return ReflownRun(name, ReflownStatus.DIFFERENT, what)
 
@@ -259,10 +260,9 @@ class _Reflight:
         where = f"{difference}; {distance}" if distance else difference
         if not _need_not_repeat(load_json_document(self._folder.simspec(name), SimSpec)):
             return ReflownRun(name, ReflownStatus.DIFFERENT, where, apart_m)
-        what = (
-            f"real PX4 flew, which need not repeat itself: {distance or difference}; {_results_text(fields)}"
-        )
-        return ReflownRun(name, ReflownStatus.APART, what, apart_m)
+        what = f"{_NEED_NOT_REPEAT}: {distance or difference}; {_results_text(fields)}"
+        status = ReflownStatus.EQUAL if apart_m == 0.0 and not fields else ReflownStatus.APART
+        return ReflownRun(name, status, what, apart_m)
 
 
 def _results_text(fields: list[str]) -> str:
