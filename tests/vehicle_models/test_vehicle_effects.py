@@ -160,8 +160,6 @@ NOT_SHOWN = {
             "COM_FLIGHT_UUID",
             "COM_RC_STICK_OV",
             "MPC_ACC_DOWN_MAX",
-            "MPC_XY_VEL_I_ACC",
-            "MPC_XY_VEL_P_ACC",
             "MPC_Z_VEL_P_ACC",
             "NAV_MC_ALT_RAD",
         )

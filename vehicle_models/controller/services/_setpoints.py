@@ -243,6 +243,7 @@ class Setpoints:
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
             faces_motion=policy.faces_motion and not has_yaw and not has_yaw_rate,
+            shaping=limits.setpoint_shaping if has_xy and not has_vxy else limits.velocity_shaping,
         )
         return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
 
