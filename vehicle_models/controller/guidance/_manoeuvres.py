@@ -221,6 +221,17 @@ class Return:
         )
 
     @property
+    def lands(self) -> bool:
+        """Whether it is on its last way down, with no wait before the ground."""
+        return self._land is not None
+
+    def heights_m(self, origin_m: float) -> tuple[float, float]:
+        """Altitude at which it flies home, and how much that is above the ground there; `origin_m` is the altitude of the
+        local frame.
+        """
+        return origin_m - self._cruise_down_m, self._home.down_m - self._cruise_down_m
+
+    @property
     def landing(self) -> bool:
         return self._land is not None or (self._is_above_home and self._wait_down_m > self._cruise_down_m)
 

@@ -300,6 +300,7 @@ class Setpoints:
     def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
         flight = self._context.flight
         self._last_ns, self._last = flight.time_ns, (target, accelerates)
+        flight.had_setpoints = True
         if flight.mode.behaviour is Behaviour.OFFBOARD:
             self._manoeuvre().give(target, flight, accelerates)
 

@@ -229,6 +229,8 @@ class FlightState:
     camera_tilt_rad: float | None = None
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
     sticks: StickPositions | None = None  # None: no pilot
+    asked_mode: FlightMode | None = None  # the last that no failsafe has entered
+    had_setpoints: bool = False  # a companion has given some since the start
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
 
     @property
