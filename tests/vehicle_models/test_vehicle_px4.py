@@ -71,12 +71,10 @@ def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
     client.fly(4.0)
     for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9, 9) == [CURRENT_MODE = 436
-ACCEPTED, TEMPORARILY_REJECTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9, 9) == [ACCEPTED, TEMPORARILY_REJECTED]
     client.airborne()
     for main, label in ((6, "Offboard"), (1, "Manual")):
-        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, 0) == [CURRENT_MODE = 436
-ACCEPTED, TEMPORARILY_REJECTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, 0) == [ACCEPTED, TEMPORARILY_REJECTED]
         assert f"Switching to {label} is currently not available\t"[:50] in client.texts()
     assert client.vehicle.condition().mode == "AUTO_LOITER"
 
@@ -280,7 +278,7 @@ def test_default_rates_of_the_onboard_link(make: Make) -> None:
     counts = Counter(message.get_type() for message in client.fly(10.0))
     wanted = {
         "HEARTBEAT": 10,
-        "ATTITUDE": 500,
+        "ATTITUDE": 1000,
         "LOCAL_POSITION_NED": 300,
         "GLOBAL_POSITION_INT": 500,
         "GPS_RAW_INT": 80,
@@ -316,7 +314,7 @@ def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == [
         ACCEPTED
     ]
-    assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(100, abs=1)
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RAW_IMU, 1000) == [
         FAILED
     ]

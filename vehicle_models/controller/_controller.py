@@ -61,13 +61,12 @@ from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
 from .state._service import (
     AnswersRequests,
-    ChannelStream,
+    AnyStream,
     HandlesCommands,
     HandlesMessages,
     MessageAnswer,
     MessageHandler,
     MessageSender,
-    Stream,
     StreamsMessages,
     Ticks,
 )
@@ -350,7 +349,7 @@ class Controller:
             self._modes.on_change.append(self._streams.send_heartbeat)
 
     def _collect_streams(self, services: Sequence[object]) -> Streams:
-        streams: dict[str, Stream | ChannelStream] = {}
+        streams: dict[str, AnyStream] = {}
         answers: dict[str, MessageAnswer] = {}
         for service_streams in _methods(services, StreamsMessages.streams):
             streams.update(service_streams())

@@ -199,6 +199,9 @@ class FlightState:
     p_radps: float = 0.0
     q_radps: float = 0.0
     r_radps: float = 0.0
+    halfway: tuple[
+        float, ...
+    ] = ()  # attitude, its heading 0 to 2 pi, and rates in the middle of the last step
     latitude_e7: int = 0
     longitude_e7: int = 0
     altitude_m: float = 0.0  # above mean sea level
