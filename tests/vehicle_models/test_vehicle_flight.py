@@ -51,6 +51,8 @@ def test_return_lasts_as_long_as_the_real_one(make: Make) -> None:
         client.fly(0.1)
         assert client.vehicle.time.s < begun_s + 60.0
     assert client.vehicle.time.s - begun_s == pytest.approx(41.8, rel=0.05)
+    # It has flown home southwards, and turned to its heading at home on the way down.
+    assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(0.0, abs=3.0)
 
 
 def test_an_offboard_step_is_that_of_the_real_px4(make: Make) -> None:
