@@ -125,6 +125,7 @@ def companion_lost(client: Client) -> str:
 def station_lost_s(client: Client) -> float:
     hover(client, 5.0)
     client.fly(1.0, beat(client))
+    client.is_station = False
     return wait(client, in_mode("AUTO_RTL"), 40.0)
 
 

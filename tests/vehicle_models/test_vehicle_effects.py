@@ -47,6 +47,7 @@ def client_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Client]
 
         def build(autopilot: str, parameters: dict[str, float]) -> Client:
             client = Client(255)
+            client.is_station = autopilot != "ardupilot"
             stack.callback(client.socket.close)
             wing = autopilot == "wing"
             vehicle = {"parameters": parameters, **({"model": "wing"} if wing else {})}
