@@ -86,6 +86,8 @@ class TruePlant:
     def __init__(self, state: State, place: StartPose) -> None:
         self._state, self._place = state, place
         self.motion = VehicleMotion()
+        # The link shows no moments between its samples.
+        self.halfway: tuple[float, ...] = ()
         self.advance()
 
     def advance(self) -> None:

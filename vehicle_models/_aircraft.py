@@ -76,6 +76,8 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
 class Plant(Protocol):
     """What the vehicle needs of its flight dynamics."""
 
+    halfway: tuple[float, ...]
+
     @property
     def motion(self) -> VehicleMotion: ...
 
@@ -485,6 +487,7 @@ class Aircraft(ABC):
             _signed_heading(motion.yaw_rad),
         )
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
+        flight.halfway = self._plant.halfway
         flight.airspeed_mps = motion.airspeed_mps
         flight.on_ground = motion.up_m < _TOUCH_M
         battery = self._battery

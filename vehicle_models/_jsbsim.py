@@ -107,7 +107,10 @@ class JsbsimPlant:
         self._gust = [
             self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")
         ]
+        self._turns = self._getters[6:12]
         self.motion = VehicleMotion()
+        # Roll, pitch, yaw and body rates in the middle of the last step; empty where a step is one of physics.
+        self.halfway: tuple[float, ...] = ()
         self._read()
 
     def write(self, name: str, value: float) -> None:
@@ -132,9 +135,13 @@ class JsbsimPlant:
 
     def advance(self) -> None:
         """Fly one step. Raises VehicleFault when the state is no longer finite."""
-        run = self._run
+        run, middle = self._run, self.runs // 2
         try:
-            for _ in range(self.runs):
+            for _ in range(middle):
+                run()
+            if middle:
+                self.halfway = tuple([get() for get in self._turns])
+            for _ in range(self.runs - middle):
                 run()
         except Exception as error:
             # JSBSim has no exception class of its own for a state that diverges.

@@ -29,8 +29,7 @@ Track = NDArray[np.float64]
 ROWS_HZ = 10
 LEG_S = 25.0
 HEIGHT_M, STEP_M = 10.0, 20.0
-# With PX4's default of RTL_DESCEND_ALT for this plant's airframe; that of `sihsim_quadx` is 10 m.
-PARAMETERS = {"px4": {"MIS_TAKEOFF_ALT": 10.0, "RTL_DESCEND_ALT": 30.0}, "ardupilot": {}}
+PARAMETERS = {"px4": {"MIS_TAKEOFF_ALT": 10.0}, "ardupilot": {}}
 
 
 @dataclass(frozen=True)

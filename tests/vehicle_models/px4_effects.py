@@ -125,6 +125,7 @@ def companion_lost(client: Client) -> str:
 def station_lost_s(client: Client) -> float:
     hover(client, 5.0)
     client.fly(1.0, beat(client))
+    client.is_station = False
     return wait(client, in_mode("AUTO_RTL"), 40.0)
 
 
@@ -175,6 +176,29 @@ def returning_s(client: Client) -> float:
     hover(client, 2.5)
     assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     return wait(client, lambda flown: flown.vehicle.condition().landed, 40.0)
+
+
+def waiting_height(client: Client) -> float:
+    """Where a return waits before it lands."""
+    hover(client, 12.0)
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
+    client.fly(15.0)
+    return up_m(client)
+
+
+def offboard_step(of: Callable[[Client], float]) -> Measure:
+    """The greatest of a step of 15 m."""
+
+    def measured(client: Client) -> float:
+        hover(client, 12.0)
+        client.offboard(0.0, 0.0, -12.0)
+        return most(of, client, 6.0, lambda: client.setpoint(15.0, 0.0, -12.0))
+
+    return measured
+
+
+def north_m(client: Client) -> float:
+    return client.vehicle.truth().position_enu_m[1]
 
 
 def flat_battery(client: Client) -> str:
@@ -268,7 +292,8 @@ PX4 = (
     Effect("MPC_TKO_SPEED", (1.5, 3.0), rising, (1.5, 3.0)),
     Effect("MPC_Z_V_AUTO_UP", (1.0, 3.0), climbing, (1.0, 3.0)),
     Effect("MPC_Z_V_AUTO_DN", (0.7, 2.0), sinking, (0.7, 2.0)),
-    Effect("MPC_XY_VEL_MAX", (4.0, 8.0), offboard_velocity(speed_mps, 0.0, 5.0, north=20.0), (4.0, 8.0)),
+    # It creeps to them, because drag is learned.
+    Effect("MPC_XY_VEL_MAX", (4.0, 8.0), offboard_velocity(speed_mps, 0.0, 5.0, north=20.0), (3.8, 7.6)),
     Effect("MPC_XY_CRUISE", (4.0, 8.0), returning_speed, (4.0, 8.0)),
     Effect("MPC_Z_VEL_MAX_UP", (1.0, 3.0), offboard_velocity(up_mps, -6.0, 5.0), (1.0, 3.0)),
     Effect("MPC_Z_VEL_MAX_DN", (0.7, 1.5), offboard_velocity(sink_mps, 6.0, 20.0), (0.7, 1.5)),
@@ -314,12 +339,17 @@ PX4 = (
     Effect("BAT1_N_CELLS", (4.0, 6.0), volts, (16.2, 24.3), beside=DRAIN),
     Effect("BAT1_V_CHARGED", (4.05, 4.2), volts, (16.2, 16.8), beside=DRAIN),
     Effect("BAT1_V_EMPTY", (3.6, 3.2), half_volts, (15.3, 14.5), 0.1, beside=DRAIN),
+    Effect("MPC_XY_P", (0.95, 0.5), offboard_step(speed_mps), (9.0, 5.7)),
+    Effect("MPC_XY_VEL_P_ACC", (1.8, 3.0), offboard_step(speed_mps), (9.0, 10.5)),
+    Effect("MPC_XY_VEL_I_ACC", (0.4, 2.0), offboard_step(north_m), (15.8, 16.2), 0.1),
     Effect("MC_ORBIT_RAD_MAX", (1000.0, 30.0), wide_orbit, (0.0, 1.0)),
     Effect("MPC_YAW_MODE", (0.0, 3.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("NAV_ACC_RAD", (2.0, 30.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("RTL_RETURN_ALT", (20.0, 30.0), returning_height(30.0), (20.0, 30.0), 0.5),
-    Effect("RTL_DESCEND_ALT", (10.0, 30.0), returning_s, (13.0, 4.6), 0.7),
-    Effect("RTL_LAND_DELAY", (0.0, 4.0), returning_s, (13.0, 17.0), 0.7),
+    Effect(
+        "RTL_DESCEND_ALT", (10.0, 6.0), waiting_height, (10.0, 6.0), 0.5, beside=(("RTL_LAND_DELAY", 60.0),)
+    ),
+    Effect("RTL_LAND_DELAY", (0.0, 4.0), returning_s, (4.6, 8.6), 0.7),
     Effect("RTL_MIN_DIST", (2.0, 20.0), returning_height(10.0), (30.0, 10.0), 0.7),
     Effect("MPC_MAN_TILT_MAX", (15.0, 30.0), sticks(ALTITUDE, tilt_deg, ahead=1000), (15.0, 30.0), 2.5),
     Effect("MPC_MAN_Y_MAX", (20.0, 40.0), sticks(POSITION, turn_radps, turn=1000), (0.35, 0.7), 0.06),

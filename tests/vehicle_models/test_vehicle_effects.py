@@ -47,6 +47,7 @@ def client_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Client]
 
         def build(autopilot: str, parameters: dict[str, float]) -> Client:
             client = Client(255)
+            client.is_station = autopilot != "ardupilot"
             stack.callback(client.socket.close)
             wing = autopilot == "wing"
             vehicle = {"parameters": parameters, **({"model": "wing"} if wing else {})}
@@ -160,8 +161,6 @@ NOT_SHOWN = {
             "COM_FLIGHT_UUID",
             "COM_RC_STICK_OV",
             "MPC_ACC_DOWN_MAX",
-            "MPC_XY_VEL_I_ACC",
-            "MPC_XY_VEL_P_ACC",
             "MPC_Z_VEL_P_ACC",
             "NAV_MC_ALT_RAD",
         )

@@ -23,6 +23,7 @@ def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
     """12 s after its last heartbeat, whatever the reaction; once, until the next heartbeat."""
     client = make()
     client.airborne(3.0)
+    client.is_station = False
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.received.clear()
     client.fly(11.8)
@@ -58,6 +59,7 @@ def test_events_are_numbered_without_gaps_and_come_again(make: Make) -> None:
     """Events with and without a text share one numbering; a client can request all of them."""
     client = make()
     client.airborne(3.0)
+    client.is_station = False
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(13.0)
     first = [(message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"]

@@ -36,6 +36,7 @@ def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
     taped: list[tuple[str, int]] = []
     spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
+    client.is_station = False
     client.fly(0.92)
     assert client.vehicle.time.s == pytest.approx(2.02)
     sent, message_count, received = (

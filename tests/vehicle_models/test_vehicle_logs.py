@@ -34,6 +34,7 @@ from vehicle_models.controller.logs._streaming import DATA_BYTES, NO_MESSAGE_STA
 @pytest.fixture(scope="module")
 def px4_logs() -> Iterator[FlownLogs]:
     client = Client()
+    client.is_station = True
     link = LinkSpec("onboard", "udp_out", port=client.port, streams="onboard")
     plan = VehiclePlan(simspec(vehicle={"parameters": {"RTL_RETURN_ALT": 22.0}}), (link,))
     with client.socket, open_x500(plan) as vehicle:

@@ -174,6 +174,7 @@ def test_px4_sticks_take_over_from_a_failsafe_once_it_acts(make: Make) -> None:
     """Not from the Hold before the return, but from the return; and the failsafe is over with that."""
     client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
     client.airborne()
+    client.is_station = False
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     client.fly(13.0)
     client.fly(1.0, lambda: joystick(client))

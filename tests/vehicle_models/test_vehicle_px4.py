@@ -6,14 +6,18 @@ import math
 import struct
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import NAN, Client, simspec
 
+from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import SetupError
+from vehicle_models import open_x500
 
 Make = Callable[..., Client]
+CURRENT_MODE = 436
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
 
@@ -274,7 +278,7 @@ def test_default_rates_of_the_onboard_link(make: Make) -> None:
     counts = Counter(message.get_type() for message in client.fly(10.0))
     wanted = {
         "HEARTBEAT": 10,
-        "ATTITUDE": 500,
+        "ATTITUDE": 1000,
         "LOCAL_POSITION_NED": 300,
         "GLOBAL_POSITION_INT": 500,
         "GPS_RAW_INT": 80,
@@ -310,7 +314,7 @@ def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == [
         ACCEPTED
     ]
-    assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(100, abs=1)
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RAW_IMU, 1000) == [
         FAILED
     ]
@@ -359,6 +363,7 @@ def test_a_lost_station_holds_and_returns_by_its_parameter(make: Make) -> None:
 
     client.airborne()
     client.fly(2.0, beat)
+    client.is_station = False
     client.fly(11.6)
     assert client.vehicle.condition().failsafe == ""
     client.fly(0.5)
@@ -383,3 +388,122 @@ def test_a_takeoff_to_below_home_rises_all_the_same(make: Make) -> None:
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(8.0, abs=0.4)
     texts = [text for text in client.texts() if "takeoff altitude" in text]
     assert texts == ["Using minimum takeoff altitude: 2.50 m\t", "Already higher than takeoff altitude\t"]
+
+
+def test_texts_go_where_a_ground_station_is_heard(make: Make) -> None:
+    """To no companion; to a station until 2.5 s after its last heartbeat. Events go to both."""
+    client = make()
+    client.is_station = False
+    client.fly(3.0)
+    client.received.clear()
+
+    def beat(kind: int) -> None:
+        client.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 0, 3))
+
+    def texts_of_a_refusal() -> int:
+        client.received.clear()
+        client.command(mavlink.MAV_CMD_MISSION_START)
+        assert [message for message in client.received if message.get_type() == "EVENT"]
+        return len(client.texts())
+
+    assert texts_of_a_refusal() == 0
+    beat(mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
+    assert texts_of_a_refusal() == 0
+    beat(mavlink.MAV_TYPE_GCS)
+    assert texts_of_a_refusal() == 1
+    client.fly(2.4)
+    assert texts_of_a_refusal() == 1
+    client.fly(0.2)
+    assert texts_of_a_refusal() == 0
+
+
+def test_a_text_goes_over_the_stations_link_alone() -> None:
+    """A companion on another link of the same vehicle reads none."""
+    station, companion = Client(255), Client()
+    links = tuple(
+        LinkSpec(name, "udp_out", port=client.port, streams="none")
+        for name, client in (("gcs", station), ("onboard", companion))
+    )
+    with (
+        closing(station.socket),
+        closing(companion.socket),
+        open_x500(VehiclePlan(simspec(), links)) as vehicle,
+    ):
+        station.vehicle = companion.vehicle = vehicle
+        station.is_station = True
+        station.fly(2.0)
+        companion.fly(0.1)
+        companion.command(mavlink.MAV_CMD_MISSION_START)
+        station.fly(0.1)
+    assert station.texts() == ["Mission start denied! No valid mission\t"]
+    assert companion.texts() == []
+
+
+def test_a_return_says_how_high_it_flies(make: Make) -> None:
+    """In two pieces, as the real one; the text of the command comes with the command alone."""
+    client = make()
+    client.airborne(10.0)
+    client.received.clear()
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5)
+    assert client.texts()[:2] == ["RTL: start return at 499 m (11 m above destination", ")\t"]
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+    client.received.clear()
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    assert client.texts()[0] == "Returning to launch\t"
+    client.fly(1.0)
+    assert client.texts()[-1] == "RTL: land at destination\t"
+
+
+def test_a_landing_out_of_offboard_shows_offboard_again(make: Make) -> None:
+    """17, status 0, also where its failsafe landed; after a return that was ordered Hold."""
+    client = make()
+    client.airborne(3.0)
+    client.offboard(0.0, 0.0, -3.0)
+    client.fly(25.0)
+    assert not client.vehicle.condition().armed
+    heartbeat = client.last("HEARTBEAT")
+    assert (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status) == (17, 6 << 16, 0)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+    client.airborne(3.0)
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    client.fly(15.0)
+    heartbeat = client.last("HEARTBEAT")
+    assert (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status) == (29, 0x03040000, 3)
+
+
+def test_a_failsafe_leaves_the_mode_that_was_asked_for(make: Make) -> None:
+    """CURRENT_MODE shows both."""
+    client = make()
+    client.airborne(3.0)
+    client.offboard(0.0, 0.0, -3.0)
+    client.fly(1.5)
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, CURRENT_MODE)
+    client.fly(0.1)
+    mode = client.last("CURRENT_MODE")
+    assert (mode.custom_mode, mode.intended_custom_mode) == (0x05040000, 6 << 16)
+
+
+def test_a_return_levels_its_gimbal(make: Make) -> None:
+    """Takes it, levels it, gives it back, each four times in two seconds; a component of the system that answers ends
+    one of them.
+    """
+    client = make()
+    client.airborne(10.0)
+    client.received.clear()
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    client.fly(3.0)
+    commands = [message for message in client.received if message.get_type() == "COMMAND_LONG"]
+    assert [(message.command, message.param1) for message in commands[::2]][:1] == [(1001, 1.0)]
+    assert Counter(message.command for message in commands) == {1000: 4, 1001: 8}
+    assert {message.target_system for message in commands} == {1}
+    assert sorted({message.confirmation for message in commands}) == [0, 1, 2, 3]
+
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+    client.received.clear()
+    client.command(mavlink.MAV_CMD_NAV_LAND)
+    client.mav.srcSystem = 1
+    client.send(mavlink.MAVLink_command_ack_message(1000, 0))
+    client.mav.srcSystem = 245
+    client.fly(3.0)
+    commands = [message for message in client.received if message.get_type() == "COMMAND_LONG"]
+    assert Counter(message.command for message in commands) == {1000: 1, 1001: 8}

@@ -50,21 +50,41 @@ def test_px4_returns_lands_and_refuses_in_these_words(make: Make) -> None:
         (CRITICAL, "Mission start denied! No valid mission"),
         (CRITICAL, "Orbit radius limit exceeded"),
         (INFO, "Returning to launch"),
+        (INFO, "RTL: start return at 491 m (3 m above destination)"),
+        (INFO, "RTL: land at destination"),
         (INFO, "Landing detected"),
         (INFO, "Disarmed by landing"),
     ]
 
 
-def test_px4_reports_a_lost_station_and_a_flat_battery_in_these_words(make: Make) -> None:
-    """NAV_DLL_ACT 2: Hold, then the return. COM_LOW_BAT_ACT 3: a warning, Hold, an emergency, the landing."""
-    client = px4(make, NAV_DLL_ACT=2)
+def test_px4_reports_a_lost_joystick_and_a_flat_battery_in_these_words(make: Make) -> None:
+    """Hold, then the return, of which the navigator alone says more. COM_LOW_BAT_ACT 3: a warning, Hold, an emergency,
+    the landing.
+    """
+    client = px4(make)
     client.airborne(3.0)
+
+    def sticks() -> None:
+        client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+
+    client.fly(0.5, sticks)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
+    client.fly(1.0, sticks)
     begun = len(client.received)
-    beat(client)
-    client.fly(18.0)
+    client.fly(30.0)
     hold = (CRITICAL, "Failsafe activated: entering Hold for 5 seconds")
     acts = (CRITICAL, "Failsafe activated")
-    assert sent(client, begun)[:2] == [hold, acts]
+    assert sent(client, begun) == [
+        hold,
+        acts,
+        (INFO, "RTL: start return at 491 m (3 m above destination)"),
+        (INFO, "RTL: land at destination"),
+        (INFO, "Landing detected"),
+        (INFO, "Disarmed by landing"),
+    ]
+    # The mode that was asked for is shown again; it cannot be armed without a joystick.
+    heartbeat = client.last("HEARTBEAT")
+    assert (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status) == (81, 3 << 16, 0)
 
     battery = {"COM_LOW_BAT_ACT": 3, "SIM_BAT_DRAIN": 40, "SIM_BAT_MIN_PCT": 0}
     client = make(simspec(vehicle={"parameters": battery}))
@@ -72,7 +92,7 @@ def test_px4_reports_a_lost_station_and_a_flat_battery_in_these_words(make: Make
     begun = len(client.received)
     client.fly(40.0)
     texts = [text for text in sent(client, begun) if "attery" in text[1] or "Failsafe" in text[1]]
-    assert texts[:4] == [(WARNING, "Low battery"), hold, (EMERGENCY, "Emergency battery level"), acts]
+    assert texts[:4] == [(CRITICAL, "Low battery"), hold, (EMERGENCY, "Emergency battery level"), acts]
 
 
 def test_px4_is_disarmed_by_force_at_once(make: Make) -> None:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import NAN, Client, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
 
-# Section 2.2 of what was observed on PX4's links; ATTITUDE is 100 Hz there, and 50 Hz at this controller's
-# rate.
+# What was observed on PX4's links.
 BOTH = {
     "HEARTBEAT": 1,
-    "ATTITUDE": 50,
     "ATTITUDE_QUATERNION": 50,
     "GLOBAL_POSITION_INT": 50,
     "SCALED_PRESSURE": 1,
@@ -31,6 +30,9 @@ BOTH = {
     "CURRENT_EVENT_SEQUENCE": 1 / 3,
 }
 ONBOARD = BOTH | {
+    "ATTITUDE": 100,
+    "ESC_INFO": 10,
+    "ESC_STATUS": 10,
     "LOCAL_POSITION_NED": 30,
     "ODOMETRY": 30,
     "HIGHRES_IMU": 50,
@@ -50,6 +52,7 @@ ONBOARD = BOTH | {
     "VIBRATION": 0.5,
 }
 GCS = BOTH | {
+    "ATTITUDE": 50,
     "LOCAL_POSITION_NED": 50,
     "SERVO_OUTPUT_RAW": 50,
     "ATTITUDE_TARGET": 50,
@@ -83,6 +86,36 @@ def test_px4_streams_what_the_real_one_does(make: Make, streams: str, rates: dic
         measured.pop(aside, None)
     assert set(measured) == set(rates)
     assert measured == pytest.approx(rates, rel=0.04)
+
+
+def test_attitudes_between_two_steps_are_those_of_the_middle(make: Make) -> None:
+    """10 ms apart; each lies where the rate of its neighbours leads."""
+    client = make(streams="onboard")
+    client.airborne(5.0)
+    place = client.vehicle_goal(0.0, 30.0)
+    client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 493.0)
+    rows = [message for message in client.fly(3.0) if message.get_type() == "ATTITUDE"]
+    assert len(rows) == 300
+    assert {after.time_boot_ms - before.time_boot_ms for before, after in pairwise(rows)} == {10}
+    turned = [abs(after.pitch - before.pitch) for before, after in pairwise(rows)]
+    assert max(turned) > 0.005
+    for before, after in pairwise(rows):
+        led_rad = 0.005 * (before.pitchspeed + after.pitchspeed)
+        assert after.pitch - before.pitch == pytest.approx(led_rad, abs=0.002)
+
+
+def test_px4_tells_of_its_speed_controllers(make: Make) -> None:
+    """Four, at rest without current, at the same share of 6000 turns a minute and 15 A in a hover."""
+    client = make(streams="onboard")
+    client.fly(5.0)
+    assert [client.last("ESC_STATUS").rpm, client.last("ESC_STATUS").current] == [[0] * 4, [0.0] * 4]
+    assert (client.last("ESC_INFO").count, client.last("ESC_INFO").info) == (4, 15)
+    client.airborne(5.0)
+    status, info = client.last("ESC_STATUS"), client.last("ESC_INFO")
+    share = client.last("SERVO_OUTPUT_RAW").servo1_raw / 1000.0 - 1.0
+    assert status.rpm[0] == pytest.approx(6000.0 * share, rel=0.05)
+    assert status.current[0] == pytest.approx(1.0 + 15.0 * share, rel=0.05)
+    assert info.temperature[0] == pytest.approx(2000.0 + 4000.0 * share, rel=0.05)
 
 
 def test_copter_by_group(make: Make) -> None:

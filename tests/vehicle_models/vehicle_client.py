@@ -50,6 +50,8 @@ class Client:
         self.received: list[Any] = []
         self.raw = b""
         self.peer: tuple[str, int] | None = None
+        self.is_station = False  # beats once a second, as a ground station
+        self._beat_s = -1.0
         self.vehicle: Vehicle
 
     def send(self, message: Any) -> None:
@@ -91,6 +93,9 @@ class Client:
         for step in range(round(seconds * 50)):
             if each and step % 5 == 0:
                 each()
+            if self.is_station and self.peer and self.vehicle.time.s >= self._beat_s + 1.0:
+                self._beat_s = self.vehicle.time.s
+                self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 0, 3))
             self.vehicle.receive()
             self.vehicle.step()
             self._listen()
@@ -148,6 +153,8 @@ def make() -> Iterator[Callable[..., Client]]:
             system: int = 245,
         ) -> Client:
             client = Client(system)
+            # PX4 sends its texts to ground stations alone.
+            client.is_station = spec is None or spec.vehicle.autopilot == "px4"
             stack.callback(client.socket.close)
             link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)
             client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec or simspec(), (link,)), tap))

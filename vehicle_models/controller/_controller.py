@@ -50,6 +50,7 @@ from .services._manual_control import ManualControl
 from .services._modes import Modes
 from .services._motor_test import MotorTest
 from .services._navigator import Navigator
+from .services._own_commands import OwnCommands
 from .services._parameters import Parameters
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
@@ -60,13 +61,12 @@ from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
 from .state._service import (
     AnswersRequests,
-    ChannelStream,
+    AnyStream,
     HandlesCommands,
     HandlesMessages,
     MessageAnswer,
     MessageHandler,
     MessageSender,
-    Stream,
     StreamsMessages,
     Ticks,
 )
@@ -132,7 +132,8 @@ class Controller:
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         # Everything below shares one radio, so that messages leave in the order in which services queue them.
         radio = Radio(self.channels, tap, autopilot.telemetry.waits_for_client)
-        texts = Texts(radio, autopilot.identity.texts, autopilot.identity.text_ending)
+        identity = autopilot.identity
+        texts = Texts(radio, flight, identity.texts, identity.text_ending, identity.texts_for_stations_s)
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
         self._logs = persistent.logs if persistent else LogStorage()
@@ -189,8 +190,12 @@ class Controller:
         self._restart = Restart(context, autopilot.commands)
         self._parameters = Parameters(context, autopilot.parameters, equipment.simulation_control)
         gimbal = self._build_camera(equipment)
+        own_commands = (
+            OwnCommands(context, modes, self._system) if autopilot.commands.commands_devices else None
+        )
         # A failsafe has the last word on the mode, so it ticks behind all that change it.
         services: list[object] = [
+            context.texts,
             self._commands,
             self._parameters,
             ClockService(context, autopilot.commands.answers_ping),
@@ -210,7 +215,7 @@ class Controller:
             FollowTargetService(context, guidance),
             self._build_navigator(),
             modes,
-            self._build_mission_flight(gimbal),
+            self._build_mission_flight(gimbal, own_commands),
             self._fence,
             Health(context, autopilot.modes),
             MotorTest(context, autopilot.commands.motor_test_order),
@@ -219,8 +224,7 @@ class Controller:
             self._failsafe,
         ]
         services += self._build_calibration()
-        if gimbal:
-            services.append(gimbal)
+        services += [service for service in (gimbal, own_commands) if service]
         # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
         if equipment.truth:
             services.append(TruthStream(equipment.truth))
@@ -288,7 +292,7 @@ class Controller:
             autopilot.missions.guided_items,
         )
 
-    def _build_mission_flight(self, gimbal: Gimbal | None) -> MissionFlight:
+    def _build_mission_flight(self, gimbal: Gimbal | None, own_commands: OwnCommands | None) -> MissionFlight:
         return MissionFlight(
             self._context,
             self._autopilot.missions,
@@ -301,6 +305,7 @@ class Controller:
             self._home,
             gimbal,
             self._camera,
+            own_commands,
         )
 
     def _build_camera(self, equipment: Equipment) -> Gimbal | None:
@@ -344,7 +349,7 @@ class Controller:
             self._modes.on_change.append(self._streams.send_heartbeat)
 
     def _collect_streams(self, services: Sequence[object]) -> Streams:
-        streams: dict[str, Stream | ChannelStream] = {}
+        streams: dict[str, AnyStream] = {}
         answers: dict[str, MessageAnswer] = {}
         for service_streams in _methods(services, StreamsMessages.streams):
             streams.update(service_streams())

@@ -250,7 +250,8 @@ class PilotedVehicle:
             self._beat_s = self.now_s
             self._send(
                 mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    # PX4 sends its texts to ground stations alone.
+                    mavlink.MAV_TYPE_GCS,
                     mavlink.MAV_AUTOPILOT_INVALID,
                     0,
                     0,

@@ -324,7 +324,6 @@ MISSIONS = MissionPolicy(
     return_changes_mode=False,
     arms_at_start=False,
     set_current_command=True,
-    broadcasts_speed=False,
     starts_without_mission=True,
     start_refused_text=None,
     no_landing_texts=(

@@ -144,11 +144,15 @@ class Land:
     """
 
     def __init__(
-        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+        self,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
+        ground_down_m: float = 0.0,
+        yaw_rad: float | None = None,
     ) -> None:
         self._place: NorthEast | None = north_east_m or stopping_place(flight)
         self._ground_down_m = ground_down_m
-        self._yaw_rad = flight.yaw_rad
+        self._yaw_rad = flight.yaw_rad if yaw_rad is None else yaw_rad
         self._begins_ns = flight.time_ns
 
     def delay(self, flight: FlightState, delay_s: float) -> None:
@@ -211,6 +215,10 @@ class Return:
             self._wait_down_m = max(self._cruise_down_m, home.down_m - lower_m)
         self._is_above_home = False
         self._faces = limits.return_faces_home
+        self._is_near = distance_m < limits.return_near_m
+        # Source, and flights of PX4: it lands with the heading that it had when home was set.
+        turns = self._faces and math.isfinite(home.yaw_rad)
+        self._last_yaw_rad = home.yaw_rad if turns else None
         self._arrived_ns: int | None = None
         self._climbing = self._cruise_down_m < flight.down_m - limits.return_arrives_height_m
         self._land: Land | None = None
@@ -219,6 +227,17 @@ class Return:
             if limits.return_path
             else None
         )
+
+    @property
+    def lands(self) -> bool:
+        """Whether it is on its last way down, with no wait before the ground."""
+        return self._land is not None
+
+    def heights_m(self, origin_m: float) -> tuple[float, float]:
+        """Altitude at which it flies home, and how much that is above the ground there; `origin_m` is the altitude of the
+        local frame.
+        """
+        return origin_m - self._cruise_down_m, self._home.down_m - self._cruise_down_m
 
     @property
     def landing(self) -> bool:
@@ -237,7 +256,7 @@ class Return:
         self._is_above_home = self._is_above_home or (not on_path and distance_m < limits.return_arrives_m)
         arrived = self._is_above_home and self._wait_down_m - flight.down_m < limits.return_arrives_height_m
         if self._has_waited(flight, limits, arrived):
-            self._land = Land(flight, home, self._home.down_m)
+            self._land = Land(flight, home, self._home.down_m, self._last_yaw_rad)
         down_m = self._wait_down_m if self._is_above_home else self._cruise_down_m
         target = FlightTarget(
             north_east_m=home,
@@ -262,6 +281,8 @@ class Return:
         """The heading towards home; None near home, where a bearing has no meaning."""
         if not self._faces:
             return None
+        if self._is_near:
+            return self._last_yaw_rad
         north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
         return math.atan2(east, north) if math.hypot(north, east) > 3.0 else None
 

@@ -26,6 +26,17 @@ _MISSING = (
     ),
     (80, "COMMAND_CANCEL", "uint8_t target_system, uint8_t target_component, uint16_t command"),
     (
+        290,
+        "ESC_INFO",
+        "uint8_t index, uint64_t time_usec, uint16_t counter, uint8_t count, uint8_t connection_type, uint8_t info,"
+        "uint16_t[4] failure_flags, uint32_t[4] error_count, int16_t[4] temperature",
+    ),
+    (
+        291,
+        "ESC_STATUS",
+        "uint8_t index, uint64_t time_usec, int32_t[4] rpm, float[4] voltage, float[4] current",
+    ),
+    (
         300,
         "PROTOCOL_VERSION",
         "uint16_t version, uint16_t min_version, uint16_t max_version, uint8_t[8] spec_version_hash, uint8_t[8] library_version_hash",
@@ -82,21 +93,25 @@ _CODES = {
     "char": "s",
     "uint8_t": "B",
     "int8_t": "b",
+    "int16_t": "h",
     "uint16_t": "H",
     "uint32_t": "I",
     "int32_t": "i",
     "uint64_t": "Q",
     "int64_t": "q",
+    "float": "f",
 }
 _SIZES = {
     "char": 1,
     "uint8_t": 1,
     "int8_t": 1,
+    "int16_t": 2,
     "uint16_t": 2,
     "uint32_t": 4,
     "int32_t": 4,
     "uint64_t": 8,
     "int64_t": 8,
+    "float": 4,
 }
 # Name, type, length of the array or 0.
 _Field = tuple[str, str, int]

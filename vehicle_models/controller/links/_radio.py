@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from bench.contracts import MavlinkTap
@@ -116,13 +116,17 @@ class Radio:
         self._tap = tap
         self._waits_for_client = waits_for_client
 
-    def broadcast(self, name: str, **fields: Any) -> None:
-        """Queue a message on every channel; where the autopilot waits for clients, only where one has sent
-        something.
+    def broadcast(
+        self, name: str, goes_over: Callable[[Channel], bool] | None = None, /, **fields: Any
+    ) -> None:
+        """Queue a message on every channel, or those that `goes_over` admits; where the autopilot waits for clients, only
+        where one has sent something.
         """
         number, values = wire_values(name, **fields)
         for channel in self.channels:
-            if channel.has_client or not self._waits_for_client:
+            if (channel.has_client or not self._waits_for_client) and (
+                goes_over is None or goes_over(channel)
+            ):
                 channel.send(number, values)
 
     def begin(self) -> None:

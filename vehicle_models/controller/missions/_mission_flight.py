@@ -21,11 +21,12 @@ from ..payload._gimbal import Gimbal
 from ..policies._missions import MissionPolicy
 from ..services._home import HomeKeeper
 from ..services._modes import Modes
+from ..services._own_commands import OwnCommands
 from ..state._flight_state import Behaviour, FlightMode, FlightState, NorthEast
 from ..state._plan_store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
 from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
 from ..state._service_context import ServiceContext
-from ..state._texts import INFO, StatusText
+from ..state._texts import INFO, FlightEvent, StatusText
 from ._payload_items import PAYLOAD_ITEMS, use_payload
 
 _TAKEOFFS = (MAV_CMD.NAV_TAKEOFF, MAV_CMD.NAV_VTOL_TAKEOFF)
@@ -103,7 +104,9 @@ class MissionFlight:
         home: HomeKeeper,
         gimbal: Gimbal | None,
         camera: CameraComponent | None,
+        own_commands: OwnCommands | None,
     ) -> None:
+        self._own_commands = own_commands
         self._context, self._modes, self._guidance = context, modes, guidance
         self._policy = policy
         self._mode = mode
@@ -398,6 +401,7 @@ class MissionFlight:
         self._started = True
         if item.command == MAV_CMD.NAV_RETURN_TO_LAUNCH and policy.return_changes_mode:
             self._end("loitering")
+            self._context.texts.announce(FlightEvent.RETURNING)
             self._modes.switch_to(Behaviour.RETURN)
             return
         down = self._down_m(item)
@@ -645,11 +649,8 @@ class MissionFlight:
             self._guidance.speed_mps = self._speed_mps
             if self._speed_mps and isinstance(manoeuvre, Hold):
                 manoeuvre.change_speed(self._speed_mps)
-        if self._policy.broadcasts_speed:
-            fields = {f"param{number}": param for number, param in enumerate(item.params, start=1)}
-            self._context.radio.broadcast(
-                "COMMAND_LONG", command=MAV_CMD.DO_CHANGE_SPEED, target_system=1, target_component=0, **fields
-            )
+        if self._own_commands:
+            self._own_commands.send(MAV_CMD.DO_CHANGE_SPEED, item.params)
 
     def _speed_of(self, speed: float) -> float | None:
         """The speed that an item asks for; None for the parameters' speed."""

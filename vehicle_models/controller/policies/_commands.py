@@ -91,5 +91,7 @@ class CommandPolicy:
     """Whether a DO_SET_ROI is about a place, and not the end of one."""
     gimbal_needs_control: bool
     """Whether only its primary or secondary controller may turn a gimbal."""
+    commands_devices: bool = False
+    """Whether it commands devices of its own system: speeds of a mission, gimbal, trigger."""
     motor_test_order: tuple[int, ...] = ()
     """Rotors in the order of DO_MOTOR_TEST; empty: there is no such command."""

@@ -151,8 +151,6 @@ class MissionPolicy:
     arms_at_start: bool
     set_current_command: bool
     """Whether there is DO_SET_MISSION_CURRENT."""
-    broadcasts_speed: bool
-    """Whether the speed of an item is sent as a command to its own system."""
     starts_without_mission: bool
     """Whether MISSION_START without a mission is accepted while disarmed."""
     start_refused_text: StatusText | None

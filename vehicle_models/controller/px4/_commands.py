@@ -106,4 +106,5 @@ COMMANDS = CommandPolicy(
     bad_orbit_text=(CRITICAL, "Orbit radius limit exceeded"),
     roi_names_place=roi_by_kind,
     gimbal_needs_control=True,
+    commands_devices=True,
 )

@@ -144,7 +144,6 @@ MISSIONS = MissionPolicy(
     return_changes_mode=True,
     arms_at_start=True,
     set_current_command=False,
-    broadcasts_speed=True,
     starts_without_mission=False,
     start_refused_text=(CRITICAL, "Mission start denied! No valid mission"),
     no_landing_texts=(),

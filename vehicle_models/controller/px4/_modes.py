@@ -91,8 +91,8 @@ def _armable(flight: FlightState) -> bool:
 def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     base = flight.mode.base
     lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
-    # The SITL showed a bare custom mode for OFFBOARD until setpoints arrived.
-    if lacks_setpoints and not flight.armed:
+    # The SITL showed a bare custom mode for OFFBOARD until setpoints arrived, and not after a landing out of it.
+    if lacks_setpoints and not flight.armed and not flight.had_setpoints:
         base = int(_CUSTOM)
     if flight.mode.behaviour is Behaviour.TERMINATE:
         return base | (_ARMED if flight.armed else 0), MAV_STATE.FLIGHT_TERMINATION

@@ -15,19 +15,19 @@ from ..state._flight_limits import FlightLimits, FollowTargetLimits, StickLimits
 from ..state._flight_state import Behaviour
 from ..state._parameter_store import ParameterStore
 from ..state._parameter_table import read_parameters
-from ..state._shaping import AxisShaping, MotionShaping
+from ..state._shaping import UNSHAPED, AxisShaping, MotionShaping
 
 _AUTOMATIC = frozenset(
     {Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND}
 )
 
-# How long a return stands at RTL_DESCEND_ALT before it lands, s. Chosen so that one near home takes the 13.0 s to
-# the ground that were observed of sihsim_quadx; from 20 m away it took 54.5 s, here 52 s. A PX4 flown with
-# RTL_DESCEND_ALT at its return altitude did not stop. PX4's reason for the stop is not known.
-_RETURN_SETTLES_S = 7.8
-
 # Until PX4's navigator has handed a reposition to the trajectory. Fitted to the first tenth of one step of 20 m.
 _REPOSITION_DELAY_S = 0.15
+
+# Of 45 degrees, MPC_TILTMAX_AIR's default and about what this airframe tilts at most.
+_TILTED_MPS2 = 9.81
+# This airframe flies no faster, whatever MPC_XY_VEL_MAX allows.
+_FASTEST_MPS = 18.0
 
 # A takeoff of PX4 slows down as if it went so much higher, until it is over. Fitted to one flight of PX4 on this
 # plant; the reason is not known.
@@ -35,7 +35,8 @@ _TAKEOFF_BEYOND_M = 0.6
 
 
 def limits(p: ParameterStore) -> FlightLimits:
-    climb_shaping = _shaping(p, p["MPC_ACC_UP_MAX"])
+    climb_shaping, setpoint_shaping = _shaping(p, p["MPC_ACC_UP_MAX"]), _setpoint_shaping(p)
+    return_waits_s = p["RTL_LAND_DELAY"] if p["RTL_LAND_DELAY"] >= 0.0 else math.inf
     return FlightLimits(
         cruise_mps=max(p["MPC_XY_CRUISE"], 0.5),
         speed_max_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
@@ -93,8 +94,9 @@ def limits(p: ParameterStore) -> FlightLimits:
         goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
         faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
         return_faces_home=True,
-        return_descends_to_m=p["RTL_DESCEND_ALT"] if _waits_in_return(p) else None,
-        return_waits_s=_return_waits_s(p),
+        # Source, and three flights of PX4 on this plant: without a delay it lands from where it arrives.
+        return_descends_to_m=p["RTL_DESCEND_ALT"] if return_waits_s else None,
+        return_waits_s=return_waits_s,
         orbit_radius_max_m=max(p["MC_ORBIT_RAD_MAX"], 1.0),
         circle_radius_m=20.0,
         circle_radps=0.05,
@@ -103,6 +105,8 @@ def limits(p: ParameterStore) -> FlightLimits:
         climb_shaping=climb_shaping,
         takeoff_shaping=climb_shaping.held(),
         descent_shaping=_shaping(p, p["MPC_ACC_DOWN_MAX"]),
+        setpoint_shaping=setpoint_shaping,
+        velocity_shaping=setpoint_shaping,
     )
 
 
@@ -120,14 +124,19 @@ def _shaping(p: ParameterStore, vertical_mps2: float) -> MotionShaping:
     )
 
 
-def _waits_in_return(p: ParameterStore) -> bool:
-    """A return stops on its way down only where RTL_DESCEND_ALT lies below its height."""
-    return p["RTL_DESCEND_ALT"] < p["RTL_RETURN_ALT"]
-
-
-def _return_waits_s(p: ParameterStore) -> float:
-    delay_s = p["RTL_LAND_DELAY"] if p["RTL_LAND_DELAY"] >= 0.0 else math.inf
-    return delay_s + (_RETURN_SETTLES_S if _waits_in_return(p) else 0.0)
+def _setpoint_shaping(p: ParameterStore) -> MotionShaping:
+    """Setpoints of a companion pass the trajectories by: what limits them is the tilt."""
+    return MotionShaping(
+        AxisShaping.with_proportion(
+            min(max(p["MPC_XY_VEL_MAX"], 0.5), _FASTEST_MPS),
+            _TILTED_MPS2,
+            max(p["MPC_XY_P"], 0.1),
+            max(p["MPC_XY_VEL_P_ACC"], 0.5),
+        ),
+        UNSHAPED.vertical,
+        velocity_p_per_s=max(p["MPC_XY_VEL_P_ACC"], 0.5),
+        velocity_i_per_s2=max(p["MPC_XY_VEL_I_ACC"], 0.0),
+    )
 
 
 def _overrides(bits: int) -> frozenset[Behaviour]:

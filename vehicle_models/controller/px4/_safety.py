@@ -98,10 +98,10 @@ def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:
     action = int(p["COM_LOW_BAT_ACT"])
     critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
     emergency = Behaviour.LAND if action in (2, 3) else None
-    critical_texts = () if critical else ((WARNING, "Critical battery"),)
+    critical_texts = () if critical else ((CRITICAL, "Critical battery"),)
     emergency_texts = ((EMERGENCY, "Emergency battery level"),)
     return (
-        BatteryStep(Reaction(texts=((WARNING, "Low battery"),), shows=False), 2, p["BAT_LOW_THR"]),
+        BatteryStep(Reaction(texts=((CRITICAL, "Low battery"),), shows=False), 2, p["BAT_LOW_THR"]),
         BatteryStep(
             Reaction(critical, hold_s, critical_texts, _ACTIVATED, shows=bool(critical)), 3, p["BAT_CRIT_THR"]
         ),

@@ -32,7 +32,6 @@ _COMMON_RATES_HZ = {
 }
 _ONBOARD_RATES_HZ = {
     **_COMMON_RATES_HZ,
-    # PX4's own rate. A controller step sends a message at most once, so 50 Hz go out.
     "ATTITUDE": 100.0,
     "LOCAL_POSITION_NED": 30.0,
     "ODOMETRY": 30.0,
@@ -53,6 +52,8 @@ _ONBOARD_RATES_HZ = {
     "ESTIMATOR_STATUS": 1.0,
     "ORBIT_EXECUTION_STATUS": 5.0,
     "VIBRATION": 0.5,
+    "ESC_INFO": 10.0,
+    "ESC_STATUS": 10.0,
 }
 _GCS_RATES_HZ = {
     **_COMMON_RATES_HZ,

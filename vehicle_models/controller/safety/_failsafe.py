@@ -143,7 +143,7 @@ class Failsafe:
         previous, self._previous_mode, self._hold = self._previous_mode, None, None
         if previous is not None and flight.flying:
             self._acting = True
-            self._modes.switch(previous)
+            self._modes.switch(previous, by_failsafe=True)
             self._acting = False
             if previous.behaviour is Behaviour.OFFBOARD:
                 self._setpoints.resume()
@@ -286,9 +286,9 @@ class Failsafe:
             behaviour = Behaviour.LAND
         self._acting = True
         if behaviour is not Behaviour.TERMINATE:
-            self._modes.switch_to(behaviour, land_delay_s)
+            self._modes.switch_to(behaviour, land_delay_s, by_failsafe=True)
         elif self._terminate_mode:
-            self._modes.switch(self._terminate_mode)
+            self._modes.switch(self._terminate_mode, by_failsafe=True)
         else:
             self._disarm()
         self._acting = False

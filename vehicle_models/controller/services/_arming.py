@@ -18,6 +18,10 @@ from ._modes import Modes
 _FORCE = 21196.0
 
 
+# A mode of these that was asked for last is shown again after a landing, whatever landed.
+_KEPT = (Behaviour.OFFBOARD, Behaviour.PILOT)
+
+
 class Arming:
     """COMPONENT_ARM_DISARM, and the disarming that follows a landing or idling on the ground."""
 
@@ -72,7 +76,9 @@ class Arming:
         self._landed_ns = None
         context.texts.announce(event)
         if self._policy.after_landing and event is not FlightEvent.CRASHED:
-            self._modes.switch(self._policy.after_landing)
+            asked = flight.asked_mode
+            keeps = asked is not None and asked.behaviour in _KEPT
+            self._modes.switch(asked if asked and keeps else self._policy.after_landing)
 
     def _disarm_after(self, since_ns: int, span_s: float | None, event: FlightEvent) -> None:
         if span_s is not None and self._context.flight.time_ns - since_ns >= round(span_s * 1e9):

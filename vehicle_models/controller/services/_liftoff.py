@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..guidance._guidance import Guidance
 from ..guidance._land_detector import LandDetector
-from ..guidance._manoeuvres import Takeoff
+from ..guidance._manoeuvres import Return, Takeoff
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightTarget, LandedState
 from ..state._service_context import ServiceContext
@@ -28,6 +28,7 @@ class LiftoffAndLanding:
         self._guidance = guidance
         self._arming = arming
         self._detector = LandDetector()
+        self._landing: Return | None = None  # the return whose landing has been announced
 
     def rest_disarmed(self) -> None:
         """A vehicle that was disarmed by force just above the ground has landed when it meets the ground."""
@@ -59,6 +60,10 @@ class LiftoffAndLanding:
             self._arming.record_landing()
         elif guidance.landing:
             flight.landed = LandedState.LANDING
+            manoeuvre = guidance.manoeuvre
+            if manoeuvre is not self._landing and isinstance(manoeuvre, Return) and manoeuvre.lands:
+                self._landing = manoeuvre
+                self._context.texts.announce(FlightEvent.RETURN_LANDS)
         elif flight.landed is _TAKING_OFF:
             takeoff = guidance.manoeuvre
             reached = takeoff.done(flight) if isinstance(takeoff, Takeoff) else flight.height_m > _IN_AIR_M

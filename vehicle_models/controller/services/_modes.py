@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import Land, Takeoff
+from ..guidance._manoeuvres import Land, Return, Takeoff
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightMode
@@ -17,13 +17,10 @@ from ..state._texts import FlightEvent
 
 # Looked up once, because every step compares with it.
 _TAKEOFF = Behaviour.TAKEOFF
+# Of commands; a request for the mode, or a failsafe, sends none.
+_EVENTS = {Behaviour.LAND: FlightEvent.LANDING, Behaviour.RETURN: FlightEvent.RETURNING}
 # Position of a switch in DO_AUX_FUNCTION.
 _SWITCH_HIGH = 2.0
-_EVENTS = {
-    Behaviour.LAND: FlightEvent.LANDING,
-    Behaviour.RETURN: FlightEvent.RETURNING,
-    Behaviour.TERMINATE: FlightEvent.TERMINATED,
-}
 
 
 class Modes:
@@ -71,32 +68,39 @@ class Modes:
         """Whether the flight has been terminated, which no mode undoes."""
         return self._context.flight.armed and self._context.flight.mode.behaviour is Behaviour.TERMINATE
 
-    def switch(self, mode: FlightMode) -> None:
-        """Enter a mode without asking the policy."""
-        flight = self._context.flight
+    def switch(self, mode: FlightMode, by_failsafe: bool = False) -> None:
+        """Enter a mode without asking the policy. What a failsafe enters nobody has asked for."""
+        flight, texts = self._context.flight, self._context.texts
         if self.terminated:
             return
         changed = mode is not flight.mode
         flight.mode = mode
+        if not by_failsafe:
+            flight.asked_mode = mode
         self._guidance.begin(mode.behaviour, flight)
         if not changed:
             return
-        event = _EVENTS.get(mode.behaviour)
-        if event:
-            self._context.texts.announce(event)
+        if mode.behaviour is Behaviour.TERMINATE:
+            texts.announce(FlightEvent.TERMINATED)
+        manoeuvre = self._guidance.manoeuvre
+        if flight.armed and isinstance(manoeuvre, Return):
+            cruise_m, above_m = manoeuvre.heights_m(flight.origin.altitude_m)
+            texts.announce(FlightEvent.RETURN_BEGINS, math.ceil(cruise_m), math.ceil(above_m))
         for listener in self.on_change:
             listener()
 
-    def switch_to(self, behaviour: Behaviour, land_delay_s: float = 0.0) -> None:
+    def switch_to(self, behaviour: Behaviour, land_delay_s: float = 0.0, by_failsafe: bool = False) -> None:
         """Enter the autopilot's mode for a behaviour; a landing begins its descent after `land_delay_s`."""
-        self.switch(self._by_behaviour[behaviour])
+        self.switch(self._by_behaviour[behaviour], by_failsafe)
         if land_delay_s > 0.0 and isinstance(self._guidance.manoeuvre, Land):
             self._guidance.manoeuvre.delay(self._context.flight, land_delay_s)
 
-    def enter(self, mode: FlightMode) -> Refusal | None:
-        """Enter a mode for a command; or send why not, and return it."""
+    def enter(self, mode: FlightMode, event: FlightEvent | None = None) -> Refusal | None:
+        """Enter a mode for a command, with the text of `event`; or send why not, and return it."""
         refusal = self._refusal_without_position(mode)
         if refusal is None:
+            if event:
+                self._context.texts.announce(event)
             self.switch(mode)
         else:
             self._send(refusal)
@@ -104,7 +108,7 @@ class Modes:
 
     def enter_for(self, behaviour: Behaviour) -> Refusal | None:
         """Likewise the autopilot's mode for a behaviour."""
-        return self.enter(self._by_behaviour[behaviour])
+        return self.enter(self._by_behaviour[behaviour], _EVENTS.get(behaviour))
 
     def request(self, number: int) -> Refusal | None:
         """Enter the mode with a custom number, or return why not."""

@@ -243,6 +243,7 @@ class Setpoints:
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
             faces_motion=policy.faces_motion and not has_yaw and not has_yaw_rate,
+            shaping=limits.setpoint_shaping if has_xy and not has_vxy else limits.velocity_shaping,
         )
         return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
 
@@ -299,6 +300,7 @@ class Setpoints:
     def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
         flight = self._context.flight
         self._last_ns, self._last = flight.time_ns, (target, accelerates)
+        flight.had_setpoints = True
         if flight.mode.behaviour is Behaviour.OFFBOARD:
             self._manoeuvre().give(target, flight, accelerates)
 

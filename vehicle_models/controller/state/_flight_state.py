@@ -199,6 +199,9 @@ class FlightState:
     p_radps: float = 0.0
     q_radps: float = 0.0
     r_radps: float = 0.0
+    halfway: tuple[
+        float, ...
+    ] = ()  # attitude, its heading 0 to 2 pi, and rates in the middle of the last step
     latitude_e7: int = 0
     longitude_e7: int = 0
     altitude_m: float = 0.0  # above mean sea level
@@ -229,6 +232,8 @@ class FlightState:
     camera_tilt_rad: float | None = None
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
     sticks: StickPositions | None = None  # None: no pilot
+    asked_mode: FlightMode | None = None  # the last that no failsafe has entered
+    had_setpoints: bool = False  # a companion has given some since the start
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
 
     @property

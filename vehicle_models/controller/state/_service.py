@@ -86,6 +86,17 @@ class ChannelStream:
     values: Callable[[Channel], Values | None]
 
 
+@dataclass(frozen=True, slots=True)
+class HalfwayStream:
+    """A stream that goes out twice a step where its rate asks for that: first with the values of the middle of the step."""
+
+    values: Stream
+    halfway: Stream
+
+
+AnyStream = Stream | ChannelStream | HalfwayStream
+
+
 MessageAnswer = Callable[[Command], "Fields | list[Fields] | None"]
 """Gives the message that a REQUEST_MESSAGE asks for, or several of them; None refuses the request."""
 
@@ -101,7 +112,7 @@ class HandlesCommands(Protocol):
 
 
 class StreamsMessages(Protocol):
-    def streams(self) -> Mapping[str, Stream | ChannelStream]:
+    def streams(self) -> Mapping[str, AnyStream]:
         """Messages that may be streamed, by name."""
 
 

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from enum import Enum, auto
+from typing import Any
 
-from ..links._radio import Radio
+from ..links._enums import MAV_TYPE
+from ..links._radio import Channel, Radio
+from ._flight_state import FlightState
+from ._service import MessageHandler, MessageSender
 
 StatusText = tuple[int, str]
 """A text with its MAV_SEVERITY."""
@@ -28,6 +32,8 @@ class FlightEvent(Enum):
     LANDING_DETECTED = auto()
     LANDING = auto()
     RETURNING = auto()
+    RETURN_BEGINS = auto()
+    RETURN_LANDS = auto()
     TERMINATED = auto()
     PILOT_TOOK_OVER = auto()
     CRASHED = auto()
@@ -37,16 +43,41 @@ class Texts:
     """Sends texts; long ones in chunks with one id, as the specification asks.
 
     `by_event` are the autopilot's texts for moments of the flight. `ending` is put behind every text: PX4
-    ends a text that is an event as well with a tab.
+    ends a text that is an event as well with a tab. `for_stations_s` sends them only over channels on which a heartbeat
+    of a ground station was heard within that time; None over all.
     """
 
-    def __init__(self, radio: Radio, by_event: Mapping[FlightEvent, StatusText], ending: str) -> None:
+    def __init__(
+        self,
+        radio: Radio,
+        flight: FlightState,
+        by_event: Mapping[FlightEvent, StatusText],
+        ending: str,
+        for_stations_s: float | None = None,
+    ) -> None:
         self._radio = radio
+        self._flight = flight
+        self._for_stations_s = for_stations_s
+        self._stations_s: dict[str, float] = {}  # when a channel's station was heard last
         self._by_event = by_event
         self._ending = ending
         self._id = 0
         self.listeners: list[Callable[[int, str], None]] = []
         self.text_listeners: list[Callable[[int, str], None]] = []  # of texts alone
+
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {} if self._for_stations_s is None else {"HEARTBEAT": self._take_heartbeat}
+
+    def _take_heartbeat(self, m: Any, sender: MessageSender) -> None:
+        if m.type == MAV_TYPE.GCS:
+            self._stations_s[sender.channel.name] = self._flight.time_s
+
+    def _is_read(self, channel: Channel) -> bool:
+        # Nobody can say anything on a link that is not heard, and whoever looks on there is to see something.
+        if self._for_stations_s is None or not channel.link.spec.heard:
+            return True
+        heard_s = self._stations_s.get(channel.name)
+        return heard_s is not None and self._flight.time_s - heard_s <= self._for_stations_s
 
     def notify(self, severity: int, text: str) -> None:
         """Tell the listeners of an event that has no text on the links."""
@@ -71,4 +102,6 @@ class Texts:
         if len(chunks) > 1:
             self._id = text_id = self._id % 0xFFFF + 1
         for number, chunk in enumerate(chunks):
-            self._radio.broadcast("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=number)
+            self._radio.broadcast(
+                "STATUSTEXT", self._is_read, severity=severity, text=chunk, id=text_id, chunk_seq=number
+            )

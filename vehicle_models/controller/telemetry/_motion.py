@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from ..policies._telemetry import TelemetryPolicy
-from ..state._service import Stream, Values
+from ..state._service import HalfwayStream, Stream, Values
 from ..state._service_context import ServiceContext
 from ._attitude import AttitudeCache
 from ._units import heading_cdeg, hundredths
@@ -31,9 +31,9 @@ class MotionTelemetry:
         self._flight = context.flight
         self._body = attitude
 
-    def streams(self) -> Mapping[str, Stream]:
+    def streams(self) -> Mapping[str, Stream | HalfwayStream]:
         return {
-            "ATTITUDE": self._attitude,
+            "ATTITUDE": HalfwayStream(self._attitude, self._halfway_attitude),
             "ATTITUDE_QUATERNION": self._attitude_quaternion,
             "LOCAL_POSITION_NED": self._local_position,
             "GLOBAL_POSITION_INT": self._global_position,
@@ -48,6 +48,14 @@ class MotionTelemetry:
     def _attitude(self) -> Values:
         f = self._flight
         return (f.time_ms, f.roll_rad, f.pitch_rad, f.yaw_rad, f.p_radps, f.q_radps, f.r_radps)
+
+    def _halfway_attitude(self) -> Values | None:
+        f = self._flight
+        if not f.halfway:
+            return None
+        roll_rad, pitch_rad, yaw_rad, *rates = f.halfway
+        time_ms = f.time_ms - round(500.0 * f.step_s)
+        return (time_ms, roll_rad, pitch_rad, math.remainder(yaw_rad, 2.0 * math.pi), *rates)
 
     def _attitude_quaternion(self) -> Values:
         f = self._flight

@@ -12,6 +12,7 @@ from ._units import hundredths
 
 # Chosen, not measured.
 _MAX_ROTOR_RPM = 8000.0
+_ESC_RPM = 6000.0
 _NO_CELL = 65535
 _UNKNOWN_TEMPERATURE = 32767
 _ESC_TEMPERATURE_C = 25
@@ -40,6 +41,8 @@ class PowerTelemetry:
             "BATTERY_STATUS": self._battery_status,
             "POWER_STATUS": lambda: (5000, 0, 0),
             "ESC_TELEMETRY_1_TO_4": self._motors,
+            "ESC_INFO": self._esc_info,
+            "ESC_STATUS": self._esc_status,
         }
 
     def _servo_outputs(self) -> Values:
@@ -61,6 +64,21 @@ class PowerTelemetry:
             self._policy.battery_type,
         )
         return (*head, percent, 0, self._charge_state(), 0, 0, 0, 0, 0, 0)
+
+    # What PX4's simulator link makes up of four speed controllers, in its source.
+
+    def _esc_info(self) -> Values:
+        temperatures_c = [round(2000.0 + 4000.0 * output) for output in self._first_outputs()]
+        return (self._flight.time_us, *(0,) * 4, 0, *(0,) * 4, *temperatures_c, 0, 4, 0, 0b1111)
+
+    def _esc_status(self) -> Values:
+        outputs, armed = self._first_outputs(), self._flight.armed
+        amperes = [1.0 + 15.0 * output if armed else 0.0 for output in outputs]
+        rpm = [round(_ESC_RPM * output) for output in outputs]
+        return (self._flight.time_us, *rpm, *(self._battery.volts(),) * 4, *amperes, 0)
+
+    def _first_outputs(self) -> list[float]:
+        return [max(output, 0.0) for output in [*self._context.airframe.outputs(), 0.0, 0.0, 0.0, 0.0][:4]]
 
     def _motors(self) -> Values:
         """Four motors at their share of full speed, with the current in equal parts."""

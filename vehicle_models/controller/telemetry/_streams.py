@@ -14,11 +14,13 @@ from ..links._frames import KINDS
 from ..links._radio import Channel
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import (
+    AnyStream,
     ChannelStream,
     Command,
     CommandHandler,
     CommandResult,
     Fields,
+    HalfwayStream,
     MessageAnswer,
     MessageHandler,
     MessageSender,
@@ -82,6 +84,8 @@ _SENDING_ORDER = (
     "SCALED_PRESSURE2",
     "SIMSTATE",
     "ESC_TELEMETRY_1_TO_4",
+    "ESC_INFO",
+    "ESC_STATUS",
     "WIND",
     "TERRAIN_REQUEST",
     "TERRAIN_REPORT",
@@ -103,11 +107,12 @@ class _MessageStream:
     values: Stream
     interval_ns: int
     due_ns: int
+    halfway: Stream | None  # sent before it with every step
 
 
 class Streams:
-    """The schedule of every channel. A message goes out once a step at most, so no rate exceeds the
-    controller's own.
+    """The schedule of every channel. A message goes out once a step at most, so no rate exceeds the controller's own;
+    but for the attitude, which goes out twice.
 
     `streams` and `answers` are what all services declare: messages to stream, and messages that come on
     request only.
@@ -117,7 +122,7 @@ class Streams:
         self,
         context: ServiceContext,
         policy: TelemetryPolicy,
-        streams: Mapping[str, Stream | ChannelStream],
+        streams: Mapping[str, AnyStream],
         answers: Mapping[str, MessageAnswer],
     ) -> None:
         self._context = context
@@ -129,6 +134,7 @@ class Streams:
         self._silent = {KINDS[name].id for name in policy.silent_messages if name in KINDS} - self._supported
         self._silent_intervals_us: dict[tuple[str, int], int] = {}  # by channel and message
         self._answers = {KINDS[name].id: (name, answer) for name, answer in answers.items()}
+        self._half_step_ns = round(0.5e9 * context.flight.step_s)
         self._schedules: dict[str, list[_MessageStream]] = {}  # by channel, in sending order
         for channel in context.radio.channels:
             self._schedules[channel.name] = []
@@ -162,6 +168,8 @@ class Streams:
                     # sent in a burst.
                     if stream.due_ns <= now_ns:
                         stream.due_ns = now_ns + 1
+                    if stream.halfway and (values := stream.halfway()) is not None:
+                        channel.send(stream.number, values)
                     values = stream.values()
                     if values is not None:
                         channel.send(stream.number, values)
@@ -232,13 +240,20 @@ class Streams:
             max_hz = self._policy.max_rates_hz.get(_NAMES[number])
             interval_ns = max(interval_ns, round(1e9 / max_hz)) if max_hz else interval_ns
             due_ns = self._context.flight.time_ns + min(interval_ns, _SECOND_NS)
-            streams.append(_MessageStream(number, self._values_of(channel, number), interval_ns, due_ns))
+            values = self._values[number]
+            twice = isinstance(values, HalfwayStream) and interval_ns <= self._half_step_ns
+            halfway = values.halfway if isinstance(values, HalfwayStream) and twice else None
+            streams.append(
+                _MessageStream(number, self._values_of(channel, number), interval_ns, due_ns, halfway)
+            )
         streams.sort(key=lambda stream: _ORDER[stream.number])
         self._schedules[channel.name] = streams
 
     def _values_of(self, channel: Channel, number: int) -> Stream:
         values = self._values[number]
-        return functools.partial(values.values, channel) if isinstance(values, ChannelStream) else values
+        if isinstance(values, ChannelStream):
+            return functools.partial(values.values, channel)
+        return values.values if isinstance(values, HalfwayStream) else values
 
     def _set_interval(self, command: Command) -> CommandResult | None:
         number, interval_us = _message_id(command.params[0]), command.params[1]

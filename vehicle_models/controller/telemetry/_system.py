@@ -65,7 +65,8 @@ class SystemTelemetry:
 
     def _current_mode(self) -> Values:
         mode = self._flight.mode
-        return (mode.custom, mode.custom, self._modes.standard_modes.get(mode.name, 0))
+        asked = self._flight.asked_mode or mode
+        return (mode.custom, asked.custom, self._modes.standard_modes.get(mode.name, 0))
 
     def _status(self) -> Values:
         f = self._flight
