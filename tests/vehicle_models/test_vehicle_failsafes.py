@@ -21,7 +21,7 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
     """An ArduCopter in GUIDED at a height."""
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    client.fly(42.0, lambda: beat(client))
+    client.learn_home()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == [0]
@@ -205,7 +205,6 @@ def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
     client = make(
         simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255
     )
-    client.fly(42.0)
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     beat(client)
@@ -290,7 +289,6 @@ def test_a_landing_without_a_position_drifts_with_the_wind(make: Make, autopilot
     if autopilot == "px4":
         client.airborne(10.0)
     else:
-        client.fly(42.0)
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
         client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)

@@ -112,7 +112,7 @@ def test_the_table_says_of_every_item_that_is_taken_what_it_does() -> None:
 def ready(make: Make, **vehicle: Any) -> Client:
     client = make(simspec("ardupilot", vehicle=vehicle), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(43.0)
+    client.learn_home()
     return client
 
 

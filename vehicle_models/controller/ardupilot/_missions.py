@@ -156,6 +156,8 @@ _AREA_COMMANDS: dict[int, frozenset[int]] = {
     RALLY: frozenset({MAV_CMD.NAV_RALLY_POINT}),
 }
 _FRAMES = ABOVE_SEA | ABOVE_HOME | ABOVE_GROUND | PLACELESS
+# Source: the SITL says so each time that it has written a fence, also one without items.
+_FENCE_INDEXED: StatusText = (DEBUG, "Fence Indexed OK")
 # What fits into the store, in centimetres of 24 bits (source: LOCATION_ALT_MAX_M).
 _MAX_HEIGHT_M = 83_000.0
 
@@ -219,14 +221,7 @@ def _has_degrees(command: int, frame: int) -> bool:
 def _refuse_plan(
     kind: int, items: tuple[MissionItem, ...]
 ) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
-    """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some
-    missing.
-    """
-    if kind == MISSION:
-        jumps = [item for item in items[1:] if item.command == MAV_CMD.DO_JUMP]
-        return (
-            None if all(1.0 <= jump.params[0] < len(items) for jump in jumps) else (MissionResult.ERROR, ())
-        )
+    """Refuse a polygon of less than three vertices or with some missing."""
     index = 0
     while kind == FENCE and index < len(items):
         if items[index].command not in _POLYGONS:
@@ -241,6 +236,13 @@ def _refuse_plan(
             return MissionResult.ERROR, ((WARNING, invalid), (WARNING, "Fence validation failed"))
         index += int(count)
     return None
+
+
+def _past_the_end(kind: int, number: int, length: int) -> MissionResult | None:
+    """Observed of missions; of fences and rally points by the source."""
+    if kind == MISSION or (kind == FENCE and number == length):
+        return MissionResult.ERROR
+    return MissionResult.INVALID_SEQUENCE
 
 
 def _shown_frame(item: MissionItem, as_float: bool) -> int:
@@ -273,23 +275,30 @@ MISSIONS = MissionPolicy(
         repeat_s=1.0,
         timeout_s=8.0,
         timeout_result=MissionResult.OPERATION_CANCELLED,
-        timeout_text=(WARNING, "Mission upload timeout"),
+        timeout_texts={
+            kind: (WARNING, f"{name} upload timeout")
+            for kind, name in ((MISSION, "Mission"), (FENCE, "Fence"), (RALLY, "Rally"))
+        },
         clears_at_start=True,
         max_items={MISSION: 650, FENCE: 256, RALLY: 64},
         too_many_text=(WARNING, "Only {} items are supported"),
-        uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: (DEBUG, "Fence Indexed OK")},
+        uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: _FENCE_INDEXED},
         bad_item_text=None,
         wrong_sequence_ends=True,
         no_upload_text=None,
         bad_type=MissionResult.UNSUPPORTED,
         clears_all_types=False,
+        clears_flown_mission=False,
+        cleared_texts={FENCE: _FENCE_INDEXED},
         one_at_a_time=False,
         client_cancels=False,
         partial_lists=True,
-        past_the_end=MissionResult.ERROR,
+        partial_refused_text=(WARNING, "Flight plan update rejected"),
+        past_the_end=_past_the_end,
         item_float_text=(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"),
         request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
         refuse_item=_refuse_item,
+        checks_jumps=True,
         refuse_plan=_refuse_plan,
         stored=_stored,
         has_degrees=_has_degrees,

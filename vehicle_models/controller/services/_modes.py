@@ -77,7 +77,7 @@ class Modes:
         if self.terminated:
             return
         changed = mode is not flight.mode
-        flight.mode = mode
+        flight.mode, flight.disarmed_by_landing = mode, False
         self._guidance.begin(mode.behaviour, flight)
         if not changed:
             return

@@ -17,6 +17,7 @@ from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
+from ..state._shaping import UNSHAPED
 from ..state._texts import CRITICAL
 
 # Bits of POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK.
@@ -243,6 +244,7 @@ class Setpoints:
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
             faces_motion=policy.faces_motion and not has_yaw and not has_yaw_rate,
+            shaping=limits.setpoint_shaping if has_xy and not has_vxy else UNSHAPED,
         )
         return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
 

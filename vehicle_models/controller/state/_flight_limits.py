@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ._flight_state import Behaviour
-from ._shaping import MotionShaping
+from ._shaping import UNSHAPED, MotionShaping
 
 Seconds = float
 
@@ -108,6 +108,7 @@ class FlightLimits:
     climb_shaping: MotionShaping
     descent_shaping: MotionShaping
     takeoff_shaping: MotionShaping
+    setpoint_shaping: MotionShaping = UNSHAPED  # positions of a companion that come without a velocity
 
     def shaping(self, down_m: float) -> MotionShaping:
         """For a target so far below the vehicle."""
