@@ -323,6 +323,67 @@ def test_copter_tells_of_a_lost_position_and_steers_none(make: Make) -> None:
     assert client.vehicle._controller._guidance.manoeuvre._place is None  # type: ignore[attr-defined]
 
 
+def status(client: Client) -> tuple[bool, int, int]:
+    """Whether armed, base_mode and system_status of the next heartbeat."""
+    client.fly(1.1)
+    heartbeat = client.last("HEARTBEAT")
+    return client.vehicle.condition().armed, heartbeat.base_mode, heartbeat.system_status
+
+
+def test_a_copter_stays_critical_on_the_ground_until_its_position_is_back(make: Make) -> None:
+    """Landed without satellites and disarmed, in LAND: the failsafe lasts as long as its cause."""
+    client = copter(make)
+    lose_satellites(client, (0.0, 0.0))
+    fly_until_disarmed(client, 45.0)
+    assert status(client) == (False, 81, 5)
+    client.fly(20.0)
+    assert status(client) == (False, 81, 5)
+    begun = len(client.texts())
+    client.vehicle._navigation.set_off(False)  # type: ignore[attr-defined]
+    client.fly(1.0)
+    assert status(client) == (False, 89, 3)
+    assert client.texts()[begun:][-1] == "EKF Failsafe Cleared"
+
+
+def test_a_copter_stays_critical_on_the_ground_until_its_radio_is_back(make: Make) -> None:
+    client = copter(make)
+    put(client, "SIM_RC_FAIL", 1)
+    fly_until_disarmed(client, 60.0)
+    assert status(client) == (False, 81, 5)
+    put(client, "SIM_RC_FAIL", 0)
+    assert status(client) == (False, 81, 3)
+
+
+@pytest.mark.parametrize("cause", ["station", "battery"])
+def test_a_copter_that_a_failsafe_disarmed_stays_critical(make: Make, cause: str) -> None:
+    """On the ground, until the station is back or the battery charged; then it may be armed again."""
+    parameters = {"FS_GCS_ENABLE": 1, "BATT_FS_LOW_ACT": 2, "BATT_LOW_TIMER": 1, "DISARM_DELAY": 60}
+    client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    if cause == "station":
+        beat(client)
+    else:
+        put(client, "SIM_BATT_VOLTAGE", 9.0)
+    client.fly(6.0)
+    assert status(client) == (False, 89, 5)
+    if cause == "station":
+        beat(client)
+    else:
+        put(client, "SIM_BATT_VOLTAGE", 12.6)
+    assert status(client) == (False, 89, 3)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+
+
+def test_a_px4_that_is_disarmed_has_no_failsafe(make: Make) -> None:
+    client = make()
+    client.airborne(5.0)
+    lose_satellites(client, (0.0, 0.0))
+    fly_until_disarmed(client, 45.0)
+    assert status(client)[2] != 5
+    assert client.vehicle.condition().failsafe == ""
+
+
 def test_a_failsafe_of_a_copter_waits_before_it_lands(make: Make) -> None:
     """Four seconds, also for a battery or a station; a landing that is ordered, or for the fence, begins at once."""
     client = copter(make, FS_GCS_ENABLE=5)
