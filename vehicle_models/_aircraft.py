@@ -245,7 +245,6 @@ class Aircraft(ABC):
         self.step_s = 1.0 / plan.controller_hz
         self._step_ns = round(1e9 / plan.controller_hz)
         self.time = START
-        self._booted_ns = 0  # simulated time at the flight controller's last start
         origin, home = simspec.world.origin, simspec.vehicle.home
         self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
         self._frame = LocalFrame(self._plane, home.east_m, home.north_m)
@@ -265,6 +264,8 @@ class Aircraft(ABC):
         self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
         self._battery = BatteryModel(simspec.vehicle.battery)
         self._autopilot = self._find_autopilot(simspec.vehicle.autopilot)
+        # Simulated time at the flight controller's last start, which may lie before the session.
+        self._booted_ns = -round(self._autopilot.modes.booted_s * 1e9)
         self._start_us = round(simspec.environment.start_utc.timestamp() * 1e6)
         self._links, self._tap = links, tap
         self._parameters = simspec.vehicle.parameters

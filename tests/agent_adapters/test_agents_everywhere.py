@@ -66,8 +66,7 @@ def scene(where: Where, agent: str, autopilot: str) -> SimSpec:
         ],
         "intelligence": [{"id": "sighting", "about": "radar", "uncertainty_m": 10.0}],
         "perception": {"source": "truth"},
-        # An ArduPilot is ready to arm in GUIDED after 42 s.
-        "mission": {"altitude_m": 20.0, "time_limit_s": 90.0 if autopilot == "px4" else 132.0},
+        "mission": {"altitude_m": 20.0, "time_limit_s": 90.0},
         "agent": {"manifest": agent},
     }
     return place(SimSpec.model_validate(document))

@@ -19,7 +19,7 @@ ACCEPTED, _, DENIED, UNSUPPORTED, FAILED = range(5)
 def copter(make: Make) -> Client:
     """An ArduCopter with streams at 10 Hz, ready to be armed in GUIDED."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
+    client.learn_home()
     client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 10, 1))
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     return client
@@ -30,7 +30,7 @@ def test_a_silent_client_hears_heartbeats_and_nothing_else(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard")
     client.fly(20.5)
     assert Counter(message.get_type() for message in client.received) == {"HEARTBEAT": 21, "TIMESYNC": 3}
-    assert (client.received[0].base_mode, client.received[0].system_status) == (89, 1)
+    assert (client.received[0].base_mode, client.received[0].system_status) == (81, 3)
     beat = client.last("HEARTBEAT")
     assert (beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status) == (3, 81, 0, 3)
 
@@ -51,6 +51,7 @@ def test_data_streams_come_at_the_requested_rate(copter: Client) -> None:
 
 def test_arming_is_refused_until_there_is_a_position(make: Make) -> None:
     client = make(simspec("ardupilot"))
+    client.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
     client.fly(25.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]

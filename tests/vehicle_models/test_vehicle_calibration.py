@@ -24,10 +24,7 @@ FORCE = 21196
 
 @pytest.fixture
 def copter(make: Make) -> Client:
-    client = make(simspec("ardupilot"))
-    # Behind the texts of the start; the next ones come after 41.5 s.
-    client.fly(21.0)
-    return client
+    return make(simspec("ardupilot"))
 
 
 def calibrate(client: Client, *params: float) -> list[int]:
@@ -114,7 +111,6 @@ def test_only_compasses_in_use_are_calibrated(copter: Client) -> None:
 
 
 def test_a_compass_calibration_forbids_arming_until_the_restart(copter: Client) -> None:
-    copter.fly(24.0)
     copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     copter.received.clear()
     assert copter.command(START, 0) == [ACCEPTED]

@@ -201,7 +201,7 @@ def test_px4_addresses(make: Make) -> None:
 @pytest.fixture
 def copter(make: Make) -> Client:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
+    client.learn_home()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     return client
 
@@ -328,9 +328,7 @@ def test_copter_auxiliary_functions_and_sources(make: Make) -> None:
 def test_copter_home(make: Make) -> None:
     """Not on Earth: FAILED. 0, 0 is the present place, and the origin is sent with home."""
     client = make(simspec("ardupilot"))
-    # It is silent to a client that has never sent anything.
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    client.fly(25.0)
+    client.learn_home()
     home = client.last("HOME_POSITION")
     set_home = mavlink.MAV_CMD_DO_SET_HOME
     assert client.command(set_home, 0, 0, 0, 0, 95.0, 8.0, 500.0) == [FAILED]

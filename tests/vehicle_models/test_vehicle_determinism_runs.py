@@ -20,7 +20,7 @@ from vehicle_client import NAN, Client, mavlink, simspec
 Make = Callable[..., Client]
 ENVIRONMENT = {"wind": {"speed_mps": 4.0, "from_deg": 200.0, "turbulence_mps": 4.0}}
 NOISY = {"wander_m": 2.0, "noise_m": 0.1}
-READY_S = {"px4": 5.0, "ardupilot": 43.0}
+READY_S = {"px4": 5.0, "ardupilot": 2.0}
 FAILURES: tuple[dict[str, Any], ...] = (  # seconds after the vehicle is ready
     {"at_s": 14.0, "kind": "link_loss", "duration_s": 1.0},
     {"at_s": 16.0, "kind": "gps_drift", "drift_mps": 1.0, "towards_deg": 70.0, "duration_s": 3.0},
@@ -46,6 +46,8 @@ def ready(client: Client, autopilot: str) -> None:
     """Armed in the air, a mission uploaded."""
     client.fly(READY_S[autopilot] - client.vehicle.time.s)
     ardupilot = autopilot == "ardupilot"
+    if ardupilot:
+        client.learn_home()
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 0 if ardupilot else 3)
     assert upload(client, rows(client)) == 0
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]

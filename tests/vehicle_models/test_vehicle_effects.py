@@ -18,31 +18,12 @@ from wing_effects import WING
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_wing, open_x500
-from vehicle_models.controller.ardupilot import _modes, _telemetry
 from vehicle_models.tables import parameters_read
-
-# ArduPilot stands for 42 s before it may be armed: half of each flight, and no effect that is shown here.
-START_SHORTENED = 8.0
-START_TIMES = (
-    "STANDBY_S",
-    "ESTIMATOR_S",
-    "ALIGNED_S",
-    "RECEIVER_S",
-    "POSITION_S",
-    "AHRS_S",
-    "STABILIZE_READY_S",
-    "USES_GPS_S",
-    "GUIDED_READY_S",
-)
 
 
 @pytest.fixture
-def client_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Client]]:
+def client_of() -> Iterator[Callable[..., Client]]:
     """A vehicle that is ready to fly, with the given parameters."""
-    for module in (_modes, _telemetry):
-        for name in START_TIMES:
-            if hasattr(module, name):
-                monkeypatch.setattr(module, name, getattr(module, name) / START_SHORTENED)
     with ExitStack() as stack:
 
         def build(autopilot: str, parameters: dict[str, float]) -> Client:
@@ -55,7 +36,8 @@ def client_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Client]
             plan = VehiclePlan(simspec("px4" if wing else autopilot, vehicle=vehicle), (link,))
             client.vehicle = stack.enter_context((open_wing if wing else open_x500)(plan))
             client.fly(1.1)
-            client.fly(42.0 / START_SHORTENED if autopilot == "ardupilot" else 4.0)
+            if autopilot != "ardupilot":
+                client.fly(4.0)
             client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
             return client
 

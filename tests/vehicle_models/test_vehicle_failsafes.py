@@ -21,7 +21,7 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
     """An ArduCopter in GUIDED at a height."""
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    client.fly(42.0, lambda: beat(client))
+    client.learn_home()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == [0]
@@ -206,7 +206,6 @@ def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
     client = make(
         simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255
     )
-    client.fly(42.0)
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     beat(client)
@@ -291,7 +290,6 @@ def test_a_landing_without_a_position_drifts_with_the_wind(make: Make, autopilot
     if autopilot == "px4":
         client.airborne(10.0)
     else:
-        client.fly(42.0)
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
         client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0)
@@ -324,6 +322,67 @@ def test_copter_tells_of_a_lost_position_and_steers_none(make: Make) -> None:
     assert client.texts()[begun:] == [*failsafe, *aiding, *back]
     assert state(client) == ("LAND", "")
     assert client.vehicle._controller._guidance.manoeuvre._place is None  # type: ignore[attr-defined]
+
+
+def status(client: Client) -> tuple[bool, int, int]:
+    """Whether armed, base_mode and system_status of the next heartbeat."""
+    client.fly(1.1)
+    heartbeat = client.last("HEARTBEAT")
+    return client.vehicle.condition().armed, heartbeat.base_mode, heartbeat.system_status
+
+
+def test_a_copter_stays_critical_on_the_ground_until_its_position_is_back(make: Make) -> None:
+    """Landed without satellites and disarmed, in LAND: the failsafe lasts as long as its cause."""
+    client = copter(make)
+    lose_satellites(client, (0.0, 0.0))
+    fly_until_disarmed(client, 45.0)
+    assert status(client) == (False, 81, 5)
+    client.fly(20.0)
+    assert status(client) == (False, 81, 5)
+    begun = len(client.texts())
+    client.vehicle._navigation.set_off(False)  # type: ignore[attr-defined]
+    client.fly(1.0)
+    assert status(client) == (False, 89, 3)
+    assert client.texts()[begun:][-1] == "EKF Failsafe Cleared"
+
+
+def test_a_copter_stays_critical_on_the_ground_until_its_radio_is_back(make: Make) -> None:
+    client = copter(make)
+    put(client, "SIM_RC_FAIL", 1)
+    fly_until_disarmed(client, 60.0)
+    assert status(client) == (False, 81, 5)
+    put(client, "SIM_RC_FAIL", 0)
+    assert status(client) == (False, 81, 3)
+
+
+@pytest.mark.parametrize("cause", ["station", "battery"])
+def test_a_copter_that_a_failsafe_disarmed_stays_critical(make: Make, cause: str) -> None:
+    """On the ground, until the station is back or the battery charged; then it may be armed again."""
+    parameters = {"FS_GCS_ENABLE": 1, "BATT_FS_LOW_ACT": 2, "BATT_LOW_TIMER": 1, "DISARM_DELAY": 60}
+    client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    if cause == "station":
+        beat(client)
+    else:
+        put(client, "SIM_BATT_VOLTAGE", 9.0)
+    client.fly(6.0)
+    assert status(client) == (False, 89, 5)
+    if cause == "station":
+        beat(client)
+    else:
+        put(client, "SIM_BATT_VOLTAGE", 12.6)
+    assert status(client) == (False, 89, 3)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+
+
+def test_a_px4_that_is_disarmed_has_no_failsafe(make: Make) -> None:
+    client = make()
+    client.airborne(5.0)
+    lose_satellites(client, (0.0, 0.0))
+    fly_until_disarmed(client, 45.0)
+    assert status(client)[2] != 5
+    assert client.vehicle.condition().failsafe == ""
 
 
 def test_a_failsafe_of_a_copter_waits_before_it_lands(make: Make) -> None:

@@ -84,7 +84,7 @@ def test_an_offboard_step_is_that_of_the_real_px4(make: Make) -> None:
 def copter(make: Make) -> Client:
     """An ArduCopter armed in GUIDED."""
     client = make(simspec("ardupilot"), system=255)
-    client.fly(43.0)
+    client.learn_home()
     assert client.command(mavlink.MAV_CMD_GET_HOME_POSITION) == [0]
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]

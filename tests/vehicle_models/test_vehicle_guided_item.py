@@ -16,7 +16,6 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     mission.
     """
     client = make(simspec("ardupilot"))
-    client.fly(45.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]

@@ -1,13 +1,17 @@
-"""From power-up to readiness: bits, flags, texts and refusals at their times."""
+"""From power-up to readiness: bits, flags, texts and refusals at their times; and an ArduCopter that is ready at once."""
 
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Callable
+from contextlib import closing
 
 import pytest
 from vehicle_client import Client, simspec
 
+from bench.contracts import LinkSpec, VehiclePlan
+from vehicle_models import open_x500
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
@@ -16,13 +20,55 @@ PREARM = 0x10000000
 
 @pytest.fixture
 def copter(make: Make) -> Client:
+    """An ArduCopter that was started again, so that its start is seen."""
     client = make(simspec("ardupilot"), system=255)
+    client.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    client.fly(1.1)
+    client.received.clear()
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     return client
 
 
+def running_s(client: Client) -> float:
+    """Since the autopilot's start."""
+    seconds: float = client.vehicle._flight.time_s  # type: ignore[attr-defined]
+    return seconds
+
+
 def until(client: Client, second: float) -> None:
-    client.fly(second - client.vehicle.time.ns * 1e-9)
+    client.fly(second - running_s(client))
+
+
+def test_a_copter_has_booted_before_the_session(make: Make) -> None:
+    """Armed in GUIDED by the first words; its clock is 50 s ahead, that of the world is not. What it said while it
+    booted is not said again.
+    """
+    client = make(simspec("ardupilot"), system=255)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.texts() == ["Arming motors"]
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME)
+    clock = client.last("SYSTEM_TIME")
+    assert clock.time_boot_ms == pytest.approx(client.vehicle.time.s * 1e3 + 50_000, abs=20)
+    begun_us = simspec("ardupilot").environment.start_utc.timestamp() * 1e6
+    assert clock.time_unix_usec == pytest.approx(begun_us + client.vehicle.time.s * 1e6, abs=2e4)
+
+
+def test_a_copter_tells_home_and_ground_pressures_while_nobody_is_there(make: Make) -> None:
+    """A client that speaks before the first step hears neither; it may ask."""
+    spec, client = simspec("ardupilot"), Client(255)
+    link = LinkSpec("onboard", "tcp_in")
+    with closing(client.socket), open_x500(VehiclePlan(spec, (link,))) as vehicle:
+        address = vehicle.endpoints()["onboard"].split(":")
+        with socket.create_connection((address[1], int(address[2]))) as stream:
+            stream.sendall(bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(client.mav)))
+            for _ in range(100):
+                vehicle.receive()
+                vehicle.step()
+            messages = client.mav.parse_buffer(stream.recv(65536)) or []
+    kinds = {message.get_type() for message in messages}
+    assert "HEARTBEAT" in kinds
+    assert not {"HOME_POSITION", "GPS_GLOBAL_ORIGIN", "PARAM_VALUE", "STATUSTEXT"} & kinds
 
 
 def bits(client: Client) -> tuple[int, int, int]:
@@ -86,12 +132,12 @@ def test_copter_arms_as_soon_as_its_estimator_shows_a_position(copter: Client) -
     until(copter, 40.0)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 193, 100_000) == [0]
-    while copter.vehicle.time.s < 45.0:
+    while running_s(copter) < 45.0:
         reports = [m for m in copter.fly(0.1) if m.get_type() == "EKF_STATUS_REPORT"]
         if reports and reports[-1].flags == 831:
             break
         assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
-    assert copter.vehicle.time.s == pytest.approx(41.5, abs=0.2)
+    assert running_s(copter) == pytest.approx(41.5, abs=0.2)
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
 
 

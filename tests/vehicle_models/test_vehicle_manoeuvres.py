@@ -28,7 +28,7 @@ def px4(make: Make) -> Client:
 def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
+    client.learn_home()
     client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]

@@ -112,7 +112,7 @@ def test_the_table_says_of_every_item_that_is_taken_what_it_does() -> None:
 def ready(make: Make, **vehicle: Any) -> Client:
     client = make(simspec("ardupilot", vehicle=vehicle), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(43.0)
+    client.learn_home()
     return client
 
 
@@ -234,6 +234,38 @@ def test_a_place_without_a_frame_is_above_the_sea_and_no_other_item_has_one(make
     assert [stored.frame for stored in download(client)] == [0, 3, 0, 0, 0]
     east_m, north_m, up_m = client.vehicle.truth().position_enu_m
     assert (east_m, north_m, up_m) == pytest.approx((0.0, 15.0, 12.0), abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("command", "sent", "kept"),
+    [
+        (16, (5, 2, 3, 90), (5, 0, 0, 0)),
+        (16, (5, 0, 0, NAN), (5, 0, 0, 0)),
+        (17, (1, 2, -30, 4), (0, 0, -30, 0)),
+        (18, (2, 1, -30, 1), (2, 0, -30, 1)),
+        (19, (7, 1, -9, 0), (7, 0, -1, 0)),
+        (19, (7, 1, 9, 3), (7, 0, 1, 1)),
+        (20, (1, 2, 3, 4), (0, 0, 0, 0)),
+        (21, (1, 2, 3, NAN), (1, 0, 0, 1)),
+        (21, (1, 2, 3, -9), (1, 0, 0, -1)),
+        (22, (15, 2, 3, NAN), (15, 0, 0, 0)),
+        (93, (9, 1, 2, 3), (9, 1, 2, 3)),
+        (177, (1, 2, 3, 4), (1, 2, 0, 0)),
+        (178, (1, 4, 50, 9), (1, 4, 50, 0)),
+    ],
+)
+def test_the_store_keeps_what_ap_mission_has_room_for(
+    make: Make, command: int, sent: tuple[float, ...], kept: tuple[float, ...]
+) -> None:
+    """By AP_Mission of ArduPilot 4.6: what comes back of an item, and its place where it has one."""
+    client = ready(make)
+    place = client.vehicle_goal(3.0, 4.0)
+    rows: list[Row] = [(16, 0, 0, 0, 0, 0, 0, 0, 0), (command, 3, *sent, *place, 10)]
+    assert upload(client, rows) == ACCEPTED
+    back = download(client)[1]
+    assert (back.param1, back.param2, back.param3, back.param4) == kept
+    assert (back.x, back.y) == (place if command in WITH_PLACE else (0, 0))
+    assert (back.current, back.autocontinue) == (0, 1)
 
 
 def test_numbers_that_are_no_place_are_no_degrees_in_a_float_item(make: Make) -> None:

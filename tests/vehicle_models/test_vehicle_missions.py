@@ -78,7 +78,7 @@ def ready_px4(make: Make) -> Client:
 def ready_ardupilot(make: Make) -> Client:
     client = make(simspec("ardupilot"), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(43.0)
+    client.learn_home()
     return client
 
 
@@ -356,7 +356,8 @@ def test_ardupilot_upload_and_download(make: Make) -> None:
     assert step(client)[0].type == 0
     assert [item.z for item in download(client)][1:] == [12.0, 0.0]
     client.send(mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0))
-    assert step(client)[0].type == 1
+    count, ack = step(client)
+    assert (count.get_type(), count.count, ack.type) == ("MISSION_COUNT", 3, 1)
     client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     assert step(client)[0].type == 3
 
@@ -366,10 +367,13 @@ def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> Non
     client = ready_ardupilot(make)
     assert upload(client, [to(client, 0, 0, 0), to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    messages = [message for message in client.fly(9.0) if message.get_type().startswith("MISSION_")]
-    assert [message.get_type() for message in messages] == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK"]
-    assert messages[-1].type == 15
-    assert "Mission upload timeout" in client.texts()
+    messages = [
+        message for message in client.fly(9.0) if message.get_type().startswith(("MISSION_", "STATUSTEXT"))
+    ]
+    kinds = [message.get_type() for message in messages]
+    assert kinds == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK", "STATUSTEXT"]
+    assert messages[-2].type == 15
+    assert messages[-1].text == "Mission upload timeout"
     assert download(client) == []
 
 
@@ -382,8 +386,16 @@ def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> Non
         ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 0, 2000000000, 0), 11),
         ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 0, 0, NAN), 12),
         ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, NAN, 0, 0, 0, 0, 0, 0), 6),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, NAN, 0, 0, 0, 0, 10), 7),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, NAN, 0, 0, 0, 10), 8),
         ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, NAN, 0, 0, 10), 0),
+        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 2, 0, NAN, 0, 0, 0, 0, 0), 7),
+        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 2, 0, 0, NAN, 0, 0, 0, 0), 8),
+        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 2, 0, 0, 0, NAN, 0, 0, 0), 9),
         ((mavlink.MAV_CMD_DO_JUMP, 2, 9, 1, 0, 0, 0, 0, 0), 1),
+        ((mavlink.MAV_CMD_DO_JUMP, 2, 2, 1, 0, 0, 0, 0, 0), 1),
+        ((mavlink.MAV_CMD_DO_JUMP, 2, 1, 1, 0, 0, 0, 0, 0), 0),
+        ((mavlink.MAV_CMD_DO_JUMP, 2, 0, 1, 0, 0, 0, 0, 0), 1),
     ],
 )
 def test_ardupilot_refuses_field_by_field(make: Make, row: Row, verdict: int) -> None:
@@ -412,7 +424,7 @@ def test_ardupilot_flies_as_observed(make: Make) -> None:
     """The texts and the items reached, in the order in which the real one gave them."""
     client = make(simspec("ardupilot"), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(43.0)
+    client.learn_home()
     rows = [
         to(client, 0, 0, 0),
         to(client, 0, 0, 10, 22),
@@ -457,6 +469,132 @@ def test_ardupilot_flies_as_observed(make: Make) -> None:
     ]
     assert client.vehicle.condition().mode == "AUTO"
     assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
+    # A mission that has landed steers no position; the mode entered anew does.
+    assert (client.last("HEARTBEAT").base_mode, client.last("HEARTBEAT").custom_mode) == (81, 3)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
+    assert (client.last("HEARTBEAT").base_mode, client.last("HEARTBEAT").custom_mode) == (89, 3)
+
+
+def answers(client: Client, message: Any, system: int = 255) -> list[Any]:
+    """What comes back for one message of a client: verdicts, names of other messages, texts."""
+    client.mav.srcSystem = system
+    client.send(message)
+    client.mav.srcSystem = 255
+    shown = {"MISSION_ACK": "type", "STATUSTEXT": "text", "COMMAND_ACK": "result"}
+    return [
+        getattr(reply, shown[reply.get_type()]) if reply.get_type() in shown else reply.get_type()
+        for reply in client.fly(0.02)
+        if reply.get_type().startswith(("MISSION_", "STATUSTEXT", "COMMAND_ACK"))
+    ]
+
+
+def counted(count: int, kind: int = 0) -> Any:
+    return mavlink.MAVLink_mission_count_message(1, 1, count, kind)
+
+
+def test_ardupilot_answers_before_its_texts(make: Make) -> None:
+    """Verdict, then the reason; and the warning behind the request for the next item."""
+    client = ready_ardupilot(make)
+    assert answers(client, counted(5000)) == [4, "Only 650 items are supported"]
+    arm = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
+    assert answers(client, arm) == [4, "Arm: LAND mode not armable"]
+    assert answers(client, counted(3)) == ["MISSION_REQUEST"]
+    float_item = mavlink.MAVLink_mission_item_message
+    warning = "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"
+    assert answers(client, item(0, to(client, 0, 0, 0, yaw=0.0))) == ["MISSION_REQUEST"]
+    messages = [float_item(1, 1, seq, 2, 178, 0, 1, 1, 3, 0, 0, 0, 0, 0, 0) for seq in (1, 2)]
+    assert answers(client, messages[0]) == ["MISSION_REQUEST", warning]
+    assert answers(client, messages[1]) == [0, "Flight plan received"]
+    as_float = mavlink.MAVLink_mission_request_message(1, 1, 1, 0)
+    warned = ["MISSION_ITEM", "got MISSION_REQUEST; use MISSION_REQUEST_INT!"]
+    assert [answers(client, as_float) for _ in range(2)] == [warned, warned[:1]]
+
+
+def test_ardupilot_keeps_an_upload_for_its_client(make: Make) -> None:
+    """Others are denied; the client itself reads nothing meanwhile, and may begin again."""
+    client = ready_ardupilot(make)
+    rows = [to(client, 0, 0, 0, yaw=0.0), to(client, 0, 20, 10, yaw=0.0)]
+    assert upload(client, rows) == 0
+    assert answers(client, counted(2)) == ["MISSION_REQUEST"]
+    for message in (
+        counted(2),
+        item(0, rows[0]),
+        mavlink.MAVLink_mission_request_list_message(1, 1, 0),
+        mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0),
+    ):
+        assert answers(client, message, system=7) == [14], message.get_type()
+    assert answers(client, mavlink.MAVLink_mission_clear_all_message(1, 1, 0), system=7) == [14, 1]
+    assert answers(client, mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0)) == [14]
+    assert answers(client, item(0, rows[0])) == ["MISSION_REQUEST"]
+    assert answers(client, item(0, rows[0]), system=7) == [13]
+    assert answers(client, counted(2)) == ["MISSION_REQUEST"]
+    assert upload(client, rows) == 0
+    assert len(download(client)) == 2
+
+
+def test_ardupilot_takes_a_mission_and_a_fence_side_by_side(make: Make) -> None:
+    """Two uploads of one client; each ends for itself."""
+    client = ready_ardupilot(make)
+    circle = (mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, 3, 50, 0, 0, 0, 473_977_500, 85_456_500, 0)
+    assert answers(client, counted(2)) == ["MISSION_REQUEST"]
+    assert answers(client, counted(1, 1)) == ["MISSION_REQUEST"]
+    assert answers(client, item(0, to(client, 0, 0, 0, yaw=0.0))) == ["MISSION_REQUEST"]
+    assert answers(client, item(0, circle, 1)) == [0, "Fence Indexed OK"]
+    assert answers(client, item(1, to(client, 0, 9, 9, yaw=0.0))) == [0, "Flight plan received"]
+    assert (len(download(client)), len(download(client, 1))) == (2, 1)
+    assert answers(client, mavlink.MAVLink_mission_clear_all_message(1, 1, 1)) == [0, "Fence Indexed OK"]
+    for kind, name in ((1, "Fence"), (2, "Rally")):
+        client.received.clear()
+        assert answers(client, counted(1, kind)) == ["MISSION_REQUEST"]
+        client.fly(9.0)
+        assert client.texts() == [f"{name} upload timeout"]
+
+
+def test_ardupilot_says_how_long_a_mission_is_to_who_reads_beyond_it(make: Make) -> None:
+    """Home is there without a mission; a fence and rally points have verdicts alone."""
+    client = ready_ardupilot(make)
+    request = mavlink.MAVLink_mission_request_int_message
+    assert answers(client, request(1, 1, 0, 0)) == ["MISSION_ITEM_INT"]
+    assert client.last("MISSION_ITEM_INT").x == client.last("HOME_POSITION").latitude
+    assert answers(client, request(1, 1, 1, 0)) == ["MISSION_COUNT", 1]
+    assert client.last("MISSION_COUNT").count == 0
+    assert [answers(client, request(1, 1, seq, kind)) for kind in (1, 2) for seq in (0, 1)] == [
+        [1],
+        [13],
+        [13],
+        [13],
+    ]
+
+
+def test_ardupilot_replaces_and_adds_by_partial_lists(make: Make) -> None:
+    """One behind the last item is added, two behind it are refused."""
+    client = ready_ardupilot(make)
+    rows = [to(client, 0, 0, 0, yaw=0.0), to(client, 0, 20, 10, yaw=0.0)]
+    assert upload(client, rows) == 0
+    partial = mavlink.MAVLink_mission_write_partial_list_message
+    assert answers(client, partial(1, 1, 2, 2, 0)) == ["MISSION_REQUEST"]
+    assert answers(client, item(2, to(client, 0, 30, 12, yaw=0.0))) == [0, "Flight plan received"]
+    assert [stored.z for stored in download(client)][1:] == [10.0, 12.0]
+    assert answers(client, partial(1, 1, 4, 4, 0)) == [1, "Flight plan update rejected"]
+    assert answers(client, partial(1, 1, 2, 1, 0)) == [1, "Flight plan update rejected"]
+
+
+def test_ardupilot_keeps_a_mission_that_it_flies(make: Make) -> None:
+    """MISSION_CLEAR_ALL fails in AUTO, and only there."""
+    client = ready_ardupilot(make)
+    rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), to(client, 0, 60, 10, yaw=0.0)]
+    assert upload(client, rows) == 0
+    for number, arguments in ((176, (1, 4)), (400, (1,)), (176, (1, 3)), (300, ())):
+        assert client.command(number, *arguments) == [0]
+    client.fly(12.0)
+    clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 0)
+    assert answers(client, clear) == [1]
+    assert len(download(client)) == 3
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert answers(client, clear) == [0]
+    assert download(client) == []
 
 
 def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
@@ -465,7 +603,7 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 1) == [2]
     client = make(simspec("ardupilot"), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(43.0)
+    client.learn_home()
     turns = (18, 3, 2, 0, 8, 0, *client.vehicle_goal(0, 20), 10)
     rows = [
         to(client, 0, 0, 0),

@@ -128,7 +128,6 @@ def test_copter_on_the_ground(make: Make) -> None:
     texts.
     """
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     steers = (3, 4, 5, 7, 9, 16, 17, 19, 20, 21, 24)
     for number in (1, 0, 2, 6, 11, 18, *steers):
@@ -155,7 +154,6 @@ def test_copter_on_the_ground(make: Make) -> None:
 
 def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
     for number in (4, 99):
         client.send(mavlink.MAVLink_set_mode_message(1, 1, number))
         assert not [message for message in client.fly(0.2) if message.get_type() == "COMMAND_ACK"]
@@ -165,7 +163,6 @@ def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
 
 def test_copter_modes_that_cannot_be_armed(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
     for number, name in ((9, "LAND"), (6, "RTL"), (17, "BRAKE")):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [ACCEPTED]
         assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]
@@ -176,6 +173,5 @@ def test_copter_modes_that_cannot_be_armed(make: Make) -> None:
 def test_copter_commands_that_are_modes(make: Make, command: int, mode: str) -> None:
     """Accepted, even disarmed."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
     assert client.command(command) == [ACCEPTED]
     assert client.vehicle.condition().mode == mode

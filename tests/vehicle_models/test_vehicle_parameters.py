@@ -83,10 +83,12 @@ def test_px4_set_reports_twice_and_errors(make: Make) -> None:
 
 
 def test_ardupilot_pushes_and_clamps(make: Make) -> None:
-    """Ground pressures when the origin is found and running time every 30 s; integers clamped, any case,
-    index 65535.
+    """From the start: ground pressures when the origin is found and running time every 30 s; integers clamped, any
+    case, index 65535.
     """
     client = make(simspec("ardupilot"))
+    client.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    client.fly(0.02)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     pushed = values(client.fly(61.0))
     assert [(value.param_id, value.param_index) for value in pushed] == [

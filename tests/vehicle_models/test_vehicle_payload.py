@@ -345,8 +345,7 @@ def in_mission(make: Make, autopilot: str, rows: Callable[[Client], list[Any]], 
         assert upload(client, rows(client)) == 0
         assert client.command(mavlink.MAV_CMD_MISSION_START)[-1] == 0
     else:
-        client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-        client.fly(43.0)
+        client.learn_home()
         assert upload(client, [to(client, 0, 0, 0), *rows(client)]) == 0
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
         client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)

@@ -76,7 +76,7 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     """
     ready_s = 5.0 if autopilot == "px4" else 43.0
     client = make(simspec(autopilot))
-    client.fly(ready_s)
+    client.fly(5.0)
     upload(client, 3)
     put(client, autopilot, ID[autopilot], 7)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5)  # RTL, GUIDED
@@ -113,7 +113,7 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
 @AUTOPILOTS
 def test_a_restart_is_refused_while_armed(make: Make, autopilot: str) -> None:
     client = make(simspec(autopilot))
-    client.fly(5.0 if autopilot == "px4" else 43.0)
+    client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     assert client.command(REBOOT, 1) == [DENIED if autopilot == "px4" else FAILED]
     client.fly(0.1)

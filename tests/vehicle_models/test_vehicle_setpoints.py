@@ -9,6 +9,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import NAN, Client, simspec
@@ -78,13 +79,31 @@ def px4(make: Make) -> Client:
 def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.fly(43.0)
-    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    client.learn_home()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
     client.fly(12.0)
     return client
+
+
+def test_a_copter_flies_to_a_position_as_the_real_one(copter: Client) -> None:
+    """15 m in GUIDED on this aircraft, within a tenth of what ArduCopter 4.6.3 flew."""
+    copter.setpoint(15, 0, -10, 0xDF8)
+    rows = []
+    for _ in range(150):
+        copter.fly(0.1)
+        truth = copter.vehicle.truth()
+        tilt_rad = math.acos(math.cos(truth.roll_rad) * math.cos(truth.pitch_rad))
+        rows.append((*truth.position_enu_m, truth.velocity_enu_mps[1], math.degrees(tilt_rad)))
+    east, north, up, speed, tilt = np.array(rows).T
+    reached_s = [(np.argmax(north >= share * 15.0) + 1) / 10 for share in (0.1, 0.5, 0.95)]
+    assert reached_s == pytest.approx([1.4, 2.8, 4.8], rel=0.1)
+    assert (speed.max(), tilt.max()) == (pytest.approx(4.9, rel=0.1), pytest.approx(17.0, rel=0.1))
+    assert north.max() - 15.0 == pytest.approx(0.30, rel=0.1)
+    assert north[-1] == pytest.approx(15.0, abs=0.05)
+    assert np.abs(east).max() < 0.1
+    assert np.abs(up - up[0]).max() < 0.1
 
 
 def test_px4_mixes_axes(px4: Client) -> None:

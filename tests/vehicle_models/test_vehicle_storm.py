@@ -70,7 +70,6 @@ def hover(make: Make, autopilot: str) -> Client:
     if autopilot == "px4":
         client.airborne(20.0)
         return client
-    client.fly(45.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]

@@ -148,7 +148,6 @@ def test_copter_by_group(make: Make) -> None:
 def test_copter_rates_by_parameter(make: Make) -> None:
     """SR0_* given at the start, or set later, stream on the first link; interval 0 goes back to them."""
     client = make(simspec("ardupilot", vehicle={"parameters": {"SR0_POSITION": 5}}), system=255)
-    client.fly(25.0)
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 5.0
     assert client.command(
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100_000

@@ -26,7 +26,6 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
     from vehicle_models.controller import AUTOPILOTS
 
     client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
-    client.fly(45.0)
     if autopilot == "px4":
         client.airborne(3.0)
         client.offboard(3, 2, -4)

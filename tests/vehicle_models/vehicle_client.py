@@ -117,6 +117,10 @@ class Client:
 
         return TangentPlane(home.latitude * 1e-7, home.longitude * 1e-7).geodetic_e7(east_m, north_m)
 
+    def learn_home(self) -> None:
+        """Ask for home, which an ArduCopter has told before anybody was there."""
+        assert self.command(mavlink.MAV_CMD_GET_HOME_POSITION) == [0]
+
     def last(self, name: str) -> Any:
         return next(message for message in reversed(self.received) if message.get_type() == name)
 

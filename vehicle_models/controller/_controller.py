@@ -145,7 +145,11 @@ class Controller:
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
-        self._boot_texts = list(autopilot.identity.boot_texts(flight))
+        # Of a start that lies before the session nobody heard anything: neither its texts nor the first home.
+        self._boot_texts = [
+            text for text in autopilot.identity.boot_texts(flight) if text.at_s >= flight.time_s
+        ]
+        self._home.tick()
         self._decoder = Decoder()
         self._unhandled = 0
         self._previous_counts = persistent.counts if persistent else {}
@@ -371,9 +375,12 @@ class Controller:
         """Run messages, services and guidance of one step; the target flown, or None on the ground."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
         self._context.radio.begin()
+        if self._autopilot.identity.texts_follow_answers:
+            self._context.texts.keep()
         for channel in self.channels:
             if channel.link.inbox:
                 self._handle_messages(channel)
+        self._context.texts.release()
         for tick in self._ticks:
             tick()
         if self._camera:

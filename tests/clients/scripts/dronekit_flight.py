@@ -93,27 +93,17 @@ class Flight:
         )
 
     def early(self) -> dict[str, Any]:
-        """Arming before it is ready.
-
-        The vehicle is ready 23.5 simulated seconds after its start, whenever this program connects: on a busy host that
-        is too late, so the vehicle is started again.
-        """
-        for _ in range(MAX_ATTEMPTS):
-            self.acks.clear()
-            self.vehicle.armed = True
-            wait_until("the answer", lambda: [ack for ack in self.acks if ack[0] == ARM])
-            answer = next(ack for ack in self.acks if ack[0] == ARM)
-            if answer[1] != mavlink.MAV_RESULT_ACCEPTED:
-                return {"armable": bool(self.vehicle.is_armable), "ack": answer, "texts": self.texts}
-            self.command_long(ARM, 0)
-            # A vehicle that is still armed refuses to restart.
-            self.acks.clear()
-            wait_until("the disarming", lambda: not self.vehicle.armed)
-            self.command_long(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
-            wait_until("the restart", lambda: self.acks)
-            # The streams that DroneKit asked for as it connected have ended with the restart.
-            self.vehicle.send_mavlink(self.vehicle.message_factory.request_data_stream_encode(0, 0, 0, 4, 1))
-        sys.exit("armed at every attempt")
+        """Started again, and arming before it is ready."""
+        self.command_long(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+        wait_until("the restart", lambda: self.acks)
+        # The streams that DroneKit asked for as it connected have ended with the restart.
+        self.vehicle.send_mavlink(self.vehicle.message_factory.request_data_stream_encode(0, 0, 0, 4, 1))
+        wait_until("a vehicle that is not ready", lambda: not self.vehicle.is_armable)
+        self.acks.clear()
+        self.vehicle.armed = True
+        wait_until("the answer", lambda: [ack for ack in self.acks if ack[0] == ARM])
+        answer = next(ack for ack in self.acks if ack[0] == ARM)
+        return {"armable": bool(self.vehicle.is_armable), "ack": answer, "texts": self.texts}
 
     def command_long(self, number: int, first: float) -> None:
         self.vehicle.send_mavlink(

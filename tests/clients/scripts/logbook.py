@@ -54,16 +54,6 @@ def tell(record: Mapping[str, Any]) -> None:
     print(json.dumps(record), flush=True)
 
 
-def refused_in_time(refused: bool) -> None:
-    """End this program when the vehicle was ready before it was asked to arm.
-
-    An ArduPilot vehicle is ready 23.5 simulated seconds after its start, whenever a client connects. At eight times its
-    speed a busy host needs longer to start the client; the fixture `flown` then flies once more at the vehicle's own speed.
-    """
-    if not refused:
-        sys.exit("the vehicle was ready before the client had connected, or it is never busy with its start")
-
-
 def run_chapters(flight: object, wanted: list[str]) -> None:
     """Fly the chapters, methods of `flight`, in the order asked for, and tell what each saw."""
     record = {}

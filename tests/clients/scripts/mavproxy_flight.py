@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from logbook import PATIENCE_S, apart, distance_m, place, refused_in_time, run_chapters, wait_until
+from logbook import PATIENCE_S, apart, distance_m, place, run_chapters, wait_until
 
 HOME = (47.3977, 8.5456)
 MODULES = "log,wp,rally,fence,param,arm,mode,cmdlong,misc,rc,link,ftp"
@@ -118,11 +118,11 @@ class Flight:
         return distance_m(start, self.here())
 
     def early(self) -> dict[str, Any]:
-        """Detected, told its parameters, and not armed before it is ready."""
+        """Detected, told its parameters, and not armed during another start."""
         detected = self.console.expect(r"Detected vehicle (\S+)").group(1)
-        arm = self.console.ask("arm throttle", r"COMPONENT_ARM_DISARM: (\w+)")
-        refused_in_time(arm != "ACCEPTED")
         received = self.console.expect(r"Received (\d+) parameters").group(1)
+        self.console.ask("reboot", r"PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
+        arm = self.console.ask("arm throttle", r"COMPONENT_ARM_DISARM: (\w+)")
         return {"detected": detected, "arm": arm, "parameters": int(received)}
 
     def return_height(self) -> float:

@@ -59,6 +59,8 @@ IDENTITY = IdentityPolicy(
         FlightEvent.CRASHED: (CRITICAL, "Crash: Disarming"),
     },
     text_ending="",
+    # Source: texts wait in a queue until the main loop sends, answers do not.
+    texts_follow_answers=True,
     boot_texts=_boot_texts,
     climbed_clear_texts=tuple(
         (INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1)

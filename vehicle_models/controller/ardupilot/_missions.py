@@ -129,6 +129,50 @@ _NAN_TAKEN: dict[int, tuple[int, ...]] = {
     MAV_CMD.NAV_VTOL_TAKEOFF: (3,),
     MAV_CMD.NAV_VTOL_LAND: (2, 3),
 }
+# Parameters (counted from 0) that AP_Mission's store has room for, where it has not for all; the others come back as 0.
+_HELD: dict[int, tuple[int, ...]] = {
+    MAV_CMD.NAV_WAYPOINT: (0,),
+    MAV_CMD.NAV_SPLINE_WAYPOINT: (0,),
+    MAV_CMD.NAV_LOITER_UNLIM: (2,),
+    MAV_CMD.NAV_LOITER_TURNS: (0, 2, 3),
+    MAV_CMD.NAV_LOITER_TIME: (0, 2, 3),
+    MAV_CMD.NAV_LOITER_TO_ALT: (1, 3),
+    MAV_CMD.NAV_RETURN_TO_LAUNCH: (),
+    MAV_CMD.NAV_LAND: (0, 3),
+    MAV_CMD.NAV_TAKEOFF: (0,),
+    MAV_CMD.NAV_VTOL_TAKEOFF: (),
+    MAV_CMD.NAV_VTOL_LAND: (0,),
+    MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT: (0,),
+    MAV_CMD.NAV_GUIDED_ENABLE: (0,),
+    MAV_CMD.NAV_ALTITUDE_WAIT: (0, 1, 2),
+    MAV_CMD.NAV_PAYLOAD_PLACE: (0,),
+    MAV_CMD.NAV_SET_YAW_SPEED: (0, 1, 2),
+    MAV_CMD.CONDITION_DELAY: (0,),
+    MAV_CMD.CONDITION_DISTANCE: (0,),
+    MAV_CMD.DO_JUMP: (0, 1),
+    MAV_CMD.DO_CHANGE_SPEED: (0, 1, 2),
+    MAV_CMD.DO_SET_HOME: (0,),
+    MAV_CMD.DO_SET_RELAY: (0, 1),
+    MAV_CMD.DO_REPEAT_RELAY: (0, 1, 2),
+    MAV_CMD.DO_SET_SERVO: (0, 1),
+    MAV_CMD.DO_LAND_START: (),
+    MAV_CMD.DO_GO_AROUND: (),
+    MAV_CMD.DO_SET_ROI: (0,),
+    MAV_CMD.DO_MOUNT_CONTROL: (0, 1, 2),
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST: (0, 2),
+    MAV_CMD.DO_FENCE_ENABLE: (0,),
+    MAV_CMD.DO_AUX_FUNCTION: (0, 1),
+    MAV_CMD.DO_PARACHUTE: (0,),
+    MAV_CMD.DO_INVERTED_FLIGHT: (0,),
+    MAV_CMD.DO_GRIPPER: (0, 1),
+    MAV_CMD.DO_AUTOTUNE_ENABLE: (0,),
+    MAV_CMD.DO_VTOL_TRANSITION: (0,),
+    MAV_CMD.DO_SET_REVERSE: (0,),
+    MAV_CMD.DO_ENGINE_CONTROL: (0, 1, 2),
+    MAV_CMD.DO_SET_RESUME_REPEAT_DIST: (0,),
+    MAV_CMD.DO_SPRAYER: (0,),
+    MAV_CMD.DO_PAUSE_CONTINUE: (0,),
+}
 # Items that AP_Mission takes and ArduCopter does not know when their turn comes.
 _NOT_OF_A_COPTER = frozenset(
     {
@@ -156,6 +200,8 @@ _AREA_COMMANDS: dict[int, frozenset[int]] = {
     RALLY: frozenset({MAV_CMD.NAV_RALLY_POINT}),
 }
 _FRAMES = ABOVE_SEA | ABOVE_HOME | ABOVE_GROUND | PLACELESS
+# Source: the SITL says so each time that it has written a fence, also one without items.
+_FENCE_INDEXED: StatusText = (DEBUG, "Fence Indexed OK")
 # What fits into the store, in centimetres of 24 bits (source: LOCATION_ALT_MAX_M).
 _MAX_HEIGHT_M = 83_000.0
 
@@ -206,10 +252,27 @@ def _refuse_degrees(item: MissionItem) -> MissionResult | None:
 
 
 def _stored(item: MissionItem) -> MissionItem:
-    """A place without a frame of its own is one above the sea."""
-    if item.frame in PLACELESS and item.command in _WITH_PLACE:
-        return replace(item, frame=MAV_FRAME.GLOBAL)
-    return item
+    """What AP_Mission's store keeps of an item (source). A place without a frame of its own is one above the sea; of
+    turns and landings that have a sense alone, this is 1 or -1.
+    """
+    command, params = item.command, list(item.params)
+    held = _HELD.get(command, range(4))
+    if command == MAV_CMD.NAV_LOITER_TIME:
+        params[2] = -1.0 if params[2] < 0.0 else 1.0
+    if command == MAV_CMD.NAV_LAND:
+        params[3] = -1.0 if params[3] < 0.0 else 1.0
+    elif command in (MAV_CMD.NAV_LOITER_TURNS, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_TO_ALT):
+        params[3] = float(params[3] > 0.0)
+    first, second, third, fourth = (param if index in held else 0.0 for index, param in enumerate(params))
+    placeless = command not in _WITH_PLACE and command not in _PLAIN_NUMBERS
+    return replace(
+        item,
+        params=(first, second, third, fourth),
+        frame=MAV_FRAME.GLOBAL if item.frame in PLACELESS and command in _WITH_PLACE else item.frame,
+        x=0 if placeless else item.x,
+        y=0 if placeless else item.y,
+        autocontinue=1,
+    )
 
 
 def _has_degrees(command: int, frame: int) -> bool:
@@ -219,14 +282,7 @@ def _has_degrees(command: int, frame: int) -> bool:
 def _refuse_plan(
     kind: int, items: tuple[MissionItem, ...]
 ) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
-    """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some
-    missing.
-    """
-    if kind == MISSION:
-        jumps = [item for item in items[1:] if item.command == MAV_CMD.DO_JUMP]
-        return (
-            None if all(1.0 <= jump.params[0] < len(items) for jump in jumps) else (MissionResult.ERROR, ())
-        )
+    """Refuse a polygon of less than three vertices or with some missing."""
     index = 0
     while kind == FENCE and index < len(items):
         if items[index].command not in _POLYGONS:
@@ -241,6 +297,13 @@ def _refuse_plan(
             return MissionResult.ERROR, ((WARNING, invalid), (WARNING, "Fence validation failed"))
         index += int(count)
     return None
+
+
+def _past_the_end(kind: int, number: int, length: int) -> MissionResult | None:
+    """Observed of missions; of fences and rally points by the source."""
+    if kind == MISSION or (kind == FENCE and number == length):
+        return MissionResult.ERROR
+    return MissionResult.INVALID_SEQUENCE
 
 
 def _shown_frame(item: MissionItem, as_float: bool) -> int:
@@ -273,23 +336,30 @@ MISSIONS = MissionPolicy(
         repeat_s=1.0,
         timeout_s=8.0,
         timeout_result=MissionResult.OPERATION_CANCELLED,
-        timeout_text=(WARNING, "Mission upload timeout"),
+        timeout_texts={
+            kind: (WARNING, f"{name} upload timeout")
+            for kind, name in ((MISSION, "Mission"), (FENCE, "Fence"), (RALLY, "Rally"))
+        },
         clears_at_start=True,
         max_items={MISSION: 650, FENCE: 256, RALLY: 64},
         too_many_text=(WARNING, "Only {} items are supported"),
-        uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: (DEBUG, "Fence Indexed OK")},
+        uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: _FENCE_INDEXED},
         bad_item_text=None,
         wrong_sequence_ends=True,
         no_upload_text=None,
         bad_type=MissionResult.UNSUPPORTED,
         clears_all_types=False,
+        clears_flown_mission=False,
+        cleared_texts={FENCE: _FENCE_INDEXED},
         one_at_a_time=False,
         client_cancels=False,
         partial_lists=True,
-        past_the_end=MissionResult.ERROR,
+        partial_refused_text=(WARNING, "Flight plan update rejected"),
+        past_the_end=_past_the_end,
         item_float_text=(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"),
         request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
         refuse_item=_refuse_item,
+        checks_jumps=True,
         refuse_plan=_refuse_plan,
         stored=_stored,
         has_degrees=_has_degrees,

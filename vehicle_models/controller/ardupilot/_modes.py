@@ -13,6 +13,8 @@ from ._safety import battery_volts
 # Simulated seconds after the start at which the SITL was seen to reach each state.
 STANDBY_S, ESTIMATOR_S, ALIGNED_S, RECEIVER_S, POSITION_S = 2.9, 4.4, 5.8, 9.8, 20.0
 AHRS_S, STABILIZE_READY_S, USES_GPS_S, GUIDED_READY_S = 22.5, 23.5, 41.5, 42.5
+# A real one boots before the session, as long as the bench gives it (`ArduPilotKind.boot_s`).
+_BOOTED_S = 50.0
 
 _CUSTOM, _STABILIZE = MAV_MODE_FLAG.CUSTOM_MODE_ENABLED, MAV_MODE_FLAG.STABILIZE_ENABLED
 _PLAIN = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
@@ -126,13 +128,14 @@ def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     # A return steers position as soon as it is flown; disarmed in RTL the SITL showed the plain bits.
     if flight.armed and flight.mode.behaviour is Behaviour.RETURN:
         base |= MAV_MODE_FLAG.GUIDED_ENABLED
-    # A landing without a position steers nothing but the height.
-    if flight.armed and flight.mode.behaviour is Behaviour.LAND and not flight.position_ok:
+    # A landing without a position steers nothing but the height, and a mission that has landed nothing at all.
+    blind = flight.mode.behaviour is Behaviour.LAND and not flight.position_ok
+    if blind or (flight.mode.behaviour is Behaviour.MISSION and flight.disarmed_by_landing):
         base &= ~MAV_MODE_FLAG.GUIDED_ENABLED
     # While it starts, the SITL shows a mode that steers position, whatever the mode is.
     if flight.time_s < STANDBY_S:
         return _STEERS, MAV_STATE.BOOT
-    if flight.failsafe and flight.armed:
+    if flight.failsafe:
         return base, MAV_STATE.CRITICAL
     return base, MAV_STATE.ACTIVE if flight.armed and flight.flying else MAV_STATE.STANDBY
 
@@ -215,4 +218,5 @@ MODES = ModePolicy(
     prearm_failures=_prearm_failures,
     checks_when_armed=CommandResult.TEMPORARILY_REJECTED,
     manual_landing_disarms=False,
+    booted_s=_BOOTED_S,
 )

@@ -94,6 +94,7 @@ def limits(p: ParameterStore) -> FlightLimits:
         climb_shaping=shaping,
         takeoff_shaping=shaping.held(),
         descent_shaping=shaping,
+        setpoint_shaping=shaping,
     )
 
 

@@ -100,7 +100,7 @@ class FlightRecorder:
     def attach(self, sink: LogSink) -> None:
         """Feed `sink` from now on."""
         if not self._sinks:
-            self._due_ns = self._flight.time_ns
+            self._due_ns, self._home = self._flight.time_ns, self._flight.home
         self._sinks.append(sink)
         if self._flight.home:
             sink.add_note(LoggedHome(self._flight.time_us, self._flight.home))

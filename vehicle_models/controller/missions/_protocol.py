@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._missions import MissionPolicy, MissionResult
+from ..state._flight_state import Behaviour
 from ..state._plan_store import FENCE, MISSION, RALLY, MissionItem, StoredPlans, identity_of
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
@@ -29,8 +30,10 @@ class _Transfer:
     index: int = 0
     end: int = 0
     items: tuple[MissionItem, ...] = ()  # the stored plan around a partial upload
+    received: list[MissionItem] = field(default_factory=list)
     received_ns: int = 0
     due_ns: int = 0
+    had_float: bool = False  # one of the items came as a MISSION_ITEM
 
     def is_with(self, sender: MessageSender) -> bool:
         return (self.sender.system, self.sender.component) == (sender.system, sender.component)
@@ -39,7 +42,7 @@ class _Transfer:
 class MissionProtocol:
     """MISSION_COUNT, _ITEM, _ITEM_INT, _REQUEST*, _WRITE_PARTIAL_LIST, _CLEAR_ALL, _ACK.
 
-    One upload at a time.
+    One upload at a time, or one of each plan.
     """
 
     def __init__(self, context: ServiceContext, policy: MissionPolicy, plans: StoredPlans) -> None:
@@ -48,8 +51,8 @@ class MissionProtocol:
         self._policy = policy.transfer
         self._home_first = policy.home_first
         self._guided_items = policy.guided_items
-        self._upload: _Transfer | None = None
-        self._received: list[MissionItem] = []
+        self._uploads: dict[int, _Transfer] = {}  # by the type of plan
+        self._requested_float: set[int] = set()  # types of plans, since the last upload of each
         self._download: _Transfer | None = None
         self._last: tuple[int, int, int] | None = None  # type, length and id of the last plan
 
@@ -69,28 +72,38 @@ class MissionProtocol:
     def tick(self) -> None:
         """Request again, or give up, while a client is silent."""
         now, policy = self._context.flight.time_ns, self._policy
-        upload, download = self._upload, self._download
-        if upload and now >= upload.due_ns:
+        download = self._download
+        for upload in list(self._uploads.values()):
+            if now < upload.due_ns:
+                continue
             if now - upload.received_ns >= round(policy.timeout_s * 1e9):
-                self._upload, self._received = None, []
-                self._send(policy.timeout_text)
+                del self._uploads[upload.kind]
                 if policy.timeout_result is not None:
                     self._acknowledge(upload.sender, upload.kind, policy.timeout_result)
+                self._send(policy.timeout_texts[upload.kind])
             else:
-                self._request_item()
+                self._request_item(upload)
         if download and now - download.received_ns >= round(policy.timeout_s * 1e9):
             self._download = None
-            self._send(policy.timeout_text)
+            self._send(policy.timeout_texts[download.kind])
+
+    def _upload_of(self, kind: int) -> _Transfer | None:
+        """The upload that a message about plans of a type belongs to."""
+        if self._policy.one_at_a_time:
+            return next(iter(self._uploads.values()), None)
+        return self._uploads.get(kind)
 
     def _take_count(self, m: Any, sender: MessageSender) -> None:
-        policy, upload = self._policy, self._upload
+        policy, upload = self._policy, self._upload_of(m.mission_type)
         if m.mission_type not in self._plans.by_type:
             self._acknowledge(sender, m.mission_type, policy.bad_type)
         elif policy.one_at_a_time and (upload or self._download):
             if upload and upload.is_with(sender) and upload.kind == m.mission_type and upload.index == 0:
-                self._request_item()
+                self._request_item(upload)
             else:
                 self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+        elif upload and not upload.is_with(sender):
+            self._acknowledge(sender, m.mission_type, MissionResult.DENIED)
         elif m.count > policy.max_items[m.mission_type]:
             if policy.too_many_text:
                 self._send(
@@ -110,22 +123,24 @@ class MissionProtocol:
         if not self._policy.partial_lists or m.mission_type not in self._plans.by_type:
             return
         stored = self._plans.by_type[m.mission_type].items
-        if not 0 <= m.start_index <= m.end_index < len(stored):
+        # An item behind the last one is added.
+        if not 0 <= m.start_index <= m.end_index <= len(stored):
             self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+            if self._policy.partial_refused_text:
+                self._send(self._policy.partial_refused_text)
         else:
             self._begin(_Transfer(sender, m.mission_type, m.start_index, m.end_index + 1, stored))
 
     def _begin(self, transfer: _Transfer) -> None:
         transfer.received_ns = self._context.flight.time_ns
-        self._upload, self._received = transfer, []
+        self._uploads[transfer.kind] = transfer
         if transfer.index == transfer.end:
             self._finish(transfer)
         else:
-            self._request_item()
+            self._requested_float.discard(transfer.kind)
+            self._request_item(transfer)
 
-    def _request_item(self) -> None:
-        upload = self._upload
-        assert upload
+    def _request_item(self, upload: _Transfer) -> None:
         upload.due_ns = self._context.flight.time_ns + round(self._policy.repeat_s * 1e9)
         upload.sender.channel.send_message(
             self._policy.request,
@@ -136,7 +151,7 @@ class MissionProtocol:
         )
 
     def _take_item(self, m: Any, sender: MessageSender, as_float: bool) -> None:
-        policy, upload = self._policy, self._upload
+        policy, upload = self._policy, self._upload_of(m.mission_type)
         if m.current == _GUIDED and self._guided_items:
             # The navigator takes this item; it is no part of a plan.
             return
@@ -144,6 +159,11 @@ class MissionProtocol:
             self._take_item_without_upload(m, sender)
             return
         if not upload.is_with(sender):
+            if not policy.one_at_a_time:
+                other = m.seq != upload.index
+                self._acknowledge(
+                    sender, upload.kind, MissionResult.INVALID_SEQUENCE if other else MissionResult.DENIED
+                )
             return
         if m.mission_type != upload.kind:
             self._acknowledge(sender, upload.kind, MissionResult.ERROR)
@@ -153,24 +173,32 @@ class MissionProtocol:
             if policy.wrong_sequence_ends:
                 self._refuse(upload, MissionResult.INVALID_SEQUENCE)
             return
-        if as_float and policy.item_float_text and upload.index == 0:
+        if as_float and policy.item_float_text and not upload.had_float:
+            upload.had_float = True
             self._send(policy.item_float_text)
         item = self._item_of(m, as_float)
         # Home, which is the first item of a mission but of no fence, comes back as the vehicle knows it.
         is_home = self._home_first and m.seq == 0 and upload.kind == MISSION
-        fault = None if is_home else policy.refuse_item(upload.kind, item, as_float)
+        fault = None if is_home else self._fault(upload, item, as_float)
         if fault is not None:
             if policy.bad_item_text and fault is not MissionResult.ERROR:
                 self._send(policy.bad_item_text)
             self._refuse(upload, fault)
             return
-        self._received.append(policy.stored(item) if upload.kind == MISSION else item)
+        upload.received.append(policy.stored(item) if upload.kind == MISSION else item)
         upload.index += 1
         upload.received_ns = self._context.flight.time_ns
         if upload.index == upload.end:
             self._finish(upload)
         else:
-            self._request_item()
+            self._request_item(upload)
+
+    def _fault(self, upload: _Transfer, item: MissionItem, as_float: bool) -> MissionResult | None:
+        fault = self._policy.refuse_item(upload.kind, item, as_float)
+        if fault is None and item.command == MAV_CMD.DO_JUMP and self._policy.checks_jumps:
+            there = 1.0 <= item.params[0] < max(upload.end, len(upload.items))
+            return None if there else MissionResult.ERROR
+        return fault
 
     def _take_item_without_upload(self, m: Any, sender: MessageSender) -> None:
         last = self._last
@@ -183,7 +211,7 @@ class MissionProtocol:
         self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
 
     def _finish(self, upload: _Transfer) -> None:
-        policy, received = self._policy, tuple(self._received)
+        policy, received = self._policy, tuple(upload.received)
         start = upload.end - len(received)
         items = (*upload.items[:start], *received, *upload.items[upload.end :])
         fault = policy.refuse_plan(upload.kind, items)
@@ -192,7 +220,7 @@ class MissionProtocol:
                 self._send(text)
             self._refuse(upload, fault[0])
             return
-        self._upload, self._received = None, []
+        del self._uploads[upload.kind]
         self._last = (upload.kind, len(items), identity_of(items))
         if not policy.one_at_a_time or self._last[2] != self._plans.by_type[upload.kind].identity:
             self._plans.by_type[upload.kind].put(items)
@@ -201,49 +229,61 @@ class MissionProtocol:
             self._send(policy.uploaded_texts[upload.kind])
 
     def _refuse(self, upload: _Transfer, verdict: MissionResult) -> None:
-        self._upload, self._received = None, []
+        del self._uploads[upload.kind]
         self._acknowledge(upload.sender, upload.kind, verdict)
 
     def _answer_list(self, m: Any, sender: MessageSender) -> None:
         if m.mission_type not in self._plans.by_type:
             self._acknowledge(sender, m.mission_type, self._policy.bad_type)
             return
-        if self._upload:
+        if self._upload_of(m.mission_type):
             self._acknowledge(
                 sender,
                 m.mission_type,
                 MissionResult.ERROR if self._policy.one_at_a_time else MissionResult.DENIED,
             )
             return
-        plan = self._plans.by_type[m.mission_type]
+        self._send_count(m.mission_type, sender)
+        if self._plans.by_type[m.mission_type].items and self._policy.one_at_a_time:
+            self._download = _Transfer(sender, m.mission_type, received_ns=self._context.flight.time_ns)
+
+    def _send_count(self, kind: int, sender: MessageSender) -> None:
+        plan = self._plans.by_type[kind]
         ids = {"opaque_id": plan.identity} if self._policy.one_at_a_time else {}
         sender.channel.send_message(
             "MISSION_COUNT",
             count=len(plan.items),
             target_system=sender.system,
             target_component=sender.component,
-            mission_type=m.mission_type,
+            mission_type=kind,
             **ids,
         )
-        if plan.items and self._policy.one_at_a_time:
-            self._download = _Transfer(sender, m.mission_type, received_ns=self._context.flight.time_ns)
 
     def _answer_request(self, m: Any, sender: MessageSender, as_float: bool) -> None:
         if m.mission_type not in self._plans.by_type:
             return
-        items = self._plans.by_type[m.mission_type].items
+        policy, kind = self._policy, m.mission_type
+        items = self._plans.by_type[kind].items
         if self._download:
             self._download.received_ns = self._context.flight.time_ns
-        if m.seq >= len(items):
-            if self._policy.past_the_end is not None:
-                self._acknowledge(sender, m.mission_type, self._policy.past_the_end)
+        if not policy.one_at_a_time and kind in self._uploads:
+            self._acknowledge(sender, kind, MissionResult.DENIED)
             return
-        if as_float and self._policy.request_float_text and m.seq == 0:
-            self._send(self._policy.request_float_text)
-        self._send_item(m, sender, self._shown(m, items), as_float)
+        item = self._shown(m, items)
+        if item is None:
+            verdict = policy.past_the_end(kind, m.seq, len(items))
+            if verdict is not None:
+                if kind == MISSION:
+                    self._send_count(kind, sender)
+                self._acknowledge(sender, kind, verdict)
+            return
+        if as_float and policy.request_float_text and kind not in self._requested_float:
+            self._requested_float.add(kind)
+            self._send(policy.request_float_text)
+        self._send_item(m, sender, item, as_float)
 
-    def _shown(self, m: Any, items: tuple[MissionItem, ...]) -> MissionItem:
-        item: MissionItem = items[m.seq]
+    def _shown(self, m: Any, items: tuple[MissionItem, ...]) -> MissionItem | None:
+        """The item that a request asks for; None where there is none. Home is there without a mission too."""
         home = self._context.flight.home
         if m.seq == 0 and m.mission_type == MISSION and self._home_first and home:
             return MissionItem(
@@ -254,7 +294,7 @@ class MissionProtocol:
                 home.longitude_e7,
                 home.altitude_m,
             )
-        return item
+        return items[m.seq] if m.seq < len(items) else None
 
     def _send_item(self, m: Any, sender: MessageSender, item: MissionItem, as_float: bool) -> None:
         policy = self._policy
@@ -279,8 +319,8 @@ class MissionProtocol:
         )
 
     def _clear(self, m: Any, sender: MessageSender) -> None:
-        policy = self._policy
-        if policy.one_at_a_time and (self._upload or self._download):
+        policy, flight = self._policy, self._context.flight
+        if policy.one_at_a_time and (self._uploads or self._download):
             self._send((CRITICAL, "WPM: IGN CLEAR CMD: Busy"))
             return
         if m.mission_type == _ALL and policy.clears_all_types:
@@ -290,21 +330,34 @@ class MissionProtocol:
         else:
             self._acknowledge(sender, m.mission_type, policy.bad_type)
             return
-        self._upload, self._received = None, []
+        upload = self._upload_of(m.mission_type)
+        if upload and not upload.is_with(sender):
+            self._acknowledge(sender, m.mission_type, MissionResult.DENIED)
+            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+            return
+        flown = MISSION in kinds and flight.armed and flight.mode.behaviour is Behaviour.MISSION
+        if flown and not policy.clears_flown_mission:
+            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+            return
         for kind in kinds:
+            self._uploads.pop(kind, None)
             self._plans.by_type[kind].put(())
         self._acknowledge(sender, m.mission_type, MissionResult.ACCEPTED)
+        for kind in kinds:
+            if kind in policy.cleared_texts:
+                self._send(policy.cleared_texts[kind])
 
     def _take_acknowledgement(self, m: Any, sender: MessageSender) -> None:
         if self._download and self._download.is_with(sender):
             self._download = None
+        upload = self._upload_of(m.mission_type)
         if (
-            self._upload
+            upload
             and self._policy.client_cancels
-            and self._upload.is_with(sender)
+            and upload.is_with(sender)
             and m.type != MissionResult.ACCEPTED
         ):
-            self._upload, self._received = None, []
+            del self._uploads[upload.kind]
 
     def _acknowledge(self, sender: MessageSender, kind: int, verdict: int, identity: int = 0) -> None:
         ids = {"opaque_id": identity} if self._policy.one_at_a_time and identity else {}

@@ -67,6 +67,8 @@ class IdentityPolicy:
     """Put behind every text: PX4 ends a text that is an event as well with a tab."""
     texts_for_stations_s: float | None = None
     """Texts go only where a ground station was heard within so many seconds; None: everywhere."""
+    texts_follow_answers: bool = False
+    """Whether texts about the messages of a step are sent behind the answers to them."""
     boot_texts: Callable[[FlightState], Sequence[BootText]] = no_boot_texts
     climbed_clear_texts: tuple[StatusText, ...] = ()
     """Sent when the vehicle has risen clear of the ground."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal
 
@@ -60,7 +60,8 @@ class TransferPolicy:
     """Time after which the same item is requested again."""
     timeout_s: float
     timeout_result: MissionResult | None
-    timeout_text: StatusText
+    timeout_texts: Mapping[int, StatusText]
+    """By MAV_MISSION_TYPE."""
     clears_at_start: bool
     """Whether the old plan is deleted as an upload begins, not as it ends."""
     max_items: Mapping[int, int]
@@ -76,22 +77,30 @@ class TransferPolicy:
     bad_type: MissionResult
     clears_all_types: bool
     """Whether MAV_MISSION_TYPE_ALL is known."""
+    clears_flown_mission: bool = True
+    cleared_texts: Mapping[int, StatusText] = field(default_factory=dict)
+    """By MAV_MISSION_TYPE."""
     one_at_a_time: bool
-    """Whether a request is refused while another transfer runs; else it takes the place of that one.
+    """Whether a request is refused while another transfer runs. Plans have ids then.
 
-    Plans have ids then.
+    Else each plan has an upload of its own, whose client may begin it anew.
     """
 
     client_cancels: bool
     """Whether a MISSION_ACK of the client ends its upload."""
     partial_lists: bool
     """Whether MISSION_WRITE_PARTIAL_LIST is taken."""
-    past_the_end: MissionResult | None
-    """Answer to the request of an item that does not exist; None: silence."""
+    partial_refused_text: StatusText | None = None
+    past_the_end: Callable[[int, int, int], MissionResult | None]
+    """Answer to the request of an item that does not exist: MAV_MISSION_TYPE, number of the item, length of the
+    plan; None: silence. That of a mission follows its length.
+    """
     item_float_text: StatusText | None
     request_float_text: StatusText | None
     refuse_item: Callable[[int, MissionItem, bool], MissionResult | None]
     """Why an item is not taken: MAV_MISSION_TYPE, item, whether it came as MISSION_ITEM with floats."""
+    checks_jumps: bool = False
+    """Whether a jump to an item that does not exist is refused."""
     refuse_plan: Callable[
         [int, tuple[MissionItem, ...]], tuple[MissionResult, tuple[StatusText, ...]] | None
     ] = accept_plan

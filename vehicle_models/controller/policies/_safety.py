@@ -65,7 +65,7 @@ class FailsafeSettings:
 
     `strongest` lets no reaction replace a stronger one that is active. `latched` keeps a failsafe that has
     acted until the mode changes or the vehicle is disarmed, and ends it then; else it lasts as long as its
-    cause, in whatever mode.
+    cause, in whatever mode, armed or not.
     """
 
     hold_texts: tuple[StatusText, ...]  # with the Hold before an action

@@ -71,10 +71,12 @@ class Failsafe:
     def tick(self) -> None:
         flight = self._context.flight
         if not flight.armed:
-            if self._active or flight.failsafe:
+            if self._settings.latched and (self._active or flight.failsafe):
                 self._clear_all()
             if self._battery_step and not self._is_low(flight, self._settings.battery[0]):
                 self._battery_step = 0  # the battery has been charged
+                self.clear(Cause.BATTERY)
+            self._watch_radio(flight)
             self._watch_position(flight)
             return
         self._watch_setpoints(flight)
@@ -92,11 +94,6 @@ class Failsafe:
         flight, settings = self._context.flight, self._settings
         if not flight.armed:
             return
-        if settings.disarms_on_ground and reaction.action is not None and not flight.flying:
-            self._send((severity, text + settings.disarm_suffix) for severity, text in reaction.texts)
-            self._disarm()
-            return
-        self._send(reaction.texts)
         active_strength = max((_strength(active) for active in self._active.values()), default=0)
         if reaction.shows:
             # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording
@@ -104,6 +101,11 @@ class Failsafe:
             self._active.pop(cause, None)
             self._active[cause] = reaction
             flight.failsafe = cause
+        if settings.disarms_on_ground and reaction.action is not None and not flight.flying:
+            self._send((severity, text + settings.disarm_suffix) for severity, text in reaction.texts)
+            self._disarm()
+            return
+        self._send(reaction.texts)
         if reaction.action is None or (settings.strongest and _strength(reaction) <= active_strength):
             return
         if reaction.action is Behaviour.TERMINATE:

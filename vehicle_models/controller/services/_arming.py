@@ -70,6 +70,7 @@ class Arming:
         """Stop the rotors, for whatever reason."""
         context, flight = self._context, self._context.flight
         flight.armed = False
+        flight.disarmed_by_landing = event is FlightEvent.DISARMED_BY_LANDING
         # Disarmed by force in the air it falls, and lands later.
         flight.landed = LandedState.ON_GROUND if flight.on_ground else flight.landed
         context.airframe.disarm()

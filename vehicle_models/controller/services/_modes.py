@@ -74,7 +74,7 @@ class Modes:
         if self.terminated:
             return
         changed = mode is not flight.mode
-        flight.mode = mode
+        flight.mode, flight.disarmed_by_landing = mode, False
         if not by_failsafe:
             flight.asked_mode = mode
         self._guidance.begin(mode.behaviour, flight)

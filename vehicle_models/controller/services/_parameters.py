@@ -41,6 +41,9 @@ class Parameters:
         self._lists: dict[str, tuple[Channel, int]] = {}  # by channel: the next index to send
         self._pushes = [(round(push.first_s * 1e9), push) for push in self._policy.pushes]
         self._next_push_ns = min((due for due, _ in self._pushes), default=None)
+        # What was due before the session has been sent to nobody.
+        if self._next_push_ns is not None and self._next_push_ns < self._flight.time_ns:
+            self._push()
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}

@@ -224,6 +224,7 @@ class FlightState:
     battery_a: float = 0.0
     battery_used_wh: float = 0.0
     armed_since_ns: int = 0
+    disarmed_by_landing: bool = False  # in the present mode
     gps_epoch: int = 0
     gps_lost_ns: int | None = None  # when the receiver stopped giving fixes
     dead_reckoning_ns: int = 0  # for so long without fixes the estimate of position is continued

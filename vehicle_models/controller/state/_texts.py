@@ -62,6 +62,7 @@ class Texts:
         self._by_event = by_event
         self._ending = ending
         self._id = 0
+        self._kept: list[StatusText] | None = None  # while they are kept back
         self.listeners: list[Callable[[int, str], None]] = []
         self.text_listeners: list[Callable[[int, str], None]] = []  # of texts alone
 
@@ -96,6 +97,22 @@ class Texts:
         self.notify(severity, text)
         for listener in self.text_listeners:
             listener(severity, text)
+        if self._kept is None:
+            self._broadcast(severity, text)
+        else:
+            self._kept.append((severity, text))
+
+    def keep(self) -> None:
+        """Keep texts back until they are released."""
+        self._kept = []
+
+    def release(self) -> None:
+        """Send the texts that were kept back, and further ones at once."""
+        kept, self._kept = self._kept or [], None
+        for severity, text in kept:
+            self._broadcast(severity, text)
+
+    def _broadcast(self, severity: int, text: str) -> None:
         data = (text + self._ending).encode("ascii", "replace")
         chunks = [data[start : start + _CHUNK_BYTES] for start in range(0, len(data), _CHUNK_BYTES)]
         text_id = 0
