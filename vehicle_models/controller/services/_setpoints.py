@@ -17,7 +17,6 @@ from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
-from ..state._shaping import UNSHAPED
 from ..state._texts import CRITICAL
 
 # Bits of POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK.
