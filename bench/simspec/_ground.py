@@ -129,6 +129,10 @@ class World(Document):
         ),
     ] = "grass"
 
+    def road(self, name: str) -> Road:
+        """The road with this id, which validation promises to relations along it."""
+        return next(road for road in self.roads if road.id == name)
+
 
 class Home(Point):
     """A point with a heading: the vehicle's home, or the fixed place of a member."""

@@ -22,7 +22,7 @@ from bench.simspec import ASSETS, ActorGroup, SimSpec
 from .._footprint import Footprints, empty_footprints, joined
 from .._geometry import EVERYWHERE, Geometry, polygon_ground
 from .._groups import member_count, region_of
-from .._infeasible import fewest_groups
+from .._infeasible import smallest_failing
 from ._relation import Relation, field_path
 
 # How far inside the border a route point beyond it is moved; the simulation does the same.
@@ -328,7 +328,7 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
             needed = (
                 []
                 if confined(walker, [])
-                else fewest_groups(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
+                else smallest_failing(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
             )
             raise PlacementInfeasible(
                 f"impossible, and proved so: {walker.id!r} is fixed ({field_path(walker, 'at')}) where no straight way leads to any point "
@@ -352,4 +352,4 @@ def _blocking_groups(
             ).values()
         )
 
-    return fewest_groups(walls, fails) if walls and fails(walls) else []
+    return smallest_failing(walls, fails) if walls and fails(walls) else []
