@@ -138,24 +138,14 @@ def _fault_of(
     detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[DocumentPath, int] | None
 ) -> Fault:
     location = tuple(detail["loc"])
-    known = location
-    while lines is not None and known and known not in lines:
-        known = known[:-1]
-    line = lines.get(known) if lines is not None else None
+    parents = (location[:length] for length in range(len(location), -1, -1))
+    line = next((lines[parent] for parent in parents if parent in lines), None) if lines else None
     prefix = f"{source}:{line}" if line is not None and source else source
     where = ": ".join(part for part in (prefix, dotted(location)) if part)
     message = detail["msg"].removeprefix("Value error, ")
     match detail["type"]:
         case "extra_forbidden":
-            fields = _fields_at(kind, location[:-1])
-            close = difflib.get_close_matches(str(location[-1]), fields, n=1)
-            remedy = (
-                f"did you mean {close[0]}?"
-                if close
-                else f"known here: {', '.join(fields)}"
-                if fields
-                else "remove it"
-            )
+            remedy = _remedy_of_unknown(kind, location)
             return Fault(where, f"unknown field {shown(str(location[-1]))!r}", remedy)
         case "missing":
             return Fault(where, "is missing", "add it")
@@ -172,6 +162,13 @@ def _fault_of(
             given = detail["input"]
             text = repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
             return Fault(where, f"{text[:80]} is not valid", message)
+
+
+def _remedy_of_unknown(kind: type[BaseModel], location: DocumentPath) -> str:
+    fields = _fields_at(kind, location[:-1])
+    if close := difflib.get_close_matches(str(location[-1]), fields, n=1):
+        return f"did you mean {close[0]}?"
+    return f"known here: {', '.join(fields)}" if fields else "remove it"
 
 
 def _fields_at(kind: type[BaseModel], location: DocumentPath) -> list[str]:

@@ -69,15 +69,13 @@ def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGr
     placement = group.placement
     single = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
     names = _names_of(simspec, target)
-    if placement.near and placement.near.of == target.id:
-        # `near` holds for some member only: with several members, another one may be closer.
-        yield placement.near.min_m if single else 0.0
-    if placement.away and placement.away.of == target.id:
-        yield placement.away.min_m
+    # `near` holds for some member only: with several members, another one may be closer.
+    for relation, holds_for_all in ((placement.near, single), (placement.away, True)):
+        if relation and relation.of == target.id:
+            yield relation.min_m * holds_for_all
     for distance in placement.distances:
         if distance.of in names:
-            holds_for_all = distance.whom == "every" or (single and distance.of == target.id)
-            yield distance.min_m if holds_for_all else 0.0
+            yield distance.min_m * (distance.whom == "every" or (single and distance.of == target.id))
     for avoid in placement.avoid:
         # A gap between edges, so centres are farther apart.
         if avoid.of in names:

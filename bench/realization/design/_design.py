@@ -108,14 +108,15 @@ class Design(Document):
         twice = [name for name, times in Counter(factor.name for factor in self.factors).items() if times > 1]
         if twice:
             raise ValueError(f"two factors are called {twice[0]!r}")
-        if not self.factors and (self.forbid or self.then or not isinstance(self.method, FullFactorial)):
+        combined = any((self.forbid, self.then, not isinstance(self.method, FullFactorial)))
+        if combined and not self.factors:
             raise ValueError("the design has no factors to combine")
         if self.factors and not self.space.free:
             raise ValueError("every factor has a formula; give at least one levels or a range")
         counts = [self._count(method, place) * self.replicates for place, method in enumerate(self.methods)]
         for method, pairs in zip(self.methods, counts, strict=True):
             take = method.take if isinstance(method, FullFactorial) else None
-            if take is not None and take > pairs:
+            if (take or 0) > pairs:
                 raise ValueError(
                     f"take {take} exceeds the {pairs} pairs of design point and replicate; raise replicates or lower take"
                 )

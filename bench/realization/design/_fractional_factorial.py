@@ -95,30 +95,30 @@ def fraction(factors: int, resolution: int) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None:
-    """Columns of a fraction in 2**bases runs; None where none is found.
+def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...]:
+    """Columns of a fraction in 2**bases runs; none where none are found.
 
     It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up
     to resolution - 2 that are there.
     """
     if factors > 2**bases - 1:
-        return None
+        return ()
     # Columns of many base factors first: products of few factors are the first to become aliased.
     order = sorted(range(1, 2**bases), key=lambda candidate: (-candidate.bit_count(), candidate))
     start = [1 << place for place in range(bases)]
     tried = itertools.count(1)
 
-    def further(columns: list[int], reached: list[set[int]], place: int) -> list[int] | None:
+    def further(columns: list[int], reached: list[set[int]], place: int) -> list[int]:
         if len(columns) == factors:
             return columns
-        for at in range(place, len(order)):
-            if len(order) - at < factors - len(columns) or next(tried) > MAX_COLUMNS_TRIED:
-                return None
+        for at in range(place, len(order) - (factors - len(columns)) + 1):
+            if next(tried) > MAX_COLUMNS_TRIED:
+                return []
             if not any(order[at] in products for products in reached):
                 chosen = further([*columns, order[at]], _extended_products(reached, order[at]), at + 1)
                 if chosen:
                     return chosen
-        return None
+        return []
 
     reached: list[set[int]] = [{0}, *(set() for _ in range(resolution - 2))]
     for column in start:
@@ -126,11 +126,8 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     chosen = further(start, reached, 0)
     if not chosen and resolution == 4 and factors <= 2 ** (bases - 1):
         # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
-        chosen = [
-            *start,
-            *(candidate for candidate in order if candidate.bit_count() % 2 and candidate not in start),
-        ][:factors]
-    return tuple(chosen) if chosen else None
+        chosen = [candidate for candidate in [*start, *order] if candidate.bit_count() % 2][:factors]
+    return tuple(chosen)
 
 
 def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
@@ -147,10 +144,8 @@ def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
 def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
     bases = [name for name in names if name not in generators]
     for name, words in generators.items():
-        unknown = next(
-            (word for word in (name, *words) if word not in names or (word != name and word not in bases)),
-            None,
-        )
+        places = [(name, names), *((word, bases) for word in words)]
+        unknown = next((word for word, known in places if word not in known), None)
         if unknown is not None:
             raise ValueError(
                 f"generators: {name!r} from {list(words)}: {unknown!r} is no {'base ' if unknown in names else ''}factor"

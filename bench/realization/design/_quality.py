@@ -120,13 +120,12 @@ class DesignQuality(Document):
     def lines(self) -> Iterator[str]:
         """Lines for people to read."""
         if self.max_abs_correlation is not None:
-            between = f" ({' and '.join(self.correlated)})" if self.correlated else ""
-            yield f"largest correlation {self.max_abs_correlation:.3g}{between}"
+            yield f"largest correlation {self.max_abs_correlation:.3g}{_in_brackets(self.correlated)}"
         if self.max_association is not None:
-            yield f"largest association of names {self.max_association:.3g} ({' and '.join(self.associated)})"
+            yield f"largest association of names {self.max_association:.3g}{_in_brackets(self.associated)}"
         if self.max_interaction is not None:
-            between = f" ({' and '.join(self.interacting)})" if self.interacting else ""
-            yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
+            pair = _in_brackets(self.interacting)
+            yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{pair}"
         if self.aliased:
             more = (
                 f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
@@ -146,6 +145,10 @@ class DesignQuality(Document):
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
         if len(self.configurations) > SHOWN_CONFIGURATIONS:
             yield f"and {len(self.configurations) - SHOWN_CONFIGURATIONS} more configurations"
+
+
+def _in_brackets(names: Sequence[str]) -> str:
+    return f" ({' and '.join(names)})" if names else ""
 
 
 def design_quality(

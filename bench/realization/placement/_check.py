@@ -56,6 +56,7 @@ def check_placement(simspec: SimSpec) -> list[Fault]:
     return [
         *judge.numbers(),
         *judge.collisions(),
+        *judge.clearances(),
         *(
             fault
             for check in checks
@@ -110,26 +111,29 @@ class _Judge:
 
     def collisions(self) -> Iterator[Fault]:
         known = [actor for actor in self.realized.actors if actor.id in self.outlines]
-        if not known:
-            return
         places = [self.simspec.group(actor.group).placement for actor in known]
         outlines = [self.outlines[actor.id] for actor in known]
-        widest_m = max(place.separation_m for place in places)
+        widest_m = max((place.separation_m for place in places), default=0.0)
         pairs = shapely.STRtree(outlines).query(outlines, predicate="dwithin", distance=widest_m + SLACK_M)
         for first, second in pairs.T:
             if first >= second or self._is_hosted(known[first], known[second]):
                 continue
             # The author decides how close two fixed actors stand; they only must not overlap.
-            both_fixed = places[first].at and places[second].at
-            wanted = 0.0 if both_fixed else max(places[first].separation_m, places[second].separation_m)
+            pair = (places[first], places[second])
+            wanted = 0.0 if all(place.at for place in pair) else max(place.separation_m for place in pair)
             gap = shapely.distance(outlines[first], outlines[second])
             overlap = gap == 0.0 and shapely.intersection(outlines[first], outlines[second]).area > SLACK_M
             if overlap or gap < wanted - SLACK_M:
-                pair = (known[first], known[second])
-                yield _fault(pair, f"are {gap:.3f} m apart", f"{wanted:g} m are required")
-        distances_m = shapely.distance(point_of(self.simspec.vehicle.home), outlines)
-        for actor, place, distance_m in zip(known, places, distances_m, strict=True):
-            if place.at is None and distance_m < HOME_CLEARANCE_M - SLACK_M:
+                actors = (known[first], known[second])
+                yield _fault(actors, f"are {gap:.3f} m apart", f"{wanted:g} m are required")
+
+    def clearances(self) -> Iterator[Fault]:
+        home = point_of(self.simspec.vehicle.home)
+        for actor in self.realized.actors:
+            outline = self.outlines.get(actor.id)
+            if outline is None or self.simspec.group(actor.group).placement.at:
+                continue
+            if outline.distance(home) < HOME_CLEARANCE_M - SLACK_M:
                 remedy = f"keep {HOME_CLEARANCE_M:g} m clear of it"
                 yield _fault([actor], "is too close to the vehicle's home", remedy)
 
@@ -188,14 +192,19 @@ class _Judge:
 
     def place(self, group: ActorGroup, actors: Sequence[PlacedActor]) -> Iterator[Fault]:
         """Faults of the fixed place; else of the region, nearness and mean distance."""
-        place = group.placement
-        if place.at is not None:
-            for actor in actors:
-                if apart_m(actor, place.at) > SLACK_M:
-                    yield _fault([actor], "is not at the place of placement.at", "move it there")
-                if turn_deg(actor.heading_deg, place.at.heading_deg) > SLACK_DEG:
-                    yield _fault([actor], "has another heading than placement.at", "turn it")
+        at = group.placement.at
+        if at is None:
+            yield from self._bands(group, actors)
+            yield from self._mean(group, actors)
             return
+        for actor in actors:
+            if apart_m(actor, at) > SLACK_M:
+                yield _fault([actor], "is not at the place of placement.at", "move it there")
+            if turn_deg(actor.heading_deg, at.heading_deg) > SLACK_DEG:
+                yield _fault([actor], "has another heading than placement.at", "turn it")
+
+    def _bands(self, group: ActorGroup, actors: Sequence[PlacedActor]) -> Iterator[Fault]:
+        place = group.placement
         outlined = [actor.id for actor in actors if actor.id in self.outlines]
         region = grown_polygon(place.region or self.simspec.world.area)
         covered = shapely.covers(region, [self.outlines[name] for name in outlined])
@@ -213,7 +222,9 @@ class _Judge:
                 ):
                     remedy = f"keep {band.min_m:g} to {band.max_m:g} m from {quantifier} member"
                     yield _fault([actor], f"{what} {band.of!r}", remedy)
-        mean = place.mean_distance
+
+    def _mean(self, group: ActorGroup, actors: Sequence[PlacedActor]) -> Iterator[Fault]:
+        mean = group.placement.mean_distance
         if mean and actors and self.members.get(mean.of):
             target = self.members[mean.of][0]
             mean_m = math.fsum(apart_m(actor, target) for actor in actors) / len(actors)
@@ -419,8 +430,9 @@ class _Judge:
         def is_held(way: shapely.LineString) -> bool:
             return not starts_inside or bool(area.buffer(SLACK_M).covers(way))
 
+        way_round = shapely.MultiLineString(legs)
         for wall, _, grown in closed:
-            if any(grown.intersects(leg) for leg in legs):
+            if grown.intersects(way_round):
                 what = f"blocks the patrol route of {group.id!r}"
                 yield wall.id, _fault([wall], what, "move one of them")
         if not all(map(is_held, legs)):

@@ -48,6 +48,7 @@ from .._groups import (
     region_of,
 )
 from .._infeasible import smallest_failing
+from ..relations._between import BetweenRelation
 from ..relations._distance_bands import band_ground, distance_bands
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground
@@ -149,28 +150,25 @@ class _Relaxation:
         _Contradiction.unless(not any(ground.is_empty for ground in self.ground.values()))
         for _ in range(NARROWING_ROUNDS):
             before = [shapely.area(ground) for ground in self.ground.values()]
-            for group_id, tie in self._facts("relation"):
-                self._narrow_by_relation(group_id, tie)
-            for group_id, between in self._facts("between"):
-                self._cut(group_id, between.ground(*(self.ground[name] for name in between.ends)))
-            for group_id, mean in self._facts("mean"):
-                self._check_mean(group_id, mean)
-            for group_id, mean in self._facts("mean"):
-                self._narrow_by_mean(group_id, mean)
-            for group_id, extent_m in self._facts("extent_m"):
-                self._narrow_by_extent(group_id, extent_m)
+            self._each("relation", self._narrow_by_relation)
+            self._each("between", self._narrow_by_between)
+            self._each("mean", self._check_mean)
+            self._each("mean", self._narrow_by_mean)
+            self._each("extent_m", self._narrow_by_extent)
             # Narrowing converges geometrically; what is left below this change proves nothing more.
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         for group in self.order:
             self._check_bands(group)
-        for group_id, heading in self._facts("heading"):
-            if heading.lines:
-                self._check_headings(self.simspec.group(group_id), heading)
+        self._each("heading", self._check_headings)
 
     def _facts(self, kind: Kind) -> list[tuple[str, Any]]:
         """The group and the fact of every constraint of a kind."""
         return [(term.group, term.fact) for term in self.terms if term.kind == kind]
+
+    def _each(self, kind: Kind, step: Callable[[str, Any], None]) -> None:
+        for group_id, fact in self._facts(kind):
+            step(group_id, fact)
 
     def _facts_of(self, kind: Kind, group_id: str) -> list[Any]:
         return [fact for name, fact in self._facts(kind) if name == group_id]
@@ -223,6 +221,9 @@ class _Relaxation:
             for name in others:
                 self._cut(name, tie.reverse_ground(simplified(self.ground[group_id])))
 
+    def _narrow_by_between(self, group_id: str, between: BetweenRelation) -> None:
+        self._cut(group_id, between.ground(*(self.ground[name] for name in between.ends)))
+
     def _check_bands(self, group: ActorGroup) -> None:
         """No two distances of a group to the same members exclude each other."""
         bands = distance_bands(self.simspec, group)
@@ -234,10 +235,12 @@ class _Relaxation:
             not any(band.excludes(other) for number, band in enumerate(kept) for other in kept[:number])
         )
 
-    def _check_headings(self, group: ActorGroup, parallel: RequiredHeading) -> None:
+    def _check_headings(self, group_id: str, parallel: RequiredHeading) -> None:
         """Some heading of a group follows its road and faces its target."""
+        group = self.simspec.group(group_id)
         along = group.placement.along
-        assert along is not None
+        if along is None or not parallel.lines:
+            return
         road = self.simspec.world.road(along.road)
         # The mitre limit of road corners is 2, so a corner reaches twice as far out as a side.
         reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
@@ -296,10 +299,8 @@ class _Relaxation:
     def check_areas(self) -> None:
         """The members need no more area than the ground that is left."""
         self.narrow()
-        for group_id, spread_m in self._facts("spread_m"):
-            self._check_spread(group_id, spread_m)
-        for group_id, extent_m in self._facts("extent_m"):
-            self._check_extent(group_id, extent_m)
+        self._each("spread_m", self._check_spread)
+        self._each("extent_m", self._check_extent)
         for group_id in dict.fromkeys(group_id for group_id, _ in self._facts("count")):
             self._check_counts(group_id)
         groups = [self.simspec.group(group_id) for group_id, _ in self._facts("need_m2")]
