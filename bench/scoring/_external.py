@@ -332,11 +332,8 @@ class _TableReader:
             return
         if (name, observable) in self._lines:
             first_line = self._lines[name, observable]
-            self._faults.add(
-                row.line,
-                f"run {name!r} has {observable} already on line {first_line}",
-                "keep one of the rows",
-            )
+            what = f"run {name!r} has {observable} already on line {first_line}"
+            self._faults.add(row.line, what, "keep one of the rows")
             return
         self._lines[name, observable] = row.line
         if stated is not None:
@@ -397,11 +394,8 @@ class _TableReader:
         if value is None or value == "":
             self._faults.add(row.line, f"{column} is empty", "name it")
         elif not isinstance(value, str):
-            self._faults.add(
-                row.line,
-                f"{column} is {value!r}, and ids are text (7 is not 007)",
-                f'write "{value}" in quotes',
-            )
+            what = f"{column} is {value!r}, and ids are text (7 is not 007)"
+            self._faults.add(row.line, what, f'write "{value}" in quotes')
         else:
             return value
         return None
@@ -424,18 +418,12 @@ class _TableReader:
                 float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
             )
         if not math.isfinite(number):
-            self._faults.add(
-                row.line,
-                f"{column} is {value!r}, which is not a number",
-                "write a decimal number with a point and without leading zeros",
-            )
+            remedy = "write a decimal number with a point and without leading zeros"
+            self._faults.add(row.line, f"{column} is {value!r}, which is not a number", remedy)
             return None
         if not low <= number <= high:
-            self._faults.add(
-                row.line,
-                f"{column} {number:g} lies outside {low:g} to {high:g}",
-                f"keep it in [{low:g}, {high:g}]",
-            )
+            what = f"{column} {number:g} lies outside {low:g} to {high:g}"
+            self._faults.add(row.line, what, f"keep it in [{low:g}, {high:g}]")
             return None
         return number
 

@@ -141,9 +141,9 @@ class DesignFactor(Document):
         ):
             if is_wrong:
                 raise ValueError(f"factor {self.name!r}{text}")
-        for text in (self.formula, self.when):
-            if text is not None:
-                parse_expression(text)
+        for expression in (self.formula, self.when):
+            if expression is not None:
+                parse_expression(expression)
         return self
 
     @property

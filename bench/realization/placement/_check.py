@@ -141,20 +141,20 @@ class _Judge:
         """Whether one of them lies wholly in the other, and its group belongs inside the other's, directly or
         through other hosts.
         """
-        for guest, host in ((first, second), (second, first)):
-            visited, name = {guest.group}, self._host_of(guest.group)
-            while name and name not in visited:
-                if name == host.group:
-                    if self.outlines[host.id].buffer(SLACK_M).covers(self.outlines[guest.id]):
-                        return True
-                    break
-                visited.add(name)
-                name = self._host_of(name)
-        return False
+        return any(
+            host.group in self._hosts(guest.group)
+            and self.outlines[host.id].buffer(SLACK_M).covers(self.outlines[guest.id])
+            for guest, host in ((first, second), (second, first))
+        )
 
-    def _host_of(self, name: str) -> str | None:
+    def _hosts(self, name: str) -> list[str]:
+        """The group that a group stands inside, the group that this one stands inside, and so on."""
+        hosts: list[str] = []
         inside = self.simspec.group(name).placement.inside
-        return inside.of if inside else None
+        while inside and inside.of and inside.of not in (name, *hosts):
+            hosts.append(inside.of)
+            inside = self.simspec.group(inside.of).placement.inside
+        return hosts
 
     def inside(self, group: ActorGroup, actors: Sequence[PlacedActor]) -> Iterator[Fault]:
         inside = group.placement.inside
@@ -191,7 +191,6 @@ class _Judge:
                 yield _fault([actor], f"is not between {ends_text}", remedy)
 
     def place(self, group: ActorGroup, actors: Sequence[PlacedActor]) -> Iterator[Fault]:
-        """Faults of the fixed place; else of the region, nearness and mean distance."""
         at = group.placement.at
         if at is None:
             yield from self._bands(group, actors)
@@ -240,15 +239,14 @@ class _Judge:
         outlined = [actor for actor in actors if actor.id in self.outlines]
         yield from self._avoided(group, outlined)
         yield from self._area_counts(group, outlined)
-        if extent_m := group.placement.extent_m:
-            for pair in itertools.combinations(actors, 2):
-                if apart_m(*pair) > extent_m + SLACK_M:
-                    remedy = f"at most {extent_m:g} m between centres are allowed"
-                    yield _fault(pair, "stand farther apart than extent_m", remedy)
-        if spread_m := group.placement.spread_m:
-            for pair in itertools.combinations(actors, 2):
-                if apart_m(*pair) < spread_m - SLACK_M:
-                    yield _fault(pair, "stand closer than spread_m", f"keep {spread_m:g} m between centres")
+        extent_m, spread_m = group.placement.extent_m or math.inf, group.placement.spread_m or 0.0
+        for pair in itertools.combinations(actors, 2) if extent_m < math.inf else ():
+            if apart_m(*pair) > extent_m + SLACK_M:
+                remedy = f"at most {extent_m:g} m between centres are allowed"
+                yield _fault(pair, "stand farther apart than extent_m", remedy)
+        for pair in itertools.combinations(actors, 2) if spread_m else ():
+            if apart_m(*pair) < spread_m - SLACK_M:
+                yield _fault(pair, "stand closer than spread_m", f"keep {spread_m:g} m between centres")
 
     def _distances(self, group: ActorGroup, actor: PlacedActor) -> Iterator[Fault]:
         for number, distance in enumerate(group.placement.distances):

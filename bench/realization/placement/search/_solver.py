@@ -119,12 +119,10 @@ def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGro
                 stage[host] = max(stage[host], *(stage[name] + 1 for name in others), 0)
         for group in order:
             place = group.placement
-            later = any(
-                (place.hidden_from, place.visible_from, place.facing, place.mean_distance)
-            ) or _is_dependent(group)
-            stage[group.id] = max(
-                stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later
-            )
+            looks = (place.hidden_from, place.visible_from, place.facing, place.mean_distance)
+            later = any(looks) or _is_dependent(group)
+            before_it = max((stage[name] for name in needs[group.id]), default=0)
+            stage[group.id] = max(stage[group.id], before_it + later)
         if stage == before:
             break
     free = [group for group in order if not group.placement.at]
@@ -432,11 +430,8 @@ class _Phase:
 
 def _has_dependent_heading(group: ActorGroup) -> bool:
     """Whether headings follow from relations, so that no lattice of one heading will do."""
-    along = group.placement.along
-    facing = group.placement.facing
-    return (facing is not None and facing.heading_deg is None) or (
-        along is not None and along.parallel_deg is not None
-    )
+    along, facing = group.placement.along, group.placement.facing
+    return bool((facing and facing.heading_deg is None) or (along and along.parallel_deg is not None))
 
 
 def _conflicts(
