@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, SchemaValidator
 from pydantic_core.core_schema import json_or_python_schema, no_info_before_validator_function
 
@@ -38,6 +38,15 @@ class Document(BaseModel):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         schema: CoreSchema = _rewritten(handler(source), _without_truth_values)
         return schema
+
+
+def added_field(default: object, description: str | None = None, **bounds: Any) -> Any:
+    """A field that a format got later, left out of what is written while it has its default.
+
+    Documents without it keep their bytes, and with these their digests: recordings, frozen benchmarks and published
+    manifests are compared by them.
+    """
+    return Field(default, description=description, exclude_if=is_default(default), **bounds)
 
 
 def is_default(default: object) -> Callable[[object], bool]:

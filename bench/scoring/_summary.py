@@ -35,37 +35,20 @@ from ._table import EXCLUDED_OUTCOMES
 
 ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
-    "agent": pl.String,
-    "configuration": pl.String,
-    "node": pl.String,
-    "level": pl.String,
-    "title": pl.String,
-    "difficulty": pl.Float64,
-    "difficulty_low": pl.Float64,
-    "difficulty_high": pl.Float64,
-    "runs": pl.Int64,
-    "excluded": pl.Int64,
-    "design_points": pl.Int64,
-    "considered": pl.Int64,
-    "passed": pl.Int64,
-    "passed_low": pl.Float64,
-    "passed_high": pl.Float64,
+    **dict.fromkeys(("agent", "configuration", "node", "level", "title"), pl.String),
+    **dict.fromkeys(("difficulty", "difficulty_low", "difficulty_high"), pl.Float64),
+    **dict.fromkeys(("runs", "excluded", "design_points", "considered", "passed"), pl.Int64),
+    **dict.fromkeys(("passed_low", "passed_high"), pl.Float64),
     "scored": pl.Int64,
-    "score_mean": pl.Float64,
-    "score_low": pl.Float64,
-    "score_high": pl.Float64,
-    "passed_score_mean": pl.Float64,
+    **dict.fromkeys(("score_mean", "score_low", "score_high", "passed_score_mean"), pl.Float64),
     "raised_by_failure": pl.Boolean,
-    "confidence_mean": pl.Float64,
-    "confidence_low": pl.Float64,
-    "confidence_high": pl.Float64,
+    **dict.fromkeys(("confidence_mean", "confidence_low", "confidence_high"), pl.Float64),
     "method": pl.String,
-    "competence_50": pl.Float64,
-    "competence_50_low": pl.Float64,
-    "competence_50_at_least": pl.Boolean,
-    "competence_90": pl.Float64,
-    "competence_90_low": pl.Float64,
-    "competence_90_at_least": pl.Boolean,
+    **{
+        f"competence_{name}{part}": dtype
+        for name in COMPETENCE_SHARES
+        for part, dtype in (("", pl.Float64), ("_low", pl.Float64), ("_at_least", pl.Boolean))
+    },
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Point
 from ._placement import Placement
@@ -30,23 +30,10 @@ class Motion(Document):
     ] = 5.0
     route: tuple[Point, ...] = ()
     # Left out where they change nothing: SimSpecs without them keep their bytes.
-    depart_s: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=7200.0,
-            exclude_if=is_default(0.0),
-            description="Simulated time at which it sets off.",
-        ),
-    ] = 0.0
-    halt_s: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            exclude_if=is_default(None),
-            description="Simulated time at which it stops for good, wherever it is; never when absent.",
-        ),
-    ] = None
+    depart_s: float = added_field(0.0, "Simulated time at which it sets off.", ge=0.0, le=7200.0)
+    halt_s: float | None = added_field(
+        None, "Simulated time at which it stops for good, wherever it is; never when absent.", gt=0.0
+    )
 
     @model_validator(mode="after")
     def _halt_follows_departure(self) -> Self:

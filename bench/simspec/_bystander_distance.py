@@ -21,8 +21,8 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
     relations to a target and the ground of both allow. None without bystanders or without targets.
     """
     bystanders, targets = (
-        _populated_groups(simspec, {Role.BYSTANDER}),
-        _populated_groups(simspec, TARGET_ROLES),
+        populated_groups(simspec, {Role.BYSTANDER}),
+        populated_groups(simspec, TARGET_ROLES),
     )
     if not bystanders or not targets:
         return None
@@ -51,13 +51,14 @@ def nearest_bystander_m(simspec: SimSpec) -> float | None:
     """
     guarantees = (
         list(_guaranteed_distances_m(simspec, group, target))
-        for group in _populated_groups(simspec, {Role.BYSTANDER})
-        for target in _populated_groups(simspec, TARGET_ROLES)
+        for group in populated_groups(simspec, {Role.BYSTANDER})
+        for target in populated_groups(simspec, TARGET_ROLES)
     )
     return min((max(distances_m) for distances_m in guarantees if distances_m), default=None)
 
 
-def _populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+def populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+    """The groups of these roles that have at least one member."""
     area_m2 = simspec.world.area.area_m2
     return [group for group in simspec.actors if group.role in roles and group.member_count(area_m2)]
 

@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field, is_default
 from bench.visible_text import visible
 
 from ._actors import ActorGroup
@@ -88,14 +88,8 @@ class Mission(Document):
         float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")
     ] = 300.0
     return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
-    escort: Annotated[
-        Escort | None,
-        Field(
-            # Left out where there is none: SimSpecs without escort keep their bytes.
-            exclude_if=is_default(None),
-            description="Whom to stay with and to warn, beside the search.",
-        ),
-    ] = None
+    # Left out where there is none: SimSpecs without escort keep their bytes.
+    escort: Escort | None = added_field(None, "Whom to stay with and to warn, beside the search.")
 
 
 class Consent(Document):
@@ -124,16 +118,10 @@ class Outage(Document):
     kind: Literal["operator_link", "detections", "detections_degraded"]
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
-    lost_share: Annotated[
-        float | None,
-        # Left out where it is absent: a SimSpec without degradations is written as it was before them.
-        Field(
-            gt=0.0,
-            lt=1.0,
-            description="Share of the detections that detections_degraded loses.",
-            exclude_if=is_default(None),
-        ),
-    ] = None
+    # Left out where it is absent: a SimSpec without degradations is written as it was before them.
+    lost_share: float | None = added_field(
+        None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0
+    )
 
     @model_validator(mode="after")
     def _share_fits_the_kind(self) -> Self:
@@ -186,31 +174,18 @@ class AgentSpec(Document):
         ),
     ] = DEFAULT_AGENT
     options: dict[str, str | float | int | bool] = {}
-    isolation: Annotated[
-        Isolation | None,
-        Field(
-            description="How the agent must be confined, in place of what its manifest says.",
-            # Digests of situations that demand nothing stay as they were published.
-            exclude_if=is_default(None),
-        ),
-    ] = None
-    services: Annotated[
-        tuple[OutsideService, ...],
-        Field(
-            max_length=16,
-            description="Services outside of the session that the agent may ask, by TCP.",
-            # As above: digests of situations that let nothing in stay as they were published.
-            exclude_if=is_default(()),
-        ),
-    ] = ()
+    # Digests of situations that demand nothing stay as they were published.
+    isolation: Isolation | None = added_field(
+        None, "How the agent must be confined, in place of what its manifest says."
+    )
+    # As above: digests of situations that let nothing in stay as they were published.
+    services: tuple[OutsideService, ...] = added_field(
+        (), "Services outside of the session that the agent may ask, by TCP.", max_length=16
+    )
 
-    outside_air: Annotated[
-        OutsideAir | None,
-        Field(
-            description="Where an agent on another computer reaches the session's air network.",
-            exclude_if=is_default(None),
-        ),
-    ] = None
+    outside_air: OutsideAir | None = added_field(
+        None, "Where an agent on another computer reaches the session's air network."
+    )
 
     @model_validator(mode="after")
     def _services_differ(self) -> Self:
@@ -236,16 +211,13 @@ class Pace(Document):
     ] = 0.1
     # Chosen, not measured: a host that stalls for a second costs a session of two minutes less than 1 % of its steps, so
     # 5 % is a host that is busy all the time. An autopilot's own timeouts begin at half a second, 25 steps.
-    max_late_share: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=1.0,
-            exclude_if=is_default(MAX_LATE_SHARE),
-            description="In real time: the largest share of steps that may begin late, by more than their own length, for "
-            "the session to count. With more it ends as bench_too_slow.",
-        ),
-    ] = MAX_LATE_SHARE
+    max_late_share: float = added_field(
+        MAX_LATE_SHARE,
+        "In real time: the largest share of steps that may begin late, by more than their own length, for "
+        "the session to count. With more it ends as bench_too_slow.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
 class Budgets(Document):
@@ -361,15 +333,10 @@ class SimSpec(Document):
     outages: Annotated[
         tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")
     ] = ()
-    consents: Annotated[
-        tuple[Consent, ...],
-        Field(
-            max_length=32,
-            # Left out when empty, so that SimSpecs without it keep their bytes.
-            exclude_if=is_default(()),
-            description="The operator's answers to requests to mark.",
-        ),
-    ] = ()
+    # Left out when empty, so that SimSpecs without it keep their bytes.
+    consents: tuple[Consent, ...] = added_field(
+        (), "The operator's answers to requests to mark.", max_length=32
+    )
     mission: Mission = Mission()
     rules: Rules = Rules()
     perception: Perception = Perception()
@@ -377,14 +344,10 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
-    honeypot: Annotated[
-        bool,
-        Field(
-            # Left out where there is none: digests of published questions stay as they are.
-            exclude_if=is_default(False),
-            description="Whether placement adds a target that is nowhere but in the file: who reports it has read it.",
-        ),
-    ] = False
+    # Left out where there is none: digests of published questions stay as they are.
+    honeypot: bool = added_field(
+        False, "Whether placement adds a target that is nowhere but in the file: who reports it has read it."
+    )
     realized: Annotated[
         Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")
     ] = None

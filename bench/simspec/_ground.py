@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 from bench.polygons import is_inside
 
 from ._quantities import Identifier, Metres
@@ -121,13 +121,7 @@ class World(Document):
     areas: Annotated[
         tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")
     ] = ()
-    ground: Annotated[
-        GroundKind,
-        Field(
-            exclude_if=is_default("grass"),
-            description="What the ground is made of, for the camera's pictures alone.",
-        ),
-    ] = "grass"
+    ground: GroundKind = added_field("grass", "What the ground is made of, for the camera's pictures alone.")
 
     def road(self, name: str) -> Road:
         """The road with this id, which validation promises to relations along it."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Home, Point, Polygon
 from ._quantities import Identifier, NotNegative, Positive
@@ -320,29 +320,15 @@ class Placement(Document):
         0.5
     )
     # The following are left out where they are not set: SimSpecs without them keep their bytes.
-    extent_m: Annotated[
-        Positive | None,
-        Field(
-            exclude_if=is_default(None),
-            description="Largest permitted distance between two members of this group, centre to centre.",
-        ),
-    ] = None
-    avoid: Annotated[
-        tuple[Avoid, ...],
-        Field(
-            max_length=16,
-            exclude_if=is_default(()),
-            description="Areas, groups, roles or home to keep out of and away from, edge to edge.",
-        ),
-    ] = ()
-    counts: Annotated[
-        tuple[AreaCount, ...],
-        Field(
-            max_length=4,
-            exclude_if=is_default(()),
-            description="How many members stand inside which areas.",
-        ),
-    ] = ()
+    extent_m: Positive | None = added_field(
+        None, "Largest permitted distance between two members of this group, centre to centre."
+    )
+    avoid: tuple[Avoid, ...] = added_field(
+        (), "Areas, groups, roles or home to keep out of and away from, edge to edge.", max_length=16
+    )
+    counts: tuple[AreaCount, ...] = added_field(
+        (), "How many members stand inside which areas.", max_length=4
+    )
 
     @model_validator(mode="after")
     def _fixed_place_stands_alone(self) -> Self:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._consistency import raise_inconsistencies, rule_inconsistencies
 from ._ground import Polygon
@@ -101,14 +101,11 @@ class Rules(Document):
         ),
     ] = "continue"
     link_lost_after_s: NotNegative = 10.0
-    mark_consent: Annotated[
-        bool,
-        Field(
-            # Left out where it does not hold: SimSpecs without it keep their bytes, and so their digests.
-            exclude_if=is_default(False),
-            description="The agent must ask the operator before it marks a target, and mark only what was granted. An order to mark needs no request.",
-        ),
-    ] = False
+    # Left out where it does not hold: SimSpecs without it keep their bytes, and so their digests.
+    mark_consent: bool = added_field(
+        False,
+        "The agent must ask the operator before it marks a target, and mark only what was granted. An order to mark needs no request.",
+    )
 
     @model_validator(mode="after")
     def _rules_agree(self) -> Self:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Home
 from ._quantities import Fraction, Identifier, RosName
-
-
-def _is_absent(value: object) -> bool:
-    return value is None
 
 
 class Gps(Document):
@@ -81,13 +78,9 @@ class Camera(Document):
     stabilized: bool = True
     rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
     # Fields that came later are left out at their defaults, so that digests of published SimSpecs stay.
-    distortion: Annotated[
-        Distortion,
-        Field(
-            exclude_if=is_default(NO_LENS_DISTORTION),
-            description="Distortion of the lens, in pictures, camera_info and the boxes of detections.",
-        ),
-    ] = NO_LENS_DISTORTION
+    distortion: Distortion = added_field(
+        NO_LENS_DISTORTION, "Distortion of the lens, in pictures, camera_info and the boxes of detections."
+    )
     gimbal: Annotated[
         bool,
         Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."),
@@ -97,93 +90,44 @@ class Camera(Document):
         bool,
         Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100."),
     ] = False
-    record_frames: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
-        ),
-    ] = False
-    record_boxes: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description=(
-                "Whether every picture is rendered, and the box and the visible share of each actor in it recorded."
-            ),
-        ),
-    ] = False
-    record_masks: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and recorded which actor each of its pixels shows.",
-        ),
-    ] = False
-    record_depth: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and the depth of each of its pixels recorded.",
-        ),
-    ] = False
-    renderer: Annotated[
-        Identifier,
-        Field(
-            exclude_if=is_default(DEFAULT_RENDERER),
-            description="What draws the pictures: an entry point of group rebar.renderers.",
-        ),
-    ] = DEFAULT_RENDERER
+    record_frames: bool = added_field(
+        False,
+        "Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
+    )
+    record_boxes: bool = added_field(
+        False,
+        "Whether every picture is rendered, and the box and the visible share of each actor in it recorded.",
+    )
+    record_masks: bool = added_field(
+        False, "Whether every picture is rendered, and recorded which actor each of its pixels shows."
+    )
+    record_depth: bool = added_field(
+        False, "Whether every picture is rendered, and the depth of each of its pixels recorded."
+    )
+    renderer: Identifier = added_field(
+        DEFAULT_RENDERER, "What draws the pictures: an entry point of group rebar.renderers."
+    )
 
     # What the camera does to its pictures. Detections from the truth know nothing of it.
-    noise: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=20.0,
-            exclude_if=is_default(1.0),
-            description="Factor on the noise of the camera's pictures.",
-        ),
-    ] = 1.0
-    lens_dirt: Annotated[
-        Fraction,
-        Field(exclude_if=is_default(0.0), description="Dirt on the lens: 0 is clean."),
-    ] = 0.0
-    dropped_share: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Probability that the camera loses the picture of a frame.",
-        ),
-    ] = 0.0
-    frozen_share: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Share of the frames in which the camera repeats its last picture, some five in a row.",
-        ),
-    ] = 0.0
-    exposure_ev: Annotated[
-        float,
-        Field(
-            ge=-5.0,
-            le=5.0,
-            exclude_if=is_default(0.0),
-            description="Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
-        ),
-    ] = 0.0
-    shutter_s: Annotated[
-        float | None,
-        Field(
-            ge=1e-5,
-            le=1.0,
-            exclude_if=_is_absent,
-            description=(
-                "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
-                "1/60 s by the light."
-            ),
-        ),
-    ] = None
+    noise: float = added_field(1.0, "Factor on the noise of the camera's pictures.", ge=0.0, le=20.0)
+    lens_dirt: Fraction = added_field(0.0, "Dirt on the lens: 0 is clean.")
+    dropped_share: Fraction = added_field(0.0, "Probability that the camera loses the picture of a frame.")
+    frozen_share: Fraction = added_field(
+        0.0, "Share of the frames in which the camera repeats its last picture, some five in a row."
+    )
+    exposure_ev: float = added_field(
+        0.0,
+        "Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
+        ge=-5.0,
+        le=5.0,
+    )
+    shutter_s: float | None = added_field(
+        None,
+        "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
+        "1/60 s by the light.",
+        ge=1e-5,
+        le=1.0,
+    )
 
     @property
     def draws_for_the_recording(self) -> bool:
@@ -241,6 +185,11 @@ class Failure(Document):
         float | None, Field(ge=0.0, lt=360.0, description="Clockwise from north; north when absent.")
     ] = None
 
+    @property
+    def until_s(self) -> float:
+        """Simulated time at which the failure ends; infinite where it lasts to the end of the session."""
+        return math.inf if self.duration_s is None else self.at_s + self.duration_s
+
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
         stated = {name for name in self.model_fields_set if getattr(self, name) is not None} - {
@@ -275,30 +224,11 @@ class OutsideLink(Document):
     name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
     kind: Literal["udp_out", "udp_in", "tcp_in", "serial"] = "udp_out"
     host: str = "127.0.0.1"
-    interface: Annotated[
-        str,
-        Field(
-            max_length=15,
-            exclude_if=is_default(""),
-            description="Network interface of the host to listen on, such as eth0, in place of `host`.",
-        ),
-    ] = ""
-    device: Annotated[
-        str,
-        Field(
-            exclude_if=is_default(""),
-            description="The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.",
-        ),
-    ] = ""
-    baud: Annotated[
-        int,
-        Field(
-            ge=9600,
-            le=4_000_000,
-            exclude_if=is_default(DEFAULT_BAUD),
-            description="Speed of the serial device.",
-        ),
-    ] = DEFAULT_BAUD
+    interface: str = added_field(
+        "", "Network interface of the host to listen on, such as eth0, in place of `host`.", max_length=15
+    )
+    device: str = added_field("", "The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.")
+    baud: int = added_field(DEFAULT_BAUD, "Speed of the serial device.", ge=9600, le=4_000_000)
     port: Annotated[int, Field(ge=1, le=65535)] = 14550
     streams: Annotated[
         Literal["onboard", "gcs", "none"], Field(description="Default stream set of the link.")
@@ -444,16 +374,13 @@ class VehicleSpec(Document):
             description="The main camera, which always has detections; the MAVLink camera and gimbal are its own."
         ),
     ] = Camera()
-    more_cameras: Annotated[
-        tuple[Camera, ...],
-        Field(
-            max_length=7,
-            # Digests of SimSpecs with one camera stay as they were published.
-            exclude_if=is_default(()),
-            description="Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
-            "`gimbal`, one hangs on the main camera's gimbal.",
-        ),
-    ] = ()
+    # Digests of SimSpecs with one camera stay as they were published.
+    more_cameras: tuple[Camera, ...] = added_field(
+        (),
+        "Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
+        "`gimbal`, one hangs on the main camera's gimbal.",
+        max_length=7,
+    )
     battery: Battery = Battery()
     ground_truth: Annotated[
         bool,
@@ -461,27 +388,19 @@ class VehicleSpec(Document):
             description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it."
         ),
     ] = False
-    simulation_control: Annotated[
-        bool,
-        Field(
-            description="Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
-            "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
-            # Frozen questions are compared by digest, and none of them gives an agent the simulation.
-            exclude_if=is_default(False),
-        ),
-    ] = False
+    # Frozen questions are compared by digest, and none of them gives an agent the simulation.
+    simulation_control: bool = added_field(
+        False,
+        "Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
+        "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
+    )
     failures: Annotated[
         tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
     ] = ()
-    outside_links: Annotated[
-        tuple[OutsideLink, ...],
-        Field(
-            max_length=8,
-            description="MAVLink links to the host's network, such as for a ground station.",
-            # As above: digests of situations without such a link stay as they were published.
-            exclude_if=is_default(()),
-        ),
-    ] = ()
+    # As above: digests of situations without such a link stay as they were published.
+    outside_links: tuple[OutsideLink, ...] = added_field(
+        (), "MAVLink links to the host's network, such as for a ground station.", max_length=8
+    )
 
     @model_validator(mode="after")
     def _outside_links_have_names(self) -> Self:

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 
 class Wind(Document):
@@ -69,7 +69,7 @@ class Environment(Document):
     rain_level: WeatherLevel = 0.0
     fog_level: WeatherLevel = 0.0
     # Left out at 0, so that digests of SimSpecs from before it stay as they were.
-    dust_level: Annotated[WeatherLevel, Field(exclude_if=is_default(0.0))] = 0.0
+    dust_level: WeatherLevel = added_field(0.0)
     wind: Wind = Wind()
 
     @model_validator(mode="after")

@@ -10,17 +10,7 @@ from collections.abc import Iterator, Sequence
 import shapely
 
 from bench.errors import Fault
-from bench.simspec import (
-    ASSETS,
-    HOME,
-    ActorGroup,
-    CountRange,
-    PlacedActor,
-    PlaceReference,
-    Realized,
-    Sight,
-    SimSpec,
-)
+from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, PlacedActor, PlaceReference, Realized, SimSpec
 
 from ._check_geometry import (
     SLACK_M,
@@ -329,10 +319,12 @@ class _Judge:
         of them.
         """
         hidden, visible = group.placement.hidden_from, group.placement.visible_from
-        if hidden and any(self._is_visible(actor, eye, hidden) for eye in self._spots(hidden)):
+        if hidden and any(self._is_visible(actor, eye, hidden.height_m) for eye in self._spots(hidden)):
             what = "is visible from where it must be hidden"
             yield _fault([actor], what, "put something solid in between")
-        if visible and not any(self._is_visible(actor, eye, visible) for eye in self._spots(visible)):
+        if visible and not any(
+            self._is_visible(actor, eye, visible.height_m) for eye in self._spots(visible)
+        ):
             yield _fault([actor], "is hidden from where it must be visible", "clear the line of sight")
 
     def _road(self, group: ActorGroup, actor: PlacedActor) -> Iterator[Fault]:
@@ -365,8 +357,8 @@ class _Judge:
                 what = f"heads {off:.2f} degrees off road {road.id!r}"
                 yield _fault([actor], what, f"at most {along.parallel_deg:g}")
 
-    def _is_visible(self, actor: PlacedActor, eye: Spot, sight: Sight) -> bool:
-        """Whether the middle of the actor's top is visible from the eye.
+    def _is_visible(self, actor: PlacedActor, eye: Spot, eye_m: float) -> bool:
+        """Whether the middle of the actor's top is visible from an eye so high over the ground.
 
         Each solid outline cuts the ground line; the height of the line of sight over the cut decides whether
         it passes above.
@@ -379,7 +371,7 @@ class _Judge:
             cut = line.intersection(outline)
             if cut.length > SLACK_M:
                 shares = [line.project(shapely.Point(corner)) / line.length for corner in cut.coords]
-                lowest_m = min(sight.height_m + share * (top_m - sight.height_m) for share in shares)
+                lowest_m = min(eye_m + share * (top_m - eye_m) for share in shares)
                 if lowest_m < ASSETS[self.simspec.group(other.group).asset].height_m - SLACK_M:
                     return False
         return True

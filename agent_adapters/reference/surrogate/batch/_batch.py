@@ -203,13 +203,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         **{
             f"perception.model.{name}": name in simspec.perception.model.model_dump()
             for name in (
-                "confusion",
-                "size_curve",
-                "class_factors",
-                "jitter_share",
-                "false_labels",
-                "false_score",
-                "scores",
+                *("confusion", "size_curve", "class_factors", "jitter_share"),
+                *("false_labels", "false_score", "scores"),
             )
         },
         # Measures count what further cameras show, and surrogates have one.
@@ -338,7 +333,7 @@ def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
         "task_delivered_s": [delivered_at(task.delivered_s, link_down) for task in tasks],
         "task_due_s": [_due_s(simspec, task, link_down) for task in tasks],
         "task_actor": [targets.get(task.about, -1) for task in tasks],
-        "consent_s": [_consent_s(simspec, name) for name in names],
+        "consent_s": _consents_s(simspec, names),
         **_ordered(names, events),
     }
 
@@ -411,17 +406,13 @@ def _due_s(simspec: SimSpec, task: Intelligence, link_down: Sequence[Span]) -> f
     return delivered_at(task.delivered_s, link_down) + good_for_s
 
 
-def _consent_s(simspec: SimSpec, intelligence: str) -> float:
+def _consents_s(simspec: SimSpec, names: Sequence[str]) -> list[float]:
     if not simspec.rules.mark_consent:
-        return 0.0
-    return next(
-        (
-            consent.after_s
-            for consent in simspec.consents
-            if consent.intelligence == intelligence and consent.answer == "granted"
-        ),
-        math.inf,
-    )
+        return [0.0] * len(names)
+    granted = {
+        consent.intelligence: consent.after_s for consent in simspec.consents if consent.answer == "granted"
+    }
+    return [granted.get(name, math.inf) for name in names]
 
 
 def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> SurrogateAirspaces | None:

@@ -150,7 +150,7 @@ def outage_spans(outages: Iterable[Outage], kind: str) -> tuple[Span, ...]:
 
 
 def _failed_spans(failures: Iterable[Failure], kind: str) -> list[Span]:
-    return [(failure.at_s, until_of(failure)) for failure in failures if failure.kind == kind]
+    return [(failure.at_s, failure.until_s) for failure in failures if failure.kind == kind]
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
@@ -162,11 +162,6 @@ def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
         else:
             spans_apart.append((since_s, until_s))
     return tuple(spans_apart)
-
-
-def until_of(failure: Failure) -> float:
-    """When a failure is mended; infinite where it never is."""
-    return math.inf if failure.duration_s is None else failure.at_s + failure.duration_s
 
 
 def _spans_from(
@@ -190,4 +185,4 @@ def _closed_windows(simspec: SimSpec) -> list[Span]:
 
 def _drift(failure: Failure) -> tuple[float, float, float, float]:
     towards_rad, rate_mps = math.radians(failure.towards_deg or 0.0), failure.drift_mps or 0.0
-    return failure.at_s, until_of(failure), rate_mps * math.sin(towards_rad), rate_mps * math.cos(towards_rad)
+    return failure.at_s, failure.until_s, rate_mps * math.sin(towards_rad), rate_mps * math.cos(towards_rad)

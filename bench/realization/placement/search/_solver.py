@@ -84,11 +84,8 @@ def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | N
     """Places for every group, or None when none were found."""
     remaining = narrowed_ground(simspec, order)
     effort = 0.0
-    for attempt in range(
-        MAX_DEPENDENT_ATTEMPTS
-        if any(_is_dependent(group) or group.placement.extent_m for group in order)
-        else MAX_ATTEMPTS
-    ):
+    dependent = any(_is_dependent(group) or group.placement.extent_m for group in order)
+    for attempt in range(MAX_DEPENDENT_ATTEMPTS if dependent else MAX_ATTEMPTS):
         if attempt >= MAX_ATTEMPTS and effort > MAX_ATTEMPTS * ATTEMPT_LIMIT:
             break
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
@@ -355,10 +352,8 @@ class _Phase:
                 if count and host.id in _hosts(guest):
                     outlines = shapely.polygons(self.pools[host.id].corners())
                     useful = shapely.area(shapely.intersection(outlines, self._known_ground(guest))) > 0.0
-                    asset = ASSETS[guest.asset]
-                    grown_m2 = (asset.length_m + guest.placement.separation_m) * (
-                        asset.width_m + guest.placement.separation_m
-                    )
+                    asset, gap_m = ASSETS[guest.asset], guest.placement.separation_m
+                    grown_m2 = (asset.length_m + gap_m) * (asset.width_m + gap_m)
                     least = ceil(count * grown_m2 / (HOST_FILL * float(shapely.area(outlines[0]))))
                     taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]
                     self.model.add(sum(taken) >= min(least, member_count(self.simspec, host)))
