@@ -62,7 +62,7 @@ def test_rooms_give_each_declared_name_at_its_first_use(room: str) -> None:
         for alias in node.names
     }
     assert declared == declared_names(room)
-    assert all(hasattr(module, name) for name in declared)
+    assert all(hasattr(module, name) for name in declared_names(room))
     with pytest.raises(AttributeError, match="no_such_thing"):
         module.no_such_thing  # noqa: B018
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ._document import SimSpec as SimSpec
     from ._document import agent_name as agent_name
     from ._document import is_manifest_file as is_manifest_file
+    from ._document import load_simspec as load_simspec
     from ._factor_paths import factor_paths as factor_paths
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from ._ground import Polygon as Polygon
     from ._ground import Road as Road
     from ._ground import World as World
-    from ._load import load_simspec as load_simspec
     from ._orders import Order as Order
     from ._orders import OrderKind as OrderKind
     from ._perception import CLASS_LABELS as CLASS_LABELS
@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from ._placement import Sight as Sight
     from ._quantities import Fraction as Fraction
     from ._quantities import Identifier as Identifier
+    from ._quantities import TimeWindow as TimeWindow
     from ._roles import PROTECTED_ROLES as PROTECTED_ROLES
     from ._roles import TARGET_ROLES as TARGET_ROLES
     from ._roles import Role as Role
@@ -88,7 +89,6 @@ if TYPE_CHECKING:
     from ._sun import Sun as Sun
     from ._sun import sun_at as sun_at
     from ._sun import sun_of as sun_of
-    from ._time_window import TimeWindow as TimeWindow
     from ._vehicle_spec import DEFAULT_BAUD as DEFAULT_BAUD
     from ._vehicle_spec import DEFAULT_RENDERER as DEFAULT_RENDERER
     from ._vehicle_spec import DEFAULT_VEHICLE as DEFAULT_VEHICLE

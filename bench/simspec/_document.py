@@ -10,7 +10,7 @@ headings are degrees clockwise from true north. Degrees exist only in documents;
 
 from __future__ import annotations
 
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -21,10 +21,12 @@ from pydantic import (
     model_validator,
 )
 
-from bench.documents import Document, added_field, is_default
+from bench.documents import Document, added_field, is_default, load_document
+from bench.errors import SetupError
 from bench.visible_text import visible
 
 from ._actors import ActorGroup
+from ._assets import asset_fault
 from ._consistency import raise_inconsistencies, situation_inconsistencies
 from ._ground import World
 from ._orders import Order
@@ -372,3 +374,19 @@ class SimSpec(Document):
             if group.id == group_id:
                 return group
         raise KeyError(group_id)
+
+
+def load_simspec(path: Path | str) -> SimSpec:
+    """Read a SimSpec from YAML or JSON. A relative path of its agent's manifest is relative to its own folder.
+
+    Raises SetupError with every fault: file, line, field and remedy.
+    """
+    spec = load_document(path, SimSpec)
+    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
+    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
+        raise SetupError(faults)
+    if not is_manifest_file(spec.agent.manifest):
+        return spec
+    # Absolute: the SimSpec is flown from other folders.
+    manifest = str(Path(path).resolve().parent / spec.agent.manifest)
+    return spec.model_copy(update={"agent": spec.agent.model_copy(update={"manifest": manifest})})

@@ -13,8 +13,7 @@ from bench.documents import Document, added_field
 
 from ._consistency import raise_inconsistencies, rule_inconsistencies
 from ._ground import Polygon
-from ._quantities import Fraction, Identifier, NotNegative, Positive
-from ._time_window import TimeWindow
+from ._quantities import Fraction, Identifier, NotNegative, Positive, TimeWindow
 
 
 class NoFlyArea(Document):

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from ._router import Router as Router
     from ._router import Topic as Topic
     from ._router import open_router as open_router
+    from ._schemas import schema_text as schema_text
+    from ._schemas import schema_text_of as schema_text_of
+    from ._schemas import type_hash as type_hash
     from ._types import MESSAGES as MESSAGES
     from ._types import BoundingBox2D as BoundingBox2D
     from ._types import BoundingBox3D as BoundingBox3D
@@ -89,9 +92,6 @@ if TYPE_CHECKING:
     from ._types import UInt32s as UInt32s
     from ._types import Vector3 as Vector3
     from ._types import message_class as message_class
-    from ._types import schema_text as schema_text
-    from ._types import schema_text_of as schema_text_of
-    from ._types import type_hash as type_hash
     from ._types import type_name_of as type_name_of
 
 __getattr__ = lazy_names(__name__)
