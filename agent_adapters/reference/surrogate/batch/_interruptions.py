@@ -83,7 +83,7 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     silent = [
         (since_s + OFFBOARD_LOST_S, until_s) for since_s, until_s in _failed_spans(failures, "link_loss")
     ]
-    drops = [(failure.at_s, failure.to_fraction) for failure in failures if failure.kind == "battery_drop"]
+    drops = _of_kind(failures, "battery_drop")
     height_m = simspec.mission.altitude_m
     return_mps = max(simspec.vehicle.parameters.get("MPC_XY_CRUISE", RETURN_MPS), 0.5)
     fallen = [
@@ -118,9 +118,9 @@ def interruptions(simspec: SimSpec) -> Interruptions:
         delivered=tuple(orders),
         ends_s=min([at_s for _, at_s in ended] + fallen, default=math.inf),
         landed_from_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
-        charge_s=min((at_s for at_s, _ in drops), default=math.inf),
-        charge_left=min((left or 0.0 for _, left in drops), default=1.0),
-        drifts=tuple(map(_drift, (failure for failure in failures if failure.kind == "gps_drift"))),
+        charge_s=min((drop.at_s for drop in drops), default=math.inf),
+        charge_left=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
+        drifts=tuple(map(_drift, _of_kind(failures, "gps_drift"))),
     )
 
 
@@ -149,8 +149,12 @@ def outage_spans(outages: Iterable[Outage], kind: str) -> tuple[Span, ...]:
     return merged((outage.at_s, outage.until_s) for outage in outages if outage.kind == kind)
 
 
+def _of_kind(failures: Iterable[Failure], kind: str) -> list[Failure]:
+    return [failure for failure in failures if failure.kind == kind]
+
+
 def _failed_spans(failures: Iterable[Failure], kind: str) -> list[Span]:
-    return [(failure.at_s, failure.until_s) for failure in failures if failure.kind == kind]
+    return [(failure.at_s, failure.until_s) for failure in _of_kind(failures, kind)]
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
