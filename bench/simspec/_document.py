@@ -46,14 +46,12 @@ class Intelligence(Document):
         Identifier,
         Field(description="The group whose first member was seen. The agent never receives this field."),
     ]
-    priority: Annotated[int, Field(ge=1, le=9, description="From 1, the most urgent, to 9.")] = 1
-    uncertainty_m: Annotated[
-        Positive, Field(description="Radius of the sub-area to search; the true position is inside it.")
-    ] = 60.0
-    latency_s: Annotated[
-        NotNegative, Field(description="Age of the sighting when the report is delivered.")
-    ] = 0.0
-    delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
+    priority: int = Field(1, ge=1, le=9, description="From 1, the most urgent, to 9.")
+    uncertainty_m: Positive = Field(
+        60.0, description="Radius of the sub-area to search; the true position is inside it."
+    )
+    latency_s: NotNegative = Field(0.0, description="Age of the sighting when the report is delivered.")
+    delivered_s: NotNegative = Field(0.0, description="Simulated time of delivery.")
 
 
 class Escort(Document):
@@ -65,31 +63,26 @@ class Escort(Document):
     group: Annotated[
         Identifier, Field(description="The escorted group: a patrol without rests, and no adversary.")
     ]
-    within_m: Annotated[
-        Positive,
-        Field(
-            le=1000.0,
-            description="The vehicle is with the group when it is this near to one of its members, horizontally.",
-        ),
-    ] = 80.0
-    warn_before_m: Annotated[
-        Positive,
-        Field(
-            le=1000.0, description="An adversary is to be reported before the group comes this near to it."
-        ),
-    ] = 100.0
+    within_m: Positive = Field(
+        80.0,
+        le=1000.0,
+        description="The vehicle is with the group when it is this near to one of its members, horizontally.",
+    )
+    warn_before_m: Positive = Field(
+        100.0, le=1000.0, description="An adversary is to be reported before the group comes this near to it."
+    )
 
 
 class Mission(Document):
     """The task of the agent."""
 
     kind: Literal["search_and_report"] = "search_and_report"
-    altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Mission height above home.")] = 60.0
-    speed_mps: Annotated[float, Field(gt=0.0, le=30.0, description="Ground speed of the mission.")] = 12.0
-    time_limit_s: Annotated[
-        float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")
-    ] = 300.0
-    return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
+    altitude_m: float = Field(60.0, gt=1.0, le=6000.0, description="Mission height above home.")
+    speed_mps: float = Field(12.0, gt=0.0, le=30.0, description="Ground speed of the mission.")
+    time_limit_s: float = Field(
+        300.0, gt=0.0, le=7200.0, description="The session ends at this simulated time."
+    )
+    return_home: bool = Field(True, description="Whether the mission ends with a landing at home.")
     # Left out where there is none: SimSpecs without escort keep their bytes.
     escort: Escort | None = added_field(None, "Whom to stay with and to warn, beside the search.")
 
@@ -102,10 +95,9 @@ class Consent(Document):
 
     intelligence: Annotated[Identifier, Field(description="The intelligence report that requests name.")]
     answer: Literal["granted", "refused", "never"]
-    after_s: Annotated[
-        NotNegative,
-        Field(description="Time from hearing a request to answering it; without effect for never."),
-    ] = 12.0
+    after_s: NotNegative = Field(
+        12.0, description="Time from hearing a request to answering it; without effect for never."
+    )
 
 
 class Outage(Document):
@@ -169,12 +161,10 @@ class AgentSpec(Document):
     options.
     """
 
-    manifest: Annotated[
-        str,
-        Field(
-            description="Name of an entry point, or path of a manifest relative to the file that names it."
-        ),
-    ] = DEFAULT_AGENT
+    manifest: str = Field(
+        DEFAULT_AGENT,
+        description="Name of an entry point, or path of a manifest relative to the file that names it.",
+    )
     options: dict[str, str | float | int | bool] = {}
     # Digests of situations that demand nothing stay as they were published.
     isolation: Isolation | None = added_field(
@@ -208,9 +198,7 @@ class Pace(Document):
     """How simulated time advances. docs/time.md explains the modes."""
 
     mode: PaceMode = "lockstep"
-    tick_s: Annotated[
-        float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
-    ] = 0.1
+    tick_s: float = Field(0.1, ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
     # Chosen, not measured: a host that stalls for a second costs a session of two minutes less than 1 % of its steps, so
     # 5 % is a host that is busy all the time. An autopilot's own timeouts begin at half a second, 25 steps.
     max_late_share: float = added_field(
@@ -225,13 +213,13 @@ class Pace(Document):
 class Budgets(Document):
     """Limits on the time of the host. A session that exceeds one of them is ended."""
 
-    wall_s: Annotated[Positive, Field(le=86400.0, description="Limit on the whole session.")] = 300.0
-    reply_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on the agent's own time for one reply to a tick.")
-    ] = 10.0
-    connect_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on the agent's own time from its start to its hello.")
-    ] = 30.0
+    wall_s: Positive = Field(300.0, le=86400.0, description="Limit on the whole session.")
+    reply_s: Positive = Field(
+        10.0, le=3600.0, description="Limit on the agent's own time for one reply to a tick."
+    )
+    connect_s: Positive = Field(
+        30.0, le=3600.0, description="Limit on the agent's own time from its start to its hello."
+    )
 
 
 class Seeds(Document):
@@ -241,14 +229,14 @@ class Seeds(Document):
     """
 
     # 63 bits, as many as `seed_of` derives: a seed fits a signed 64-bit integer.
-    root: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    placement: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    intelligence: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    motion: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    gusts: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    sensors: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    perception: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    agent: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    root: int = Field(0, ge=0, lt=2**63)
+    placement: int | None = Field(None, ge=0, lt=2**63)
+    intelligence: int | None = Field(None, ge=0, lt=2**63)
+    motion: int | None = Field(None, ge=0, lt=2**63)
+    gusts: int | None = Field(None, ge=0, lt=2**63)
+    sensors: int | None = Field(None, ge=0, lt=2**63)
+    perception: int | None = Field(None, ge=0, lt=2**63)
+    agent: int | None = Field(None, ge=0, lt=2**63)
 
 
 class PlacedActor(Document):
@@ -274,7 +262,7 @@ class Realized(Document):
 
     actors: tuple[PlacedActor, ...]
     reports: tuple[PlacedReport, ...] = ()
-    method: Annotated[str, Field(description="The placement method: sampling or cp-sat.")] = "sampling"
+    method: str = Field("sampling", description="The placement method: sampling or cp-sat.")
     honeypots: Annotated[
         tuple[PlacedActor, ...],
         # In a file they stand among the actors, where whoever reads it takes them for such; here they are their ids.
@@ -329,12 +317,12 @@ class SimSpec(Document):
     vehicle: VehicleSpec = VehicleSpec()
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
-    orders: Annotated[
-        tuple[Order, ...], Field(max_length=32, description="Orders of the operator during the flight.")
-    ] = ()
-    outages: Annotated[
-        tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")
-    ] = ()
+    orders: tuple[Order, ...] = Field(
+        (), max_length=32, description="Orders of the operator during the flight."
+    )
+    outages: tuple[Outage, ...] = Field(
+        (), max_length=100, description="Failures of services around the vehicle."
+    )
     # Left out when empty, so that SimSpecs without it keep their bytes.
     consents: tuple[Consent, ...] = added_field(
         (), "The operator's answers to requests to mark.", max_length=32
@@ -350,9 +338,9 @@ class SimSpec(Document):
     honeypot: bool = added_field(
         False, "Whether placement adds a target that is nowhere but in the file: who reports it has read it."
     )
-    realized: Annotated[
-        Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")
-    ] = None
+    realized: Realized | None = Field(
+        None, description="Written by placement. A file that has it is flown as it is."
+    )
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:

@@ -13,19 +13,16 @@ from bench.documents import Document, added_field
 class Wind(Document):
     """Mean wind and turbulence near the ground."""
 
-    speed_mps: Annotated[float, Field(ge=0.0, le=20.0, description="Mean wind speed.")] = 0.0
-    from_deg: Annotated[
-        float,
-        Field(ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north."),
-    ] = 0.0
-    turbulence_mps: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=20.0,
-            description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts.",
-        ),
-    ] = 0.0
+    speed_mps: float = Field(0.0, ge=0.0, le=20.0, description="Mean wind speed.")
+    from_deg: float = Field(
+        0.0, ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north."
+    )
+    turbulence_mps: float = Field(
+        0.0,
+        ge=0.0,
+        le=20.0,
+        description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts.",
+    )
 
 
 WeatherLevel = Annotated[float, Field(ge=0.0, le=9.0)]

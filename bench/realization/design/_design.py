@@ -83,25 +83,21 @@ class Design(Document):
     """The situations that are flown: factors, the method that combines them, replicates, and the seed."""
 
     factors: tuple[DesignFactor, ...] = ()
-    forbid: Annotated[
-        tuple[ExpressionText, ...],
-        Field(
-            max_length=200,
-            description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\".",
-        ),
-    ] = ()
+    forbid: tuple[ExpressionText, ...] = Field(
+        (),
+        max_length=200,
+        description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\".",
+    )
     method: Method = FullFactorial()
-    then: Annotated[
-        tuple[Method, ...],
-        Field(
-            max_length=20,
-            description="Further points, numbered after all earlier ones, which stay as they are.",
-        ),
-    ] = ()
-    replicates: Annotated[
-        int, Field(ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own.")
-    ] = 1
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    then: tuple[Method, ...] = Field(
+        (),
+        max_length=20,
+        description="Further points, numbered after all earlier ones, which stay as they are.",
+    )
+    replicates: int = Field(
+        1, ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own."
+    )
+    seed: int = Field(0, ge=0, lt=2**63)
 
     @model_validator(mode="after")
     def _can_be_drawn(self) -> Self:

@@ -38,13 +38,10 @@ class FactorRange(Document):
 
     low: float
     high: float
-    steps: Annotated[
-        int | None,
-        Field(
-            ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included."
-        ),
-    ] = None
-    integer: Annotated[bool, Field(description="Round to whole numbers.")] = False
+    steps: int | None = Field(
+        None, ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included."
+    )
+    integer: bool = Field(False, description="Round to whole numbers.")
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -80,20 +77,16 @@ class DesignFactor(Document):
     """
 
     name: Identifier
-    unit: Annotated[
-        str | None, Field(description="Checked against the unit that the paths' names state.")
-    ] = None
-    levels: Annotated[tuple[FactorLevel, ...], Field(max_length=1000)] = ()
+    unit: str | None = Field(None, description="Checked against the unit that the paths' names state.")
+    levels: tuple[FactorLevel, ...] = Field((), max_length=1000)
     range: FactorRange | None = None
-    formula: Annotated[
-        ExpressionText | None,
-        Field(description="The level follows from other factors, for example 'crowd * 0.05 + 2'."),
-    ] = None
-    integer: Annotated[bool, Field(description="Round what the formula gives to whole numbers.")] = False
-    when: Annotated[
-        ExpressionText | None,
-        Field(description="Active only where this holds of other factors; elsewhere it changes nothing."),
-    ] = None
+    formula: ExpressionText | None = Field(
+        None, description="The level follows from other factors, for example 'crowd * 0.05 + 2'."
+    )
+    integer: bool = Field(False, description="Round what the formula gives to whole numbers.")
+    when: ExpressionText | None = Field(
+        None, description="Active only where this holds of other factors; elsewhere it changes nothing."
+    )
     sets: tuple[str, ...] = ()
     patches: dict[str, dict[str, Any]] = {}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -37,17 +37,15 @@ class FractionalFactorial(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["fractional_factorial"] = "fractional_factorial"
-    resolution: Annotated[
-        int | None, Field(ge=3, le=8, description="The least runs that have at least this resolution.")
-    ] = None
-    runs: Annotated[
-        int | None,
-        Field(ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds."),
-    ] = None
-    generators: Annotated[
-        dict[Identifier, tuple[Identifier, ...]],
-        Field(description="For each factor that is not a base one: the base factors whose product it is."),
-    ] = {}
+    resolution: int | None = Field(
+        None, ge=3, le=8, description="The least runs that have at least this resolution."
+    )
+    runs: int | None = Field(
+        None, ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds."
+    )
+    generators: dict[Identifier, tuple[Identifier, ...]] = Field(
+        {}, description="For each factor that is not a base one: the base factors whose product it is."
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
