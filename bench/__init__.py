@@ -18,8 +18,9 @@ Importing this package imports nothing else; each name below is fetched when it 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign as Campaign
@@ -39,32 +40,10 @@ if TYPE_CHECKING:
     from decompositions import Decomposition as Decomposition
     from decompositions import load_decomposition as load_decomposition
 
-_HOME = {
-    "Campaign": "bench.campaign",
-    "Decomposition": "decompositions",
-    "Observation": "bench.contracts",
-    "Outcome": "bench.contracts",
-    "RebarError": "bench.errors",
-    "SessionResult": "bench.contracts",
-    "SetupError": "bench.errors",
-    "SimSpec": "bench.simspec",
-    "fly_realization": "bench.campaign",
-    "load_campaign": "bench.campaign",
-    "load_decomposition": "decompositions",
-    "load_simspec": "bench.simspec",
-    "place": "bench.realization",
-    "run_campaign": "bench.campaign",
-    "run_campaign_sync": "bench.campaign",
-    "write_report": "bench.reporting",
-}
-__all__ = sorted(_HOME)
+__all__ = sorted(declared_names(__name__))
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+__getattr__ = lazy_names(__name__)
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOME]
+    return [*globals(), *__all__]

@@ -229,45 +229,50 @@ class DocumentChecks:
 
     def _columns(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
         ratings, values = row.ratings, row.values
-        if len(ratings) != len(values):
-            yield self._fault(
-                place.at("values"),
-                f"{len(ratings)} ratings and {len(values)} values for {row.factor}",
-                "give one value for each rating",
-            )
-        if len(ratings) < 2:
-            yield self._fault(
-                place.at("ratings"),
-                f"the table of {row.factor} has fewer than two columns, and thus no direction",
-                "give two or more columns",
-            )
-        if any(not 0.0 <= rating <= 100.0 for rating in ratings):
-            yield self._fault(
-                place.at("ratings"),
-                f"a rating of {row.factor} lies outside 0 to 100",
-                "keep ratings in [0, 100]",
-            )
-        if any(b <= a for a, b in pairwise(ratings)):
-            yield self._fault(
-                place.at("ratings"),
-                f"the ratings of {row.factor} do not rise",
-                "order the columns by rising rating",
-            )
         # Ratings must rise, values may rise or fall, but not both: ruling 1.
         steps = [b - a for a, b in pairwise(values)]
-        if len(values) > 1 and not any(steps):
-            yield self._fault(
-                place.at("values"),
+        rises, falls = any(step > 0 for step in steps), any(step < 0 for step in steps)
+        for is_wrong, name, what, remedy in (
+            (
+                len(ratings) != len(values),
+                "values",
+                f"{len(ratings)} ratings and {len(values)} values for {row.factor}",
+                "give one value for each rating",
+            ),
+            (
+                len(ratings) < 2,
+                "ratings",
+                f"the table of {row.factor} has fewer than two columns, and thus no direction",
+                "give two or more columns",
+            ),
+            (
+                any(not 0.0 <= rating <= 100.0 for rating in ratings),
+                "ratings",
+                f"a rating of {row.factor} lies outside 0 to 100",
+                "keep ratings in [0, 100]",
+            ),
+            (
+                any(b <= a for a, b in pairwise(ratings)),
+                "ratings",
+                f"the ratings of {row.factor} do not rise",
+                "order the columns by rising rating",
+            ),
+            (
+                len(values) > 1 and not any(steps),
+                "values",
                 f"the values of {row.factor} are all equal and give no direction",
                 "give values that rise or fall",
-            )
-        elif any(step > 0 for step in steps) and any(step < 0 for step in steps):
-            yield self._fault(
-                place.at("values"),
+            ),
+            (
+                rises and falls,
+                "values",
                 f"the values of {row.factor} rise and fall: the table is not monotone",
                 "let them only rise or only fall along the ratings",
-            )
-        elif row.absent is not None and any(steps):
+            ),
+        ):
+            if is_wrong:
+                yield self._fault(place.at(name), what, remedy)
+        if row.absent is not None and any(steps) and not (rises and falls):
             yield from self._absent(place, row, row.absent)
 
     def _absent(self, place: DocumentPlace, row: KeyFactor, absent: float) -> Iterator[Fault]:

@@ -55,42 +55,35 @@ class Policies(Document):
     reasons.
     """
 
-    shared_value: Annotated[
-        Literal["lower", "higher"],
-        Field(description="Rating of a value that stands in two columns of a table."),
-    ] = "lower"
-    easier_than_table: Annotated[
-        Literal["zero", "first"],
-        Field(description="Rating of a value easier than the first column: 0, or the first rating."),
-    ] = "zero"
-    factor_rule: Annotated[
-        Literal["minimum", "mean"],
-        Field(description="How the difficulty of an observable follows from the ratings of its key factors."),
-    ] = "minimum"
-    credit_points: Annotated[
-        float, Field(ge=0.0, le=100.0, description="Points for each unit of x above the threshold.")
-    ] = 4.0
-    near_miss: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=1.0,
-            description="How far below its threshold a failed observable still scores; 0 means never.",
-        ),
-    ] = 0.0
-    inner_score: Annotated[
-        Literal["minimum", "mean"],
-        Field(description="Score of an inner node over those of its children that have one."),
-    ] = "minimum"
-    confidence: Annotated[
-        Literal["observables", "children"],
-        Field(
-            description="What the confidence of an inner node counts: its distinct descendant observables, or its children."
-        ),
-    ] = "observables"
-    over_runs: Annotated[
-        Literal["mean_of_ratios", "pooled_counts"], Field(description="Confidence of a node over many runs.")
-    ] = "mean_of_ratios"
+    shared_value: Literal["lower", "higher"] = Field(
+        "lower", description="Rating of a value that stands in two columns of a table."
+    )
+    easier_than_table: Literal["zero", "first"] = Field(
+        "zero", description="Rating of a value easier than the first column: 0, or the first rating."
+    )
+    factor_rule: Literal["minimum", "mean"] = Field(
+        "minimum",
+        description="How the difficulty of an observable follows from the ratings of its key factors.",
+    )
+    credit_points: float = Field(
+        4.0, ge=0.0, le=100.0, description="Points for each unit of x above the threshold."
+    )
+    near_miss: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="How far below its threshold a failed observable still scores; 0 means never.",
+    )
+    inner_score: Literal["minimum", "mean"] = Field(
+        "minimum", description="Score of an inner node over those of its children that have one."
+    )
+    confidence: Literal["observables", "children"] = Field(
+        "observables",
+        description="What the confidence of an inner node counts: its distinct descendant observables, or its children.",
+    )
+    over_runs: Literal["mean_of_ratios", "pooled_counts"] = Field(
+        "mean_of_ratios", description="Confidence of a node over many runs."
+    )
 
 
 class KeyFactor(Document):
@@ -121,17 +114,14 @@ class KeyFactor(Document):
     values: Annotated[
         tuple[float, ...], Field(max_length=101, description="Value of the factor in each column.")
     ]
-    mapping: Annotated[
-        Literal["linear", "step"],
-        Field(description="Between two columns: linear, or the rating of the column at or below."),
-    ] = "linear"
+    mapping: Literal["linear", "step"] = Field(
+        "linear", description="Between two columns: linear, or the rating of the column at or below."
+    )
     reason: Sentence
-    absent: Annotated[
-        float | None,
-        Field(
-            description="Value of the factor in a situation that holds nothing of the kind: there the observable is not exercisable. A value still easier counts as absent too, and so does a factor without any value where `absent` is stated."
-        ),
-    ] = None
+    absent: float | None = Field(
+        None,
+        description="Value of the factor in a situation that holds nothing of the kind: there the observable is not exercisable. A value still easier counts as absent too, and so does a factor without any value where `absent` is stated.",
+    )
 
     def is_absent(self, value: float | None) -> bool:
         """Whether a value of the factor means that the situation holds nothing of the kind."""
@@ -170,15 +160,13 @@ class Vab(InnerNode):
 class Observable(_TitledNode):
     """A leaf: one number measured in a run and compared with a threshold."""
 
-    measure: Annotated[
-        str | None,
-        Field(
-            pattern=r"^[a-z][a-z0-9_]{0,62}$",
-            description="Measure, by its name in the group rebar.measures. "
-            "Left out only where measured values are given with the runs.",
-        ),
-    ] = None
-    options: Annotated[dict[str, Option], Field(description="Options of the measure.")] = {}
+    measure: str | None = Field(
+        None,
+        pattern=r"^[a-z][a-z0-9_]{0,62}$",
+        description="Measure, by its name in the group rebar.measures. "
+        "Left out only where measured values are given with the runs.",
+    )
+    options: dict[str, Option] = Field({}, description="Options of the measure.")
     # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has
     # them for editors.
     threshold: Annotated[
@@ -188,37 +176,30 @@ class Observable(_TitledNode):
             json_schema_extra={"minimum": 0.0, "maximum": 1.0},
         ),
     ]
-    threshold_reason: Annotated[
-        Sentence | None,
-        Field(description="Why this threshold. Left out only where measured values are given with the runs."),
-    ] = None
-    partial_credit: Annotated[
-        bool, Field(description="Whether the excess over the threshold changes the score.")
-    ] = False
-    near_miss: Annotated[
-        float | None,
-        Field(
-            description="Overrides the policy of the same name; only with partial_credit.",
-            json_schema_extra={"minimum": 0.0, "maximum": 1.0},
-        ),
-    ] = None
+    threshold_reason: Sentence | None = Field(
+        None, description="Why this threshold. Left out only where measured values are given with the runs."
+    )
+    partial_credit: bool = Field(
+        False, description="Whether the excess over the threshold changes the score."
+    )
+    near_miss: float | None = Field(
+        None,
+        description="Overrides the policy of the same name; only with partial_credit.",
+        json_schema_extra={"minimum": 0.0, "maximum": 1.0},
+    )
     considered: Annotated[
         Sentence, Field(description="When a run exercises it, decided by the scenario and the truth.")
     ]
     always_considered: bool = False
-    key_factors: Annotated[
-        tuple[str | KeyFactor, ...],
-        Field(
-            description="Rows of its key factor table: names among `tables`, or complete rows. "
-            "Empty only where difficulties are given with the runs."
-        ),
-    ] = ()
-    subject: Annotated[
-        Literal["agent", "perception"],
-        Field(
-            description="Whose quality it measures. An observable about the detections that the bench simulates describes the configured sensor."
-        ),
-    ] = "agent"
+    key_factors: tuple[str | KeyFactor, ...] = Field(
+        (),
+        description="Rows of its key factor table: names among `tables`, or complete rows. "
+        "Empty only where difficulties are given with the runs.",
+    )
+    subject: Literal["agent", "perception"] = Field(
+        "agent",
+        description="Whose quality it measures. An observable about the detections that the bench simulates describes the configured sensor.",
+    )
 
 
 class DecompositionDocument(Document):
@@ -231,15 +212,12 @@ class DecompositionDocument(Document):
     title: Annotated[str, Field(min_length=1, max_length=120)]
     description: str = ""
     policies: Policies = Policies()
-    study: Annotated[
-        tuple[NodeId, ...],
-        Field(
-            description="Key attributes whose difficulties make a difficulty configuration; empty means all."
-        ),
-    ] = ()
-    tables: Annotated[
-        dict[str, KeyFactor], Field(description="Rows of key factor tables that observables share, by name.")
-    ] = {}
+    study: tuple[NodeId, ...] = Field(
+        (), description="Key attributes whose difficulties make a difficulty configuration; empty means all."
+    )
+    tables: dict[str, KeyFactor] = Field(
+        {}, description="Rows of key factor tables that observables share, by name."
+    )
     principles: tuple[Principle, ...] = ()
     key_attributes: tuple[KeyAttribute, ...] = ()
     vabs: tuple[Vab, ...] = ()

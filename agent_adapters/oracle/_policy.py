@@ -9,8 +9,7 @@ from bench.simspec import endangered_roles
 
 from ..reference._settings import Settings
 from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
-from ..reference.perception._bystanders import may_be_bystander
-from ..reference.perception._tracks import Track, Tracks
+from ..reference.perception._tracks import Track, Tracks, may_be_bystander
 from ._truth import Truth
 
 # For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
 from agent_adapters.client.documents import (
@@ -128,6 +129,14 @@ class Agent:
         self._vehicle, self._eyes, self._log = parts.vehicle, parts.eyes, parts.log
         self._watch, self._mission, self._pictures = parts.watch, parts.mission, parts.pictures
         self._flight = self._mission.fly()
+        # What reads each topic of documents.
+        self._documents: dict[str, tuple[type[Any], Callable[[Any], object]]] = {
+            self._topics.mission: (MissionOrder, self._mission.order),
+            self._topics.intelligence: (IntelligenceDocument, self._mission.add_intelligence),
+            self._topics.orders: (OrderDocument, self._mission.obey),
+            self._topics.consents: (ConsentAnswer, self._mission.take_consent),
+            self._topics.operator_link: (OperatorLinkDocument, self._watch.operator_link),
+        }
 
     def act(self, moment: Moment) -> None:
         """Receive, perceive, decide, send: always in this order."""
@@ -143,35 +152,20 @@ class Agent:
         self._log.publish_due(self._eyes.published)
 
     def _take(self, sample: Sample) -> None:
-        topic = sample.topic
-        if topic == self._topics.detections:
+        if sample.topic == self._topics.detections:
             message = sample.message()
             self._see(message if isinstance(message, Detection2DArray) else None)
-        elif topic == self._topics.mission:
-            order = parse_document(MissionOrder, _text(sample))
-            if order is not None:
-                self._mission.order(order)
-        elif topic == self._topics.intelligence:
-            intelligence = parse_document(IntelligenceDocument, _text(sample))
-            if intelligence is not None:
-                self._mission.add_intelligence(intelligence)
-        elif topic == self._topics.orders:
-            ordered = parse_document(OrderDocument, _text(sample))
-            if ordered is not None:
-                self._mission.obey(ordered)
-        elif topic == self._topics.consents:
-            answer = parse_document(ConsentAnswer, _text(sample))
-            if answer is not None:
-                self._mission.take_consent(answer)
-        elif topic == self._topics.operator_link:
-            link = parse_document(OperatorLinkDocument, _text(sample))
-            if link is not None:
-                self._watch.operator_link(link.up)
-        elif topic == TF_STATIC:
+        elif sample.topic in self._documents:
+            kind, take = self._documents[sample.topic]
+            message = sample.message()
+            document = parse_document(kind, message.data if isinstance(message, String) else "")
+            if document is not None:
+                take(document)
+        elif sample.topic == TF_STATIC:
             message = sample.message()
             if isinstance(message, TFMessage):
                 self._eyes.take_mount(message)
-        elif topic != CLOCK:
+        elif sample.topic != CLOCK:
             self._take_camera(sample)
 
     def _take_camera(self, sample: Sample) -> None:
@@ -189,8 +183,3 @@ class Agent:
         self._eyes.process_detections(self._log.now_s)
         if detections is not None and self._eyes.see(detections, self._watch.doubt_m()):
             self._mission.update()
-
-
-def _text(sample: Sample) -> str:
-    message = sample.message()
-    return message.data if isinstance(message, String) else ""

@@ -85,32 +85,36 @@ class Orders:
 
     def refusal(self, order: OrderDocument, now: Situation) -> str:
         """Why this order is not carried out; empty when it is."""
-        if now.over:
-            return "the mission is over"
         ended = self.ended_by
-        if ended is not None and ended.kind == "deactivate" and order.kind != "deactivate":
-            return f"landing where it is, ordered by {ended.id}"
-        if now.failsafe and order.kind in MOVING and order.kind != "return":
-            return f"the autopilot flies by itself: {now.failsafe}"
-        match order.kind:
-            case "hand_over" if now.grounded:
-                return "it is on the ground: there is nothing to hand over"
-            case "take_back" if not self.handed_over_by:
-                return "the vehicle was not handed over"
-            case "hold" | "retask" | "hand_over" if now.unheard:
-                return "the autopilot cannot be reached and flies by itself"
-            case "hold" | "retask" | "hand_over" if now.landing:
-                return "landing already"
-            case "hold" | "retask" if now.homeward:
-                return f"it has to go home: {now.homeward}"
-            case "return" if ended is not None and ended.kind == "abort":
-                return f"it is going home for good, ordered by {ended.id}"
-            case "resume" if not self.held_by:
-                return "it is not holding"
-            case "retask" if ended is not None:
-                return f"it is going home, ordered by {ended.id}"
-            case "mark" | "resume_reporting" if self.silenced_for_good:
-                return self.silenced
-            case "mark" if self.silenced:
-                return self.silenced
-        return now.about
+        ending, ended_by = (ended.kind, ended.id) if ended is not None else ("", "")
+        any_order = (order.kind,)
+        reasons = (
+            (now.over, any_order, "the mission is over"),
+            (
+                ending == "deactivate" != order.kind,
+                any_order,
+                f"landing where it is, ordered by {ended_by}",
+            ),
+            (
+                now.failsafe,
+                tuple(kind for kind in MOVING if kind != "return"),
+                f"the autopilot flies by itself: {now.failsafe}",
+            ),
+            (now.grounded, ("hand_over",), "it is on the ground: there is nothing to hand over"),
+            (not self.handed_over_by, ("take_back",), "the vehicle was not handed over"),
+            (
+                now.unheard,
+                ("hold", "retask", "hand_over"),
+                "the autopilot cannot be reached and flies by itself",
+            ),
+            (now.landing, ("hold", "retask", "hand_over"), "landing already"),
+            (now.homeward, ("hold", "retask"), f"it has to go home: {now.homeward}"),
+            (ending == "abort", ("return",), f"it is going home for good, ordered by {ended_by}"),
+            (not self.held_by, ("resume",), "it is not holding"),
+            (ending, ("retask",), f"it is going home, ordered by {ended_by}"),
+            (self.silenced_for_good, ("mark", "resume_reporting"), self.silenced),
+            (self.silenced, ("mark",), self.silenced),
+        )
+        return next(
+            (reason for applies, kinds, reason in reasons if applies and order.kind in kinds), now.about
+        )

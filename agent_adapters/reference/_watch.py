@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 
+from agent_adapters.client.documents import OperatorLinkDocument
+
 from ._log import Log
 from .flight._piloted_vehicle import PilotedVehicle
 from .perception._perception import ObjectPerception
@@ -50,16 +52,16 @@ class Watch:
     def link_up(self) -> bool:
         return self.link_down_s is None
 
-    def operator_link(self, up: bool) -> None:
+    def operator_link(self, link: OperatorLinkDocument) -> None:
         """The bench says whether the operator can be reached."""
         now_s = self._log.now_s
-        if up and self.link_down_s is not None:
+        if link.up and self.link_down_s is not None:
             self._notice(
                 "operator_link",
                 f"the operator's link is back after {now_s - self.link_down_s:.1f} s",
             )
             self.link_down_s = None
-        elif not up and self.link_down_s is None:
+        elif not link.up and self.link_down_s is None:
             self._notice("operator_link", "the operator's link is down: reports will be said again")
             self.link_down_s = now_s
 

@@ -8,7 +8,7 @@ import selectors
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -81,15 +81,7 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
     if in_image and "PATH" not in manifest.environment:
         del environment["PATH"]
     command = expand_command(manifest, plan.folder, options)
-    read = expand_placeholders(
-        manifest, plan.folder, options, {f"read[{index}]": path for index, path in enumerate(manifest.read)}
-    )
-    paths = [Path(path) for path in read.values()]
-    # The manifest's folder is for agents whose manifest names it: others share that folder with much else.
-    if any("{folder}" in text for text in (*manifest.command, *manifest.environment.values())):
-        paths.append(plan.folder)
-    # A file that the command names is part of the agent: its script, its model. Folders are for `read`.
-    paths += [Path(word) for word in command if word.startswith("/") and Path(word).is_file()]
+    paths = _named_paths(plan, command)
     # A program that a wrapper starts needs what it would need as the command: a Python its libraries.
     others = [path for path in paths if path.is_file() and os.access(path, os.X_OK)]
     paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
@@ -115,6 +107,19 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
         # What is preloaded for warp must be there before the interpreter.
         warm=manifest.reset == "fork" and not plan.endpoints.warp,
     )
+
+
+def _named_paths(plan: AgentPlan, command: Sequence[str]) -> list[Path]:
+    """What the manifest and its command name on the host."""
+    manifest = plan.manifest
+    read = {f"read[{index}]": path for index, path in enumerate(manifest.read)}
+    expanded = expand_placeholders(manifest, plan.folder, plan.simspec.agent.options, read)
+    paths = [Path(path) for path in expanded.values()]
+    # The manifest's folder is for agents whose manifest names it: others share that folder with much else.
+    if any("{folder}" in text for text in (*manifest.command, *manifest.environment.values())):
+        paths.append(plan.folder)
+    # A file that the command names is part of the agent: its script, its model. Folders are for `read`.
+    return paths + [Path(word) for word in command if word.startswith("/") and Path(word).is_file()]
 
 
 def _files(plan: AgentPlan) -> tuple[Path, ...]:

@@ -131,18 +131,22 @@ def _has_module(name: str) -> bool:
     # A package that is imported already keeps its spec after its files are gone.
     if spec.has_location and spec.origin is not None and not Path(spec.origin).exists():
         return False
-    places = [Path(place) for place in spec.submodule_search_locations or ()]
-    for part in rest:
-        if not any(place.is_dir() for place in places):
-            # From an archive, or by an importer of its own: not for us to judge.
-            return not places or any(place.exists() for place in places)
-        nearby = [path for place in places for path in place.glob(f"{part}*")]
-        if not any(path.name.split(".")[0] == part for path in nearby):
-            return False
-        places = [place / part for place in places]
-        if not any(place.is_dir() for place in places):
-            return True
-    return True
+    return _has_part([Path(place) for place in spec.submodule_search_locations or ()], rest)
+
+
+def _has_part(places: Sequence[Path], parts: Sequence[str]) -> bool:
+    """Whether a module of a package that lies at these places can be there."""
+    if not parts:
+        return True
+    folders = [place for place in places if place.is_dir()]
+    if not folders:
+        # From an archive, or by an importer of its own: not for us to judge.
+        return not places or any(place.exists() for place in places)
+    part, *rest = parts
+    if not any(path.name.split(".")[0] == part for folder in folders for path in folder.glob(f"{part}*")):
+        return False
+    within = [folder / part for folder in folders if (folder / part).is_dir()]
+    return not within or _has_part(within, rest)
 
 
 def _as_text(option: str | float | int | bool) -> str:

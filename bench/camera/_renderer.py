@@ -16,27 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Bools, Counts, Floats, Narrow, product
-from bench.contracts import CameraPose, Geometry, Labels, Lens, Light, Picture, Pixels, Renderer, Stage
+from bench.contracts import CameraPose, Geometry, Labels, Light, Picture, Pixels, Renderer, Stage
 
 from ._canvas import Canvas
+from ._ground_painter import FAR_CORNER_PX, GAMMA, SHIFT, GroundPainter, cut_to_frame, fixed_point
 from ._painter_order import SolidOrder, body_edges, far_to_near
 from ._view import LEAST_BODY_PX, NEAR_M, actor_axes, in_view
 
-_MAP_SCALE = 8
-"""Light and haze are smooth, so their maps have an eighth of the resolution (4 ms less for 640x480)."""
-
-_LEVEL_ROLL = 0.1
-"""Up to this sine of the roll, rows of the picture look about equally far, and each gets one level of the mip map. Bands
-then do not overlap: 640x480 takes 3 ms less."""
-
-_MAP_ONE = 128.0
-"""The map value for a factor of 1: leaves room for twice the brightness."""
-
-_SHIFT = 4
-"""Fractional bits of polygon corners: a sixteenth of a pixel."""
-
-_FAR_CORNER_PX = 30000.0  # fillConvexPoly counts sixteenths of pixels in 32 bits, with products of two
-_GAMMA = 1.0 / 2.2
 _SHADOW_STEPS = 720
 """Shadows are kept for headings in steps of half a degree: below a pixel for all but the largest buildings."""
 
@@ -47,16 +33,6 @@ _MAX_SHADOW_SOLIDS = 8
 def open_opencv_renderer(stage: Stage) -> Renderer:
     """The renderer `opencv` of group `rebar.renderers`."""
     return OpenCvRenderer(stage)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Band:
-    """One level of the ground's mip map, mirrored beyond its border, with the size of a texel."""
-
-    texture: Pixels
-    texel_m: float
-    west_m: float
-    north_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +65,7 @@ class OpenCvRenderer:
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
         self._canvas = Canvas.of(stage.lens)
-        self._ground = _GroundPainter(stage, self._canvas.lens)
+        self._ground = GroundPainter(stage, self._canvas.lens)
         kinds: dict[int, int] = {}
         geometries: list[Geometry] = []
         for look in stage.looks:
@@ -150,8 +126,8 @@ class OpenCvRenderer:
             & (low[:, 1] < lens.height_px)
         )
         # Far corners come from faces that pass beside the camera; cutting at the frame keeps them in range.
-        tame = whole & (np.abs(pixels).max(axis=(1, 2)) < _FAR_CORNER_PX)
-        points = np.rint(np.clip(pixels, -1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
+        tame = whole & (np.abs(pixels).max(axis=(1, 2)) < FAR_CORNER_PX)
+        points = fixed_point(np.clip(pixels, -1e6, 1e6))
         counts = self._corner_counts[faces].tolist()
         polygons: list[NDArray[np.int32]] = []
         rows: list[int] = []
@@ -160,11 +136,11 @@ class OpenCvRenderer:
             if tame[index]:
                 polygon = points[index, : counts[index]]
             else:
-                cut = _cut_to_frame(corners[index, : counts[index]], lens)
+                cut = cut_to_frame(corners[index, : counts[index]], lens)
                 if len(cut) < 3:
                     continue
-                polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
-            fill(image, polygon, colours[index], smooth_edges, _SHIFT)
+                polygon = fixed_point(cut)
+            fill(image, polygon, colours[index], smooth_edges, SHIFT)
             polygons.append(polygon)
             rows.append(index)
         inverse_depths = 1.0 / np.stack((depth.max(axis=1), depth.min(axis=1)), axis=-1)
@@ -232,7 +208,7 @@ class OpenCvRenderer:
             faces - np.array([kind.first_face for kind in self._kinds], dtype=np.int64)[self._kind_of[actors]]
         )
         row = self._first_colour[actors] + place
-        shown = self._colours_bgr[row] * linear**_GAMMA
+        shown = self._colours_bgr[row] * linear**GAMMA
         shown = np.where(self._glows[row][:, None], np.maximum(shown, light.glow_bgr), shown)
         clear = np.exp(-light.extinction_per_m * ranges_m)[:, None]
         lit: Floats = np.clip(shown * clear + (1.0 - clear) * light.haze_bgr, 0, 255)
@@ -258,195 +234,6 @@ class OpenCvRenderer:
         return np.concatenate(polygons)
 
 
-class _GroundPainter:
-    """The ground with its light, shadows and haze, and the sky."""
-
-    def __init__(self, stage: Stage, lens: Lens) -> None:
-        self._lens, self._light = lens, stage.light
-        self._bands = _bands(stage)
-        self._details = _details(stage)
-        self._outside = cv2.mean(stage.ground.texture)[:3]
-        columns = np.arange(0, lens.width_px, _MAP_SCALE) + _MAP_SCALE / 2.0
-        rows = np.arange(0, lens.height_px, _MAP_SCALE) + _MAP_SCALE / 2.0
-        x, y = np.meshgrid((columns - lens.cx) / lens.fx, (rows - lens.cy) / lens.fy)
-        self._rays = np.stack((x, y, np.ones_like(x)), axis=-1).astype(np.float32)
-        self._ray_lengths = np.sqrt((self._rays**2).sum(axis=-1))
-        light = stage.light
-        level = light.ambient_bgr + light.direct_bgr * max(0.0, float(light.sunward_enu[2]))
-        self._lit_bgr = (level**_GAMMA).astype(np.float32)
-        share = float((light.ambient_bgr / np.maximum(level, 1e-12)).mean())
-        self._shadow_factor = share**_GAMMA
-
-    def paint(self, pose: CameraPose, shadows: Floats) -> Pixels:
-        """A new picture (h, w, 3) of ground and sky."""
-        lens = self._lens
-        height = max(float(pose.position_enu_m[2]), 0.1)
-        # How much a ray falls for each metre along the axis.
-        fall = -product(self._rays, pose.axes_enu[:, 2].astype(np.float32))
-        sky = fall <= 1e-4
-        level_camera = abs(float(pose.axes_enu[0, 2])) < _LEVEL_ROLL
-        distance: Narrow = np.where(sky, 1e6, height / np.maximum(fall, 1e-4) * self._ray_lengths).astype(
-            np.float32
-        )
-        # The picture of the ground, without what lies behind the camera.
-        place = np.array((pose.position_enu_m[0], pose.position_enu_m[1], height))
-        to_picture = np.array(((lens.fx, 0.0, lens.cx - 0.5), (0.0, lens.fy, lens.cy - 0.5), (0.0, 0.0, 1.0)))
-        homography = product(
-            to_picture,
-            np.column_stack((pose.axes_enu[:, 0], pose.axes_enu[:, 1], -product(pose.axes_enu, place))),
-        )
-        image = self._textured(homography, distance, height, sky, level_camera)
-        factor = self._fine_structure(homography, pose, distance, sky, level_camera)
-        factor = self._shaded(factor, homography, pose, shadows, place)
-        clear = np.exp(-self._light.extinction_per_m * distance)
-        clear[sky] = 0.0
-        size = (lens.width_px, lens.height_px)
-        scale = _MAP_ONE * self._lit_bgr
-        gain = cv2.resize(np.clip(clear[..., None] * scale, 0, 255).astype(np.uint8), size)
-        if factor is not None:
-            gain = cv2.multiply(gain, cv2.merge((factor, factor, factor)), scale=1.0 / _MAP_ONE)
-        veil = cv2.resize(((1.0 - clear[..., None]) * self._light.haze_bgr).astype(np.uint8), size)
-        lit = np.asarray(cv2.add(cv2.multiply(image, gain, scale=1.0 / _MAP_ONE), veil), np.uint8)
-        if sky.any():
-            self._paint_sky(lit, pose)
-        return lit
-
-    def _textured(
-        self, homography: Floats, distance: Narrow, height: float, sky: Bools, level_camera: bool
-    ) -> Pixels:
-        """The ground in white light: each band of distances from the level of the mip map that fits it."""
-        lens = self._lens
-        # Between the footprint of a pixel across and along the line of sight: isotropic mip maps blur along or
-        # alias across, and 0.45 is where the eye minds least (tried on the sheet of docs/camera.md).
-        grazing = np.clip(height / distance, 0.12, 1.0)
-        texels = distance / lens.fx / self._bands[0].texel_m / grazing * 0.45
-        level = np.clip(np.rint(np.log2(np.maximum(texels, 1e-3))), 0, len(self._bands) - 1).astype(np.int8)
-        if level_camera:
-            level[:] = level[:, level.shape[1] // 2, None]
-        image = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
-        for number, band in enumerate(self._bands):
-            mask = (level == number) & ~sky
-            if (part := _pixel_window(mask, lens)) is None:
-                continue
-            columns, rows, block = part
-            from_texture = np.array(
-                (
-                    (band.texel_m, 0.0, band.west_m + band.texel_m / 2.0),
-                    (0.0, -band.texel_m, band.north_m - band.texel_m / 2.0),
-                    (0.0, 0.0, 1.0),
-                )
-            )
-            window = image[rows, columns]
-            whole = bool(block.all())
-            warped = cv2.warpPerspective(
-                band.texture,
-                product(product(_moved(columns.start, rows.start), homography), from_texture),
-                (columns.stop - columns.start, rows.stop - rows.start),
-                # A band that fills its window is warped in place.
-                window if whole else None,
-                flags=cv2.INTER_LINEAR,
-                # BORDER_REFLECT costs 12 ms; the bands are mirrored at set-up instead.
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=self._outside,
-            )
-            if not whole:
-                cv2.copyTo(warped, _enlarged(block, warped.shape), window)
-        if sky.any():
-            image[_enlarged(sky, image.shape) > 0] = 0
-        return image
-
-    def _fine_structure(
-        self, homography: Floats, pose: CameraPose, distance: Narrow, sky: Bools, level_camera: bool
-    ) -> Pixels | None:
-        """(h, w) factors in 128ths where the camera is near enough to see them, else None."""
-        lens = self._lens
-        size: Narrow = distance / np.float32(lens.fx)
-        if float(size.min()) > self._details[-1].texel_m:
-            return None
-        if level_camera:
-            size[:] = size[:, size.shape[1] // 2, None]
-        factor = np.full((lens.height_px, lens.width_px), int(_MAP_ONE), np.uint8)
-        for number, band in enumerate(self._details):
-            lower = 0.0 if number == 0 else self._details[number - 1].texel_m
-            part = _pixel_window((size > lower) & (size <= band.texel_m) & ~sky, lens)
-            if part is None:
-                continue
-            columns, rows, block = part
-            # The structure repeats, so the piece that is warped moves with the camera by whole periods.
-            period = band.west_m
-            east = math.floor(pose.position_enu_m[0] / period) * period
-            north = math.floor(pose.position_enu_m[1] / period) * period
-            extent = band.texture.shape[0] * band.texel_m / 2.0
-            from_texture = np.array(
-                (
-                    (band.texel_m, 0.0, east - extent + band.texel_m / 2.0),
-                    (0.0, -band.texel_m, north + extent - band.texel_m / 2.0),
-                    (0.0, 0.0, 1.0),
-                )
-            )
-            warped = cv2.warpPerspective(
-                band.texture,
-                product(product(_moved(columns.start, rows.start), homography), from_texture),
-                (columns.stop - columns.start, rows.stop - rows.start),
-                flags=cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=(_MAP_ONE,),
-            )
-            cv2.copyTo(warped, _enlarged(block, warped.shape), factor[rows, columns])
-        return factor
-
-    def _shaded(
-        self, factor: Pixels | None, homography: Floats, pose: CameraPose, shadows: Floats, place: Floats
-    ) -> Pixels | None:
-        """The factors with shadows in them."""
-        if not len(shadows):
-            return factor
-        lens = self._lens
-        mask = np.full((lens.height_px, lens.width_px), 255, np.uint8)
-        dark = (int(255 * self._shadow_factor),)
-        ground = np.concatenate((shadows, np.ones((*shadows.shape[:2], 1))), axis=-1)
-        points = product(ground, homography.T)
-        ahead = points[..., 2] > NEAR_M
-        pixels = points[..., :2] / np.maximum(points[..., 2:], NEAR_M)
-        tame = ahead.all(axis=1) & (np.abs(pixels).max(axis=(1, 2)) < _FAR_CORNER_PX)
-        rounded = np.rint(np.clip(pixels, -1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
-        for index in np.flatnonzero(ahead.any(axis=1)).tolist():
-            polygon = rounded[index]
-            if not tame[index]:
-                corners = np.concatenate((shadows[index], np.zeros((len(shadows[index]), 1))), axis=1)
-                cut = _cut_to_frame(product(corners - place, pose.axes_enu.T), lens)
-                if len(cut) < 3:
-                    continue
-                polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
-            cv2.fillConvexPoly(mask, polygon, dark, cv2.LINE_8, _SHIFT)
-        # The sun is half a degree wide, so no shadow has a hard edge.
-        mask = np.asarray(cv2.blur(mask, (3, 3)), np.uint8)
-        if factor is None:
-            return np.asarray(cv2.convertScaleAbs(mask, alpha=_MAP_ONE / 255.0), np.uint8)
-        return np.asarray(cv2.multiply(factor, mask, scale=1.0 / 255.0), np.uint8)
-
-    def _paint_sky(self, image: NDArray[np.uint8], pose: CameraPose) -> None:
-        """The sky above the exact horizon: haze there, the colour of the zenith overhead."""
-        lens = self._lens
-        frame = np.array(
-            ((0.0, 0.0), (lens.width_px, 0.0), (lens.width_px, lens.height_px), (0.0, lens.height_px))
-        )
-        rays = np.concatenate((frame, np.ones((4, 1))), axis=1)
-        rays[:, 0] = (rays[:, 0] - lens.cx) / lens.fx
-        rays[:, 1] = (rays[:, 1] - lens.cy) / lens.fy
-        above = _cut(frame, product(rays, pose.axes_enu[:, 2]))
-        if len(above) < 3:
-            return
-        sine = product(self._rays, pose.axes_enu[:, 2].astype(np.float32)) / self._ray_lengths
-        share = np.sqrt(np.clip(sine / 0.8, 0.0, 1.0))[..., None]
-        light = self._light
-        colours = np.clip(light.haze_bgr * (1.0 - share) + light.zenith_bgr * share, 0, 255).astype(np.uint8)
-        mask = np.zeros(image.shape[:2], np.uint8)
-        polygon = np.rint((above - 0.5) * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillConvexPoly(mask, polygon, (255,), cv2.LINE_8, _SHIFT)
-        cv2.copyTo(cv2.resize(colours, (lens.width_px, lens.height_px)), mask, image)
-
-
 class _OpenCvPicture:
     """The `Picture` contract: the truth is drawn from the picture's own polygons when it is asked for."""
 
@@ -467,7 +254,7 @@ class _OpenCvPicture:
         lens = self._canvas.lens
         labels = np.zeros((lens.height_px, lens.width_px), np.uint16)
         for actor, polygon in zip(self._drawn.actors.tolist(), self._drawn.polygons, strict=True):
-            cv2.fillConvexPoly(labels, polygon, (actor + 1,), cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(labels, polygon, (actor + 1,), cv2.LINE_8, SHIFT)
         return self._canvas.exact(labels)
 
     def depth_m(self) -> Narrow:
@@ -500,12 +287,12 @@ class _OpenCvPicture:
         if self._canvas.nearest is None:
             # Without distortion the actor's own window is enough; a picture of its own for each costs 0.1 ms.
             every = np.concatenate(polygons)
-            corner = np.clip((every.min(axis=0) >> _SHIFT) - 1, 0, size)
-            size = np.clip((every.max(axis=0) >> _SHIFT) + 3, 0, size) - corner
+            corner = np.clip((every.min(axis=0) >> SHIFT) - 1, 0, size)
+            size = np.clip((every.max(axis=0) >> SHIFT) + 3, 0, size) - corner
         alone = np.zeros((int(size[1]), int(size[0])), np.uint8)
         for polygon in polygons:
-            moved = (polygon - (corner << _SHIFT)).astype(np.int32)
-            cv2.fillConvexPoly(alone, moved, (1,), cv2.LINE_8, _SHIFT)
+            moved = (polygon - (corner << SHIFT)).astype(np.int32)
+            cv2.fillConvexPoly(alone, moved, (1,), cv2.LINE_8, SHIFT)
         return int(np.count_nonzero(self._canvas.exact(alone)))
 
     def _numbers(self) -> NDArray[np.int32]:
@@ -514,7 +301,7 @@ class _OpenCvPicture:
             lens = self._canvas.lens
             numbers = np.zeros((lens.height_px, lens.width_px), np.int32)
             for index, polygon in enumerate(self._drawn.polygons):
-                cv2.fillConvexPoly(numbers, polygon, (index + 1,), cv2.LINE_8, _SHIFT)
+                cv2.fillConvexPoly(numbers, polygon, (index + 1,), cv2.LINE_8, SHIFT)
             self._polygon_numbers = numbers
         return self._polygon_numbers
 
@@ -561,101 +348,7 @@ def _shadow(kind: _Kind, step: int, light: Light) -> Floats:
     return outlines
 
 
-def _bands(stage: Stage) -> list[_Band]:
-    """The mip map of the ground. Coarse levels are mirrored at the border, so that the ground goes on."""
-    ground = stage.ground
-    bands = []
-    texture, texel_m = ground.texture, ground.texel_m
-    while True:
-        rows, columns = texture.shape[:2]
-        # Only what is seen from afar shows ground beyond the texture; up to 1024 texels the mirror is small.
-        above, beside = (rows, columns) if max(rows, columns) <= 1024 else (0, 0)
-        mirrored = cv2.copyMakeBorder(texture, above, above, beside, beside, cv2.BORDER_REFLECT)
-        west, north = ground.west_m - beside * texel_m, ground.north_m + above * texel_m
-        bands.append(_Band(np.asarray(mirrored, np.uint8), texel_m, west, north))
-        if min(rows, columns) < 32:
-            return bands
-        texture = np.asarray(
-            cv2.resize(texture, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA), np.uint8
-        )
-        texel_m = texel_m * 2.0
-
-
-def _details(stage: Stage) -> list[_Band]:
-    """The mip map of the fine structure, each level repeated to 2048 texels; `west_m` holds the period."""
-    ground = stage.ground
-    period = ground.detail.shape[0] * ground.detail_texel_m
-    bands = []
-    tile, texel_m = ground.detail, ground.detail_texel_m
-    for _ in range(4):
-        # An even number of tiles keeps the phase of the structure on the world's origin.
-        count = max(2, 2048 // tile.shape[0])
-        bands.append(_Band(np.tile(tile, (count, count)), texel_m, period, 0.0))
-        tile = np.asarray(
-            cv2.resize(tile, (tile.shape[1] // 2, tile.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8
-        )
-        texel_m *= 2.0
-    return bands
-
-
 def _stacked(parts: Sequence[Floats] | Sequence[Counts] | Sequence[Bools], shape: tuple[int, ...]) -> Floats:
     """The parts along their first axis; without any part, an empty array of rows of that shape."""
     stacked: Floats = np.concatenate([np.zeros((0, *shape)), *parts])
     return stacked
-
-
-def _moved(left: int, top: int) -> Floats:
-    return np.array(((1.0, 0.0, -left), (0.0, 1.0, -top), (0.0, 0.0, 1.0)))
-
-
-def _pixel_window(mask: Bools, lens: Lens) -> tuple[slice, slice, Bools] | None:
-    """Columns and rows of pixels around the set cells of a map, and the cells in there; None when none is set."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
-    return (
-        slice(int(left) * _MAP_SCALE, min(lens.width_px, int(right) * _MAP_SCALE)),
-        slice(int(top) * _MAP_SCALE, min(lens.height_px, int(bottom) * _MAP_SCALE)),
-        mask[top:bottom, left:right],
-    )
-
-
-def _enlarged(block: Bools, shape: tuple[int, ...]) -> Pixels:
-    """A map of cells as a mask of pixels, cut to a shape."""
-    pixels = np.repeat(np.repeat(block.astype(np.uint8), _MAP_SCALE, axis=0), _MAP_SCALE, axis=1)
-    return np.ascontiguousarray(pixels[: shape[0], : shape[1]])
-
-
-def _cut(points: Floats, signed: Floats) -> Floats:
-    """The part of a polygon (k, d) where `signed` (k,) is positive (Sutherland and Hodgman 1974)."""
-    corners = []
-    for i in range(len(points)):
-        j = (i + 1) % len(points)
-        if signed[i] > 0.0:
-            corners.append(points[i])
-        if (signed[i] > 0.0) != (signed[j] > 0.0):
-            corners.append(points[i] + (points[j] - points[i]) * (signed[i] / (signed[i] - signed[j])))
-    return np.array(corners).reshape(-1, points.shape[1])
-
-
-def _cut_to_frame(corners: Floats, lens: Lens) -> Floats:
-    """(k, 2) a face in optical coordinates (k, 3), cut at the near plane and a little outside the picture, in OpenCV's
-    pixels.
-    """
-    margin = 16.0
-    left, right = (-margin - lens.cx) / lens.fx, (lens.width_px + margin - lens.cx) / lens.fx
-    top, bottom = (-margin - lens.cy) / lens.fy, (lens.height_px + margin - lens.cy) / lens.fy
-    for side in (
-        np.array((0.0, 0.0, 1.0, -NEAR_M)),
-        np.array((1.0, 0.0, -left, 0.0)),
-        np.array((-1.0, 0.0, right, 0.0)),
-        np.array((0.0, 1.0, -top, 0.0)),
-        np.array((0.0, -1.0, bottom, 0.0)),
-    ):
-        corners = _cut(corners, product(corners, side[:3]) + side[3])
-        if len(corners) < 3:
-            return np.zeros((0, 2))
-    scale = np.array((lens.fx, lens.fy))
-    pixels: Floats = corners[:, :2] / corners[:, 2:] * scale + np.array((lens.cx - 0.5, lens.cy - 0.5))
-    return pixels

@@ -10,6 +10,7 @@ campaign = load_document("campaigns/demo.yaml", Campaign)
 from __future__ import annotations
 
 from ._document import Document as Document
+from ._document import added_field as added_field
 from ._document import dump_json as dump_json
 from ._document import dump_yaml as dump_yaml
 from ._document import is_default as is_default

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, SchemaValidator
 from pydantic_core.core_schema import json_or_python_schema, no_info_before_validator_function
 
@@ -38,6 +38,15 @@ class Document(BaseModel):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         schema: CoreSchema = _rewritten(handler(source), _without_truth_values)
         return schema
+
+
+def added_field(default: object, description: str | None = None, **bounds: Any) -> Any:
+    """A field that a format got later, left out of what is written while it has its default.
+
+    Documents without it keep their bytes, and with these their digests: recordings, frozen benchmarks and published
+    manifests are compared by them.
+    """
+    return Field(default, description=description, exclude_if=is_default(default), **bounds)
 
 
 def is_default(default: object) -> Callable[[object], bool]:
@@ -138,24 +147,14 @@ def _fault_of(
     detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[DocumentPath, int] | None
 ) -> Fault:
     location = tuple(detail["loc"])
-    known = location
-    while lines is not None and known and known not in lines:
-        known = known[:-1]
-    line = lines.get(known) if lines is not None else None
+    parents = (location[:length] for length in range(len(location), -1, -1))
+    line = next((lines[parent] for parent in parents if parent in lines), None) if lines else None
     prefix = f"{source}:{line}" if line is not None and source else source
     where = ": ".join(part for part in (prefix, dotted(location)) if part)
     message = detail["msg"].removeprefix("Value error, ")
     match detail["type"]:
         case "extra_forbidden":
-            fields = _fields_at(kind, location[:-1])
-            close = difflib.get_close_matches(str(location[-1]), fields, n=1)
-            remedy = (
-                f"did you mean {close[0]}?"
-                if close
-                else f"known here: {', '.join(fields)}"
-                if fields
-                else "remove it"
-            )
+            remedy = _remedy_of_unknown(kind, location)
             return Fault(where, f"unknown field {shown(str(location[-1]))!r}", remedy)
         case "missing":
             return Fault(where, "is missing", "add it")
@@ -172,6 +171,13 @@ def _fault_of(
             given = detail["input"]
             text = repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
             return Fault(where, f"{text[:80]} is not valid", message)
+
+
+def _remedy_of_unknown(kind: type[BaseModel], location: DocumentPath) -> str:
+    fields = _fields_at(kind, location[:-1])
+    if close := difflib.get_close_matches(str(location[-1]), fields, n=1):
+        return f"did you mean {close[0]}?"
+    return f"known here: {', '.join(fields)}" if fields else "remove it"
 
 
 def _fields_at(kind: type[BaseModel], location: DocumentPath) -> list[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from ._box_tracks import TrackerSettings as TrackerSettings
     from ._detectors import open_detector as open_detector
     from ._detectors import open_detectors as open_detectors
     from ._draws import seeds_of_camera as seeds_of_camera
@@ -16,21 +17,7 @@ if TYPE_CHECKING:
     from ._odds import DetectionOdds as DetectionOdds
     from ._picture_detector import PictureDetector as PictureDetector
     from ._tracker import KalmanTracker as KalmanTracker
-    from ._tracker import TrackerSettings as TrackerSettings
     from ._tracker import ground_homography as ground_homography
     from ._tracker import ground_warp as ground_warp
 
-_MODULES = {
-    "open_detector": "_detectors",
-    "open_detectors": "_detectors",
-    "seeds_of_camera": "_draws",
-    "Clarity": "_odds",
-    "DetectionOdds": "_odds",
-    "PictureDetector": "_picture_detector",
-    "KalmanTracker": "_tracker",
-    "TrackerSettings": "_tracker",
-    "ground_homography": "_tracker",
-    "ground_warp": "_tracker",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

@@ -28,12 +28,11 @@ from bench.simspec import Camera, SimSpec, generator
 from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
 from ._draws import FRAME_DRAWS, MORE_FRAME_DRAWS, name_before_tracks, seeds_of_camera
-from ._false_alarms import FalseAlarms
+from ._false_alarms import FalseAlarms, score_at
 from ._labels import LabelOdds, posterior_score
 from ._noise import CorrelatedNoise, uniform_of
 from ._odds import DetectionOdds
 from ._picture_detector import open_picture_detectors
-from ._scores import score_at
 from ._tracks import TrackNames, UntrackedDetection
 
 LABEL_PERSISTENCE = 5.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,6 @@ from bench.simspec import FALSE_SCORE_MEAN, DetectionModel, Seeds, generator
 from ._boxes import Box, PictureSize
 from ._draws import FALSE_DRAWS, SURVIVAL_DRAWS
 from ._labels import false_labels
-from ._scores import score_at
 
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
 """Range of the sides of a false detection's box."""
@@ -94,3 +94,10 @@ class FalseAlarms:
             return self._labels[int(rng.integers(len(self._labels)))]
         place = int(np.searchsorted(self._reached, rng.random() * self._reached[-1], side="right"))
         return self._labels[min(place, len(self._labels) - 1)]
+
+
+def score_at(quantiles: Sequence[float], uniform: float) -> float:
+    """The score that a draw on [0, 1] picks: quantiles in equal steps, straight lines between them."""
+    place = uniform * (len(quantiles) - 1)
+    low = min(int(place), len(quantiles) - 2)
+    return quantiles[low] + (place - low) * (quantiles[low + 1] - quantiles[low])

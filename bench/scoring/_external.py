@@ -12,6 +12,7 @@ import io
 import json
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -150,52 +151,47 @@ def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
 def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
     # Record by record instead of json.loads: a fault needs the line on which its record begins.
     decoder = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
+    breaks = [match.start() for match in re.finditer("\n", text)]
+
+    def fault(place: int, what: str, remedy: str) -> None:
+        faults.add(bisect_left(breaks, place) + 1, what, remedy)
+
     position = _after_blanks(text, 0)
     is_list = text[position] == "["
-    line, counted_to = 1, 0
     if is_list:
         position = _after_blanks(text, position + 1)
-    if list_ended := is_list and text[position : position + 1] == "]":
-        position = _after_blanks(text, position + 1)
-    while position < len(text) and not list_ended:
-        line, counted_to = line + text.count("\n", counted_to, position), position
+    is_over = is_list and text[position : position + 1] == "]"
+    while position < len(text) and not is_over:
+        start = position
         try:
-            value, position = decoder.raw_decode(text, position)
+            value, position = decoder.raw_decode(text, start)
         except (ValueError, RecursionError) as error:
-            faults.add(
-                line,
-                f"not valid JSON: {str(error).split(': line')[0]}",
-                "correct the syntax of the record that begins here",
-            )
+            what = f"not valid JSON: {str(error).split(': line')[0]}"
+            fault(start, what, "correct the syntax of the record that begins here")
             return
         if isinstance(value, dict):
-            yield _Row(
-                line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()}
-            )
+            yield _Row(bisect_left(breaks, start) + 1, {name: _stripped(value[name]) for name in value})
         else:
-            faults.add(
-                line, f"a record is {type(value).__name__}", "write objects, one for each run and observable"
-            )
+            what = f"a record is {type(value).__name__}"
+            fault(start, what, "write objects, one for each run and observable")
         position = _after_blanks(text, position)
         if is_list:
-            list_ended = text[position : position + 1] == "]"
-            if not list_ended and text[position : position + 1] != ",":
-                line += text.count("\n", counted_to, position)
-                faults.add(
-                    line,
-                    "a comma or ] is missing after a record",
-                    "separate the records by commas and close the list with ]",
-                )
+            mark = text[position : position + 1]
+            if mark not in ("]", ","):
+                remedy = "separate the records by commas and close the list with ]"
+                fault(position, "a comma or ] is missing after a record", remedy)
                 return
-            position = _after_blanks(text, position + 1)
-    if is_list and position < len(text):
-        faults.add(
-            line + text.count("\n", counted_to, position),
-            "text follows after the end of the list",
-            "remove it",
-        )
-    elif is_list and not list_ended:
-        faults.add(line + text.count("\n", counted_to, position), "the list does not end", "close it with ]")
+            is_over = mark == "]"
+            position += not is_over
+        position = _after_blanks(text, position)
+    if is_list and not is_over:
+        fault(position, "the list does not end", "close it with ]")
+    elif is_list and (after := _after_blanks(text, position + 1)) < len(text):
+        fault(after, "text follows after the end of the list", "remove it")
+
+
+def _stripped(cell: Any) -> Any:
+    return cell.strip() if isinstance(cell, str) else cell
 
 
 def _after_blanks(text: str, position: int) -> int:
@@ -336,11 +332,8 @@ class _TableReader:
             return
         if (name, observable) in self._lines:
             first_line = self._lines[name, observable]
-            self._faults.add(
-                row.line,
-                f"run {name!r} has {observable} already on line {first_line}",
-                "keep one of the rows",
-            )
+            what = f"run {name!r} has {observable} already on line {first_line}"
+            self._faults.add(row.line, what, "keep one of the rows")
             return
         self._lines[name, observable] = row.line
         if stated is not None:
@@ -401,11 +394,8 @@ class _TableReader:
         if value is None or value == "":
             self._faults.add(row.line, f"{column} is empty", "name it")
         elif not isinstance(value, str):
-            self._faults.add(
-                row.line,
-                f"{column} is {value!r}, and ids are text (7 is not 007)",
-                f'write "{value}" in quotes',
-            )
+            what = f"{column} is {value!r}, and ids are text (7 is not 007)"
+            self._faults.add(row.line, what, f'write "{value}" in quotes')
         else:
             return value
         return None
@@ -428,18 +418,12 @@ class _TableReader:
                 float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
             )
         if not math.isfinite(number):
-            self._faults.add(
-                row.line,
-                f"{column} is {value!r}, which is not a number",
-                "write a decimal number with a point and without leading zeros",
-            )
+            remedy = "write a decimal number with a point and without leading zeros"
+            self._faults.add(row.line, f"{column} is {value!r}, which is not a number", remedy)
             return None
         if not low <= number <= high:
-            self._faults.add(
-                row.line,
-                f"{column} {number:g} lies outside {low:g} to {high:g}",
-                f"keep it in [{low:g}, {high:g}]",
-            )
+            what = f"{column} {number:g} lies outside {low:g} to {high:g}"
+            self._faults.add(row.line, what, f"keep it in [{low:g}, {high:g}]")
             return None
         return number
 

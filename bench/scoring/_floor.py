@@ -39,10 +39,9 @@ class NodeFloor(Document):
     scenes: Annotated[
         int, Field(ge=0, description="Scenes in which the node was considered for some agent of the floor.")
     ]
-    configured_sensor: Annotated[
-        bool,
-        Field(description="It describes the sensor that the bench simulates, so it is never flagged."),
-    ] = False
+    configured_sensor: bool = Field(
+        False, description="It describes the sensor that the bench simulates, so it is never flagged."
+    )
 
     @property
     def discrimination(self) -> float | None:

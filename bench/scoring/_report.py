@@ -53,10 +53,10 @@ class NodeReport(Document):
     score: Annotated[
         Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")
     ]
-    score_low: Annotated[
-        Points | None, Field(description="Lower end of the interval of the score, where there is one.")
-    ] = None
-    score_high: Annotated[Points | None, Field(description="Upper end of that interval.")] = None
+    score_low: Points | None = Field(
+        None, description="Lower end of the interval of the score, where there is one."
+    )
+    score_high: Points | None = Field(None, description="Upper end of that interval.")
     raised_by_failure: Annotated[
         bool,
         Field(description="The score is higher than if every failed observable had passed at its threshold."),
@@ -67,52 +67,36 @@ class NodeReport(Document):
     confidence_low: Annotated[Share, Field(description="Lower end of its two-sided 95 % interval.")]
     confidence_high: Annotated[Share, Field(description="Upper end of that interval.")]
     method: Annotated[str, Field(description="Method of the interval of the confidence.")]
-    competence_50: Annotated[
-        Points | None,
-        Field(
-            description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it."
-        ),
-    ] = None
-    competence_50_low: Annotated[
-        Points | None, Field(description="One-sided 95 % lower bound of competence_50.")
-    ] = None
-    competence_50_at_least: Annotated[
-        bool | None, Field(description="True where competence_50 is the highest difficulty that was tested.")
-    ] = None
-    competence_90: Annotated[
-        Points | None, Field(description="Like competence_50, for nine runs in ten.")
-    ] = None
+    competence_50: Points | None = Field(
+        None,
+        description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it.",
+    )
+    competence_50_low: Points | None = Field(None, description="One-sided 95 % lower bound of competence_50.")
+    competence_50_at_least: bool | None = Field(
+        None, description="True where competence_50 is the highest difficulty that was tested."
+    )
+    competence_90: Points | None = Field(None, description="Like competence_50, for nine runs in ten.")
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
-    exercisable: Annotated[
-        Count,
-        Field(description="Runs whose configuration gives the node a difficulty, spoilt ones included."),
-    ] = 0
-    overruled: Annotated[
-        Count,
-        Field(
-            description="Runs in which a measure considered it although the configuration cannot exercise it."
-        ),
-    ] = 0
-    configured_sensor: Annotated[
-        bool,
-        Field(description="It describes the sensor that the bench simulates, and enters no other node."),
-    ] = False
-    floor: Annotated[
-        Share | None,
-        Field(
-            description="Best confidence of a null agent, in `all` only. Null: not flown, or never considered."
-        ),
-    ] = None
-    ceiling: Annotated[
-        Share | None, Field(description="Confidence of an agent that is given the truth, in `all` only.")
-    ] = None
-    discriminates: Annotated[
-        bool | None,
-        Field(
-            description="False for an observable whose floor is above a half or nine tenths of its ceiling."
-        ),
-    ] = None
+    exercisable: Count = Field(
+        0, description="Runs whose configuration gives the node a difficulty, spoilt ones included."
+    )
+    overruled: Count = Field(
+        0, description="Runs in which a measure considered it although the configuration cannot exercise it."
+    )
+    configured_sensor: bool = Field(
+        False, description="It describes the sensor that the bench simulates, and enters no other node."
+    )
+    floor: Share | None = Field(
+        None,
+        description="Best confidence of a null agent, in `all` only. Null: not flown, or never considered.",
+    )
+    ceiling: Share | None = Field(
+        None, description="Confidence of an agent that is given the truth, in `all` only."
+    )
+    discriminates: bool | None = Field(
+        None, description="False for an observable whose floor is above a half or nine tenths of its ceiling."
+    )
 
 
 class RunNode(Document):
@@ -126,12 +110,10 @@ class RunNode(Document):
     achieved: Annotated[Count, Field(description="Distinct descendant observables that were achieved.")]
     considered: Annotated[Count, Field(description="Distinct descendant observables that were considered.")]
     x: Annotated[Share | None, Field(description="Measured value, for considered observables only.")]
-    standing: Annotated[
-        Literal["counted", "configured sensor", "not exercisable", "overruled"] | None,
-        Field(
-            description="What an observable counts for in this configuration; overruled: not exercisable, although its measure considered it. Null for other nodes."
-        ),
-    ] = None
+    standing: Literal["counted", "configured sensor", "not exercisable", "overruled"] | None = Field(
+        None,
+        description="What an observable counts for in this configuration; overruled: not exercisable, although its measure considered it. Null for other nodes.",
+    )
 
 
 class RunReport(Document):
@@ -172,15 +154,13 @@ class ScoreReport(Document):
     format: Literal["rebar.score-report/1"] = "rebar.score-report/1"
     kind: Literal["campaign", "run", "observations"]
     source: Annotated[str, Field(description="The folder or file that was scored, as the user named it.")]
-    fidelity: Annotated[
-        Literal["full", "overhead"] | None,
-        Field(
-            description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known."
-        ),
-    ] = None
-    completeness: Annotated[
-        CompletenessReport | None, Field(description="Of a campaign; null for a run and for a table.")
-    ] = None
+    fidelity: Literal["full", "overhead"] | None = Field(
+        None,
+        description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known.",
+    )
+    completeness: CompletenessReport | None = Field(
+        None, description="Of a campaign; null for a run and for a table."
+    )
     decomposition: str
     decomposition_sha256: Annotated[
         str, Field(description="Digest of the decomposition: scores are comparable where it is equal.")
@@ -195,9 +175,9 @@ class ScoreReport(Document):
         ),
     ]
     nodes: tuple[NodeReport, ...]
-    runs: Annotated[
-        tuple[RunReport, ...] | None, Field(description="With --per-run, or where a single run was named.")
-    ] = None
+    runs: tuple[RunReport, ...] | None = Field(
+        None, description="With --per-run, or where a single run was named."
+    )
 
 
 # The document says `id`, `score` and `confidence` where the tables have longer column names.

@@ -4,14 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from bench.arrays import Bools, Counts, Floats
 from bench.statistics import (
@@ -31,41 +28,24 @@ from bench.statistics import (
 )
 from decompositions import Decomposition, Level, Policies
 
+from ._scene_sums import SceneSums, TextCodes, column_values, scene_sums
 from ._table import EXCLUDED_OUTCOMES
 
-ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
-    "agent": pl.String,
-    "configuration": pl.String,
-    "node": pl.String,
-    "level": pl.String,
-    "title": pl.String,
-    "difficulty": pl.Float64,
-    "difficulty_low": pl.Float64,
-    "difficulty_high": pl.Float64,
-    "runs": pl.Int64,
-    "excluded": pl.Int64,
-    "design_points": pl.Int64,
-    "considered": pl.Int64,
-    "passed": pl.Int64,
-    "passed_low": pl.Float64,
-    "passed_high": pl.Float64,
+    **dict.fromkeys(("agent", "configuration", "node", "level", "title"), pl.String),
+    **dict.fromkeys(("difficulty", "difficulty_low", "difficulty_high"), pl.Float64),
+    **dict.fromkeys(("runs", "excluded", "design_points", "considered", "passed"), pl.Int64),
+    **dict.fromkeys(("passed_low", "passed_high"), pl.Float64),
     "scored": pl.Int64,
-    "score_mean": pl.Float64,
-    "score_low": pl.Float64,
-    "score_high": pl.Float64,
-    "passed_score_mean": pl.Float64,
+    **dict.fromkeys(("score_mean", "score_low", "score_high", "passed_score_mean"), pl.Float64),
     "raised_by_failure": pl.Boolean,
-    "confidence_mean": pl.Float64,
-    "confidence_low": pl.Float64,
-    "confidence_high": pl.Float64,
+    **dict.fromkeys(("confidence_mean", "confidence_low", "confidence_high"), pl.Float64),
     "method": pl.String,
-    "competence_50": pl.Float64,
-    "competence_50_low": pl.Float64,
-    "competence_50_at_least": pl.Boolean,
-    "competence_90": pl.Float64,
-    "competence_90_low": pl.Float64,
-    "competence_90_at_least": pl.Boolean,
+    **{
+        f"competence_{name}{part}": dtype
+        for name in COMPETENCE_SHARES
+        for part, dtype in (("", pl.Float64), ("_low", pl.Float64), ("_at_least", pl.Boolean))
+    },
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 
@@ -105,7 +85,7 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
-    scenes = _scene_sums(scores)
+    scenes = scene_sums(scores)
     by_configuration = _summary_rows(scenes.configured(), policies, titles)
     # The name is reused to free the sums of the configurations, which may be large.
     scenes = scenes.together()
@@ -118,203 +98,12 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     return flown.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
 
 
-@dataclass(frozen=True, slots=True)
-class _TextCodes:
-    """A column of texts as numbers in the order of first appearance, -1 where a text is null."""
-
-    names: tuple[str, ...]
-    numbers: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, column: pl.Series) -> _TextCodes:
-        distinct = column.drop_nulls().unique(maintain_order=True)
-        if column.dtype == pl.Categorical:
-            # By their numbers: as texts, a column of a large table would take several times its memory.
-            numbers = distinct.to_physical().to_numpy()
-            # A null gets the number after all others, at which nothing is placed.
-            null = int(numbers.max(initial=0)) + 1
-            place = np.full(null + 1, -1, dtype=np.int32)
-            place[numbers] = np.arange(len(distinct))
-            codes = column.to_physical().fill_null(null).to_numpy()
-            return cls(tuple(distinct.cast(pl.String)), place[codes])
-        names = distinct.cast(pl.String)
-        places = column.cast(pl.String).cast(pl.Enum(names)).to_physical().cast(pl.Int32)
-        return cls(tuple(names), places.fill_null(-1).to_numpy())
-
-
-@dataclass(frozen=True, slots=True)
-class _SceneSums:
-    """A score table summed over the runs of each scene: an agent in a design point of a configuration.
-
-    Scenes are sorted by the numbers of agent, configuration and design point (-1: none). `sums` are (scenes,
-    nodes), added in the order of the table, so that they are the same on any number of cores. `low` and
-    `high` are the lowest and highest difficulty.
-    """
-
-    agents: tuple[str, ...]
-    configurations: tuple[str, ...]
-    design_points: tuple[str, ...]
-    nodes: tuple[str, ...]
-    levels: tuple[str, ...]
-    agent: Counts
-    configuration: Counts
-    point: Counts
-    sums: Mapping[str, NDArray[Any]]
-    low: Floats
-    high: Floats
-
-    def together(self) -> _SceneSums:
-        """The same with all configurations merged into one."""
-        order = np.lexsort((self.point, self.agent))
-        agent, point = self.agent[order], self.point[order]
-        first = np.flatnonzero((np.diff(agent, prepend=-2) != 0) | (np.diff(point, prepend=-2) != 0))
-        return replace(
-            self,
-            configurations=(ALL,),
-            agent=agent[first],
-            configuration=np.zeros(first.size, dtype=np.int64),
-            point=point[first],
-            sums={name: np.add.reduceat(values[order], first) for name, values in self.sums.items()},
-            low=np.minimum.reduceat(self.low[order], first),
-            high=np.maximum.reduceat(self.high[order], first),
-        )
-
-    def configured(self) -> _SceneSums:
-        """The scenes that have a configuration."""
-        has = self.configuration >= 0
-        if has.all():
-            return self
-        return replace(
-            self,
-            agent=self.agent[has],
-            configuration=self.configuration[has],
-            point=self.point[has],
-            sums={name: values[has] for name, values in self.sums.items()},
-            low=self.low[has],
-            high=self.high[has],
-        )
-
-    @property
-    def starts(self) -> Counts:
-        """Index of the first scene of each block: the scenes of one agent in one configuration."""
-        return np.flatnonzero(
-            (np.diff(self.agent, prepend=-2) != 0) | (np.diff(self.configuration, prepend=-2) != 0)
-        )
-
-    def total(self, name: str) -> NDArray[Any]:
-        """Sums over each block, as (blocks, nodes)."""
-        values = self.sums[name]
-        return np.add.reduceat(
-            values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64
-        )
-
-
-def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
-    agent, configuration, point = (
-        _TextCodes.of(scores[name]) for name in ("agent", "configuration", "design_point")
-    )
-    places, points = len(configuration.names) + 1, len(point.names) + 1
-    keys, scene = _dense_codes(
-        ((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1
-    )
-    names = {"agents": agent.names, "configurations": configuration.names, "design_points": point.names}
-    # Arrays as long as the table, which may be large.
-    del agent, configuration, point
-    node = _TextCodes.of(scores["node"])
-    shape = (keys.size, len(node.names))
-    slot = scene * shape[1] + node.numbers
-    a_row = np.zeros(shape[1], dtype=np.int64)
-    # The last row of each node is as good as any other: a node has one level.
-    a_row[node.numbers] = np.arange(scores.height)
-    low, high = _ends(scores, slot, shape[0] * shape[1])
-    return _SceneSums(
-        **names,
-        nodes=node.names,
-        levels=tuple(scores["level"].gather(a_row)),
-        agent=keys // (points * places) - 1,
-        configuration=keys // points % places - 1,
-        point=keys % points - 1,
-        sums={name: values.reshape(shape) for name, values in _summed(scores, slot, shape[0] * shape[1])},
-        low=low.reshape(shape),
-        high=high.reshape(shape),
-    )
-
-
-def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats]:
-    """Lowest and highest difficulty of each slot; infinite where it has none."""
-    low, high = np.full(size, np.inf), np.full(size, -np.inf)
-    rated, is_known = _column(scores, "difficulty")
-    if not is_known.all():
-        slot, rated = slot[is_known], rated[is_known]
-    np.minimum.at(low, slot, rated)
-    np.maximum.at(high, slot, rated)
-    return low, high
-
-
-def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Counts of runs and sums of values in each slot, one column at a time, because a table may be large."""
-
-    def count_rows(where: NDArray[Any]) -> NDArray[np.int32]:
-        # bincount adds in float64, which is exact for whole numbers.
-        return np.bincount(slot, weights=where, minlength=size).astype(np.int32)
-
-    is_counted = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
-    yield "runs", count_rows(is_counted)
-    yield "excluded", count_rows(~is_counted)
-    yield "until_settled", _until_settled(scores, is_counted, slot, size)
-    for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
-        values, is_known = _column(scores, name)
-        yield known_name, count_rows(is_known)
-        yield name, np.bincount(slot, weights=values, minlength=size)
-        if name == "confidence":
-            yield "confidence_squared", np.bincount(slot, weights=values**2, minlength=size)
-    achieved, considered = _column(scores, "achieved")[0], _column(scores, "considered")[0]
-    yield "achieved", count_rows(achieved)
-    yield "asked", count_rows(considered)
-    is_trial = is_counted & (considered > 0)
-    yield "trials", count_rows(is_trial)
-    yield "passes", count_rows(is_trial & (achieved == considered))
-
-
-def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:
-    """Number of runs of each slot whose design point stopped early."""
-    if "until_settled" not in scores.columns or not scores["until_settled"].any():
-        return np.zeros(size, dtype=np.int32)
-    looked = counts & scores["until_settled"].fill_null(value=False).to_numpy()
-    return np.bincount(slot[looked], minlength=size).astype(np.int32)
-
-
-def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
-    """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in
-    every row.
-    """
-    if name not in scores.columns:
-        return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
-    column = scores[name]
-    return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
-
-
-def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
-    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense
-    enough.
-    """
-    size = int(keys.max()) + 1
-    # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not
-    # measured.
-    if size > 4 * keys.size:
-        distinct, number = np.unique(keys, return_inverse=True)
-        return distinct, number
-    present = np.zeros(size, dtype=np.bool_)
-    present[keys] = True
-    return np.flatnonzero(present), (np.cumsum(present) - 1)[keys]
-
-
 def _mean(total: Floats, count: Counts) -> Floats:
     """Mean, NaN where the count is 0; NaN becomes null before it leaves this module."""
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
+def _summary_rows(scenes: SceneSums, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
     starts, nodes = scenes.starts, scenes.nodes
     considered, scored = scenes.total("considered"), scenes.total("scored")
     low, high = np.minimum.reduceat(scenes.low, starts), np.maximum.reduceat(scenes.high, starts)
@@ -329,33 +118,27 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     counted = leaf | (_only_passes_and_failures(scenes) & (policies.over_runs == "mean_of_ratios"))
     independent = counted & (points == considered)
     squared = _spread(scenes, points, "confidence", "confidence_squared")
-    confidence_low, confidence_high = _interval(confidence, considered, points, squared, independent, counted)
+    stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
+
+    def ends(
+        mean: Floats, squared: Floats, counts: tuple[Bools, Bools], alone: Bools
+    ) -> tuple[Floats, Floats]:
+        low_end, high_end = _interval(mean, considered, points, squared, *counts)
+        if not stopped_early.any():
+            return low_end, high_end
+        anytime_low, anytime_high = _anytime_interval(mean, considered, alone)
+        return np.where(stopped_early, anytime_low, low_end), np.where(stopped_early, anytime_high, high_end)
+
+    single_point = leaf & (points == 1)
+    confidence_low, confidence_high = ends(confidence, squared, (independent, counted), single_point)
     passes = scenes.total("passes")
-    passed_share = _mean(passes, considered)
-    passed_low, passed_high = _interval(
-        passed_share,
-        considered,
-        points,
-        _spread(scenes, points, "passes", "passes"),
-        points == considered,
-        np.ones_like(counted),
+    pass_counts = (points == considered, np.ones_like(counted))
+    passed_low, passed_high = ends(
+        _mean(passes, considered), _spread(scenes, points, "passes", "passes"), pass_counts, points == 1
     )
     # Indices into _METHODS.
     method = np.where(considered == 0, 0, np.where(independent, 1, np.where(counted, 2, 5)))
-    stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
-    if stopped_early.any():
-        single_point = leaf & (points == 1)
-        low_end, high_end = _anytime_interval(confidence, considered, single_point)
-        confidence_low, confidence_high = (
-            np.where(stopped_early, low_end, confidence_low),
-            np.where(stopped_early, high_end, confidence_high),
-        )
-        method = np.where(stopped_early, np.where(single_point, 3, 4), method)
-        low_end, high_end = _anytime_interval(passed_share, considered, points == 1)
-        passed_low, passed_high = (
-            np.where(stopped_early, low_end, passed_low),
-            np.where(stopped_early, high_end, passed_high),
-        )
+    method = np.where(stopped_early, np.where(single_point, 3, 4), method)
     blocks = {
         "_agent": np.repeat(scenes.agent[starts], len(nodes)),
         "_place": np.repeat(scenes.configuration[starts], len(nodes)),
@@ -399,7 +182,7 @@ def _gather(texts: Sequence[str], index: Counts) -> pl.Series:
     return pl.Series(texts, dtype=pl.String).gather(index)
 
 
-def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
+def _confidence(scenes: SceneSums, policies: Policies) -> Floats:
     if policies.over_runs == "mean_of_ratios":
         return _mean(scenes.total("confidence"), scenes.total("considered"))
     considered_leaves = scenes.total("asked")
@@ -408,12 +191,12 @@ def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
     )
 
 
-def _only_passes_and_failures(scenes: _SceneSums) -> Bools:
+def _only_passes_and_failures(scenes: SceneSums) -> Bools:
     """Whether every ratio of the block is 0 or 1: only then is its sum of squares its sum."""
     return np.asarray(scenes.total("confidence") - scenes.total("confidence_squared") < 1e-9)
 
 
-def _spread(scenes: _SceneSums, points: Counts, name: str, squares: str) -> Floats:
+def _spread(scenes: SceneSums, points: Counts, name: str, squares: str) -> Floats:
     """Sum over design points of the squared sum of the deviations of their values from the mean of the block;
     over runs where there is a single design point, whose replicates have independent seeds. `name` and
     `squares` are the sums of the values and of their squares.
@@ -426,7 +209,7 @@ def _spread(scenes: _SceneSums, points: Counts, name: str, squares: str) -> Floa
     return np.where(points == 1, over_runs, np.add.reduceat(deviation**2, scenes.starts))
 
 
-def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
+def _score_ends(scenes: SceneSums) -> tuple[Floats, Floats]:
     starts = scenes.starts
     bounds = np.full((2, starts.size, len(scenes.nodes)), np.nan)
     names = (*scenes.design_points, "")
@@ -462,7 +245,7 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
     return np.where(alone, rate[0], expected[0]), np.where(alone, rate[1], expected[1])
 
 
-def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
+def _competence(scenes: SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
     """The columns of competence of every agent and node over all configurations, null without a trial (ruling
     17).
     """
@@ -494,7 +277,7 @@ def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series
     return columns
 
 
-def _tally(scenes: _SceneSums, groups: int) -> TrialCounts:
+def _tally(scenes: SceneSums, groups: int) -> TrialCounts:
     scene, node = np.nonzero(scenes.sums["trials"])
     group = scenes.agent[scene] * len(scenes.nodes) + node
     trials, passes = scenes.sums["trials"][scene, node], scenes.sums["passes"][scene, node]
@@ -514,15 +297,15 @@ def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
 
 def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
     """Trials counted run by run, for a table from elsewhere whose difficulty varies within a design point."""
-    agent, node, point = (_TextCodes.of(scores[name]) for name in ("agent", "node", "design_point"))
-    considered = _column(scores, "considered")[0]
+    agent, node, point = (TextCodes.of(scores[name]) for name in ("agent", "node", "design_point"))
+    considered = column_values(scores, "considered")[0]
     is_trial = (considered > 0) & ~scores["outcome"].is_in(EXCLUDED_OUTCOMES).to_numpy()
     group = agent.numbers * np.int64(len(node.names)) + node.numbers
-    passed = _column(scores, "achieved")[0] == considered
+    passed = column_values(scores, "achieved")[0] == considered
     return count_trials(
         Trials(
             group[is_trial],
-            _column(scores, "difficulty")[0][is_trial],
+            column_values(scores, "difficulty")[0][is_trial],
             passed[is_trial],
             point.numbers[is_trial],
         ),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ._document import SimSpec as SimSpec
     from ._document import agent_name as agent_name
     from ._document import is_manifest_file as is_manifest_file
+    from ._document import load_simspec as load_simspec
     from ._factor_paths import factor_paths as factor_paths
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from ._ground import Polygon as Polygon
     from ._ground import Road as Road
     from ._ground import World as World
-    from ._load import load_simspec as load_simspec
     from ._orders import Order as Order
     from ._orders import OrderKind as OrderKind
     from ._perception import CLASS_LABELS as CLASS_LABELS
@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from ._placement import Sight as Sight
     from ._quantities import Fraction as Fraction
     from ._quantities import Identifier as Identifier
+    from ._quantities import TimeWindow as TimeWindow
     from ._roles import PROTECTED_ROLES as PROTECTED_ROLES
     from ._roles import TARGET_ROLES as TARGET_ROLES
     from ._roles import Role as Role
@@ -88,7 +89,6 @@ if TYPE_CHECKING:
     from ._sun import Sun as Sun
     from ._sun import sun_at as sun_at
     from ._sun import sun_of as sun_of
-    from ._time_window import TimeWindow as TimeWindow
     from ._vehicle_spec import DEFAULT_BAUD as DEFAULT_BAUD
     from ._vehicle_spec import DEFAULT_RENDERER as DEFAULT_RENDERER
     from ._vehicle_spec import DEFAULT_VEHICLE as DEFAULT_VEHICLE
@@ -104,98 +104,4 @@ if TYPE_CHECKING:
     from ._weather import Environment as Environment
     from ._weather import Wind as Wind
 
-_MODULES = {
-    "ActorGroup": "_actors",
-    "CountRange": "_actors",
-    "Motion": "_actors",
-    "ASSETS": "_assets",
-    "Asset": "_assets",
-    "asset_fault": "_assets",
-    "AgentSpec": "_document",
-    "Budgets": "_document",
-    "Consent": "_document",
-    "Escort": "_document",
-    "Intelligence": "_document",
-    "Isolation": "_document",
-    "Mission": "_document",
-    "Outage": "_document",
-    "Pace": "_document",
-    "PaceMode": "_document",
-    "PlacedActor": "_document",
-    "PlacedReport": "_document",
-    "Realized": "_document",
-    "Seeds": "_document",
-    "SimSpec": "_document",
-    "agent_name": "_document",
-    "is_manifest_file": "_document",
-    "factor_paths": "_factor_paths",
-    "FACTORS": "_factors",
-    "FactorDefinition": "_factors",
-    "factor_values": "_factors",
-    "MAX_LATITUDE_DEG": "_ground",
-    "Area": "_ground",
-    "Home": "_ground",
-    "Origin": "_ground",
-    "Point": "_ground",
-    "Polygon": "_ground",
-    "Road": "_ground",
-    "World": "_ground",
-    "load_simspec": "_load",
-    "Order": "_orders",
-    "OrderKind": "_orders",
-    "CLASS_LABELS": "_perception",
-    "DUST_EXTINCTION_PER_M": "_perception",
-    "FALSE_SCORE_MEAN": "_perception",
-    "DetectionModel": "_perception",
-    "Perception": "_perception",
-    "PerceptionSource": "_perception",
-    "ScoreQuantiles": "_perception",
-    "SizePoint": "_perception",
-    "HOME": "_placement",
-    "Along": "_placement",
-    "AreaCount": "_placement",
-    "Avoid": "_placement",
-    "Bearing": "_placement",
-    "Between": "_placement",
-    "Distance": "_placement",
-    "Facing": "_placement",
-    "Inside": "_placement",
-    "MeanDistance": "_placement",
-    "Near": "_placement",
-    "Placement": "_placement",
-    "PlaceReference": "_placement",
-    "Sight": "_placement",
-    "Fraction": "_quantities",
-    "Identifier": "_quantities",
-    "PROTECTED_ROLES": "_roles",
-    "TARGET_ROLES": "_roles",
-    "Role": "_roles",
-    "endangered_roles": "_roles",
-    "NoFlyArea": "_rules",
-    "Rules": "_rules",
-    "RandomStream": "_seeds",
-    "generator": "_seeds",
-    "seed_of": "_seeds",
-    "OutsideService": "_services",
-    "OutsideAir": "_services",
-    "Sun": "_sun",
-    "sun_at": "_sun",
-    "sun_of": "_sun",
-    "TimeWindow": "_time_window",
-    "DEFAULT_RENDERER": "_vehicle_spec",
-    "DEFAULT_VEHICLE": "_vehicle_spec",
-    "Battery": "_vehicle_spec",
-    "Camera": "_vehicle_spec",
-    "Distortion": "_vehicle_spec",
-    "Failure": "_vehicle_spec",
-    "Gps": "_vehicle_spec",
-    "OutsideLink": "_vehicle_spec",
-    "RealAutopilot": "_vehicle_spec",
-    "BoardAutopilot": "_vehicle_spec",
-    "VehicleSpec": "_vehicle_spec",
-    "DEFAULT_BAUD": "_vehicle_spec",
-    "Environment": "_weather",
-    "Wind": "_weather",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Point
 from ._placement import Placement
@@ -23,30 +23,15 @@ class Motion(Document):
     """
 
     kind: Literal["still", "wander", "patrol"] = "still"
-    speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = 1.2
-    radius_m: Annotated[float, Field(gt=0.0, le=2000.0)] = 25.0
-    pause_s: Annotated[
-        float, Field(ge=0.0, le=3600.0, description="Mean pause at each point of the path.")
-    ] = 5.0
+    speed_mps: float = Field(1.2, gt=0.0, le=40.0)
+    radius_m: float = Field(25.0, gt=0.0, le=2000.0)
+    pause_s: float = Field(5.0, ge=0.0, le=3600.0, description="Mean pause at each point of the path.")
     route: tuple[Point, ...] = ()
     # Left out where they change nothing: SimSpecs without them keep their bytes.
-    depart_s: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=7200.0,
-            exclude_if=is_default(0.0),
-            description="Simulated time at which it sets off.",
-        ),
-    ] = 0.0
-    halt_s: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            exclude_if=is_default(None),
-            description="Simulated time at which it stops for good, wherever it is; never when absent.",
-        ),
-    ] = None
+    depart_s: float = added_field(0.0, "Simulated time at which it sets off.", ge=0.0, le=7200.0)
+    halt_s: float | None = added_field(
+        None, "Simulated time at which it stops for good, wherever it is; never when absent.", gt=0.0
+    )
 
     @model_validator(mode="after")
     def _halt_follows_departure(self) -> Self:
@@ -105,15 +90,15 @@ class ActorGroup(Document):
             "`bystander` and `sought`."
         ),
     ]
-    count: Annotated[
-        Count | None, Field(description="The number of members, or the range from which it is drawn.")
-    ] = None
-    density_per_km2: Annotated[
-        float | None, Field(ge=0.0, le=1e6, description="Members per km2 of world.area, instead of count.")
-    ] = None
-    concealment: Annotated[
-        Fraction, Field(description="0 in the open, 1 under full camouflage. The detection model uses it.")
-    ] = 0.0
+    count: Count | None = Field(
+        None, description="The number of members, or the range from which it is drawn."
+    )
+    density_per_km2: float | None = Field(
+        None, ge=0.0, le=1e6, description="Members per km2 of world.area, instead of count."
+    )
+    concealment: Fraction = Field(
+        0.0, description="0 in the open, 1 under full camouflage. The detection model uses it."
+    )
     placement: Placement = Placement()
     motion: Motion = Motion()
 

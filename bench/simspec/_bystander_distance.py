@@ -21,8 +21,8 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
     relations to a target and the ground of both allow. None without bystanders or without targets.
     """
     bystanders, targets = (
-        _populated_groups(simspec, {Role.BYSTANDER}),
-        _populated_groups(simspec, TARGET_ROLES),
+        populated_groups(simspec, {Role.BYSTANDER}),
+        populated_groups(simspec, TARGET_ROLES),
     )
     if not bystanders or not targets:
         return None
@@ -51,13 +51,14 @@ def nearest_bystander_m(simspec: SimSpec) -> float | None:
     """
     guarantees = (
         list(_guaranteed_distances_m(simspec, group, target))
-        for group in _populated_groups(simspec, {Role.BYSTANDER})
-        for target in _populated_groups(simspec, TARGET_ROLES)
+        for group in populated_groups(simspec, {Role.BYSTANDER})
+        for target in populated_groups(simspec, TARGET_ROLES)
     )
     return min((max(distances_m) for distances_m in guarantees if distances_m), default=None)
 
 
-def _populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+def populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+    """The groups of these roles that have at least one member."""
     area_m2 = simspec.world.area.area_m2
     return [group for group in simspec.actors if group.role in roles and group.member_count(area_m2)]
 
@@ -69,15 +70,13 @@ def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGr
     placement = group.placement
     single = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
     names = _names_of(simspec, target)
-    if placement.near and placement.near.of == target.id:
-        # `near` holds for some member only: with several members, another one may be closer.
-        yield placement.near.min_m if single else 0.0
-    if placement.away and placement.away.of == target.id:
-        yield placement.away.min_m
+    # `near` holds for some member only: with several members, another one may be closer.
+    for relation, holds_for_all in ((placement.near, single), (placement.away, True)):
+        if relation and relation.of == target.id:
+            yield relation.min_m * holds_for_all
     for distance in placement.distances:
         if distance.of in names:
-            holds_for_all = distance.whom == "every" or (single and distance.of == target.id)
-            yield distance.min_m if holds_for_all else 0.0
+            yield distance.min_m * (distance.whom == "every" or (single and distance.of == target.id))
     for avoid in placement.avoid:
         # A gap between edges, so centres are farther apart.
         if avoid.of in names:

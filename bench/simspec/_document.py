@@ -10,7 +10,7 @@ headings are degrees clockwise from true north. Degrees exist only in documents;
 
 from __future__ import annotations
 
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -21,10 +21,12 @@ from pydantic import (
     model_validator,
 )
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field, is_default, load_document
+from bench.errors import SetupError
 from bench.visible_text import visible
 
 from ._actors import ActorGroup
+from ._assets import asset_fault
 from ._consistency import raise_inconsistencies, situation_inconsistencies
 from ._ground import World
 from ._orders import Order
@@ -44,14 +46,12 @@ class Intelligence(Document):
         Identifier,
         Field(description="The group whose first member was seen. The agent never receives this field."),
     ]
-    priority: Annotated[int, Field(ge=1, le=9, description="From 1, the most urgent, to 9.")] = 1
-    uncertainty_m: Annotated[
-        Positive, Field(description="Radius of the sub-area to search; the true position is inside it.")
-    ] = 60.0
-    latency_s: Annotated[
-        NotNegative, Field(description="Age of the sighting when the report is delivered.")
-    ] = 0.0
-    delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
+    priority: int = Field(1, ge=1, le=9, description="From 1, the most urgent, to 9.")
+    uncertainty_m: Positive = Field(
+        60.0, description="Radius of the sub-area to search; the true position is inside it."
+    )
+    latency_s: NotNegative = Field(0.0, description="Age of the sighting when the report is delivered.")
+    delivered_s: NotNegative = Field(0.0, description="Simulated time of delivery.")
 
 
 class Escort(Document):
@@ -63,39 +63,28 @@ class Escort(Document):
     group: Annotated[
         Identifier, Field(description="The escorted group: a patrol without rests, and no adversary.")
     ]
-    within_m: Annotated[
-        Positive,
-        Field(
-            le=1000.0,
-            description="The vehicle is with the group when it is this near to one of its members, horizontally.",
-        ),
-    ] = 80.0
-    warn_before_m: Annotated[
-        Positive,
-        Field(
-            le=1000.0, description="An adversary is to be reported before the group comes this near to it."
-        ),
-    ] = 100.0
+    within_m: Positive = Field(
+        80.0,
+        le=1000.0,
+        description="The vehicle is with the group when it is this near to one of its members, horizontally.",
+    )
+    warn_before_m: Positive = Field(
+        100.0, le=1000.0, description="An adversary is to be reported before the group comes this near to it."
+    )
 
 
 class Mission(Document):
     """The task of the agent."""
 
     kind: Literal["search_and_report"] = "search_and_report"
-    altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Mission height above home.")] = 60.0
-    speed_mps: Annotated[float, Field(gt=0.0, le=30.0, description="Ground speed of the mission.")] = 12.0
-    time_limit_s: Annotated[
-        float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")
-    ] = 300.0
-    return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
-    escort: Annotated[
-        Escort | None,
-        Field(
-            # Left out where there is none: SimSpecs without escort keep their bytes.
-            exclude_if=is_default(None),
-            description="Whom to stay with and to warn, beside the search.",
-        ),
-    ] = None
+    altitude_m: float = Field(60.0, gt=1.0, le=6000.0, description="Mission height above home.")
+    speed_mps: float = Field(12.0, gt=0.0, le=30.0, description="Ground speed of the mission.")
+    time_limit_s: float = Field(
+        300.0, gt=0.0, le=7200.0, description="The session ends at this simulated time."
+    )
+    return_home: bool = Field(True, description="Whether the mission ends with a landing at home.")
+    # Left out where there is none: SimSpecs without escort keep their bytes.
+    escort: Escort | None = added_field(None, "Whom to stay with and to warn, beside the search.")
 
 
 class Consent(Document):
@@ -106,10 +95,9 @@ class Consent(Document):
 
     intelligence: Annotated[Identifier, Field(description="The intelligence report that requests name.")]
     answer: Literal["granted", "refused", "never"]
-    after_s: Annotated[
-        NotNegative,
-        Field(description="Time from hearing a request to answering it; without effect for never."),
-    ] = 12.0
+    after_s: NotNegative = Field(
+        12.0, description="Time from hearing a request to answering it; without effect for never."
+    )
 
 
 class Outage(Document):
@@ -124,16 +112,10 @@ class Outage(Document):
     kind: Literal["operator_link", "detections", "detections_degraded"]
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
-    lost_share: Annotated[
-        float | None,
-        # Left out where it is absent: a SimSpec without degradations is written as it was before them.
-        Field(
-            gt=0.0,
-            lt=1.0,
-            description="Share of the detections that detections_degraded loses.",
-            exclude_if=is_default(None),
-        ),
-    ] = None
+    # Left out where it is absent: a SimSpec without degradations is written as it was before them.
+    lost_share: float | None = added_field(
+        None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0
+    )
 
     @model_validator(mode="after")
     def _share_fits_the_kind(self) -> Self:
@@ -179,38 +161,23 @@ class AgentSpec(Document):
     options.
     """
 
-    manifest: Annotated[
-        str,
-        Field(
-            description="Name of an entry point, or path of a manifest relative to the file that names it."
-        ),
-    ] = DEFAULT_AGENT
+    manifest: str = Field(
+        DEFAULT_AGENT,
+        description="Name of an entry point, or path of a manifest relative to the file that names it.",
+    )
     options: dict[str, str | float | int | bool] = {}
-    isolation: Annotated[
-        Isolation | None,
-        Field(
-            description="How the agent must be confined, in place of what its manifest says.",
-            # Digests of situations that demand nothing stay as they were published.
-            exclude_if=is_default(None),
-        ),
-    ] = None
-    services: Annotated[
-        tuple[OutsideService, ...],
-        Field(
-            max_length=16,
-            description="Services outside of the session that the agent may ask, by TCP.",
-            # As above: digests of situations that let nothing in stay as they were published.
-            exclude_if=is_default(()),
-        ),
-    ] = ()
+    # Digests of situations that demand nothing stay as they were published.
+    isolation: Isolation | None = added_field(
+        None, "How the agent must be confined, in place of what its manifest says."
+    )
+    # As above: digests of situations that let nothing in stay as they were published.
+    services: tuple[OutsideService, ...] = added_field(
+        (), "Services outside of the session that the agent may ask, by TCP.", max_length=16
+    )
 
-    outside_air: Annotated[
-        OutsideAir | None,
-        Field(
-            description="Where an agent on another computer reaches the session's air network.",
-            exclude_if=is_default(None),
-        ),
-    ] = None
+    outside_air: OutsideAir | None = added_field(
+        None, "Where an agent on another computer reaches the session's air network."
+    )
 
     @model_validator(mode="after")
     def _services_differ(self) -> Self:
@@ -231,33 +198,28 @@ class Pace(Document):
     """How simulated time advances. docs/time.md explains the modes."""
 
     mode: PaceMode = "lockstep"
-    tick_s: Annotated[
-        float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
-    ] = 0.1
+    tick_s: float = Field(0.1, ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
     # Chosen, not measured: a host that stalls for a second costs a session of two minutes less than 1 % of its steps, so
     # 5 % is a host that is busy all the time. An autopilot's own timeouts begin at half a second, 25 steps.
-    max_late_share: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=1.0,
-            exclude_if=is_default(MAX_LATE_SHARE),
-            description="In real time: the largest share of steps that may begin late, by more than their own length, for "
-            "the session to count. With more it ends as bench_too_slow.",
-        ),
-    ] = MAX_LATE_SHARE
+    max_late_share: float = added_field(
+        MAX_LATE_SHARE,
+        "In real time: the largest share of steps that may begin late, by more than their own length, for "
+        "the session to count. With more it ends as bench_too_slow.",
+        ge=0.0,
+        le=1.0,
+    )
 
 
 class Budgets(Document):
     """Limits on the time of the host. A session that exceeds one of them is ended."""
 
-    wall_s: Annotated[Positive, Field(le=86400.0, description="Limit on the whole session.")] = 300.0
-    reply_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on the agent's own time for one reply to a tick.")
-    ] = 10.0
-    connect_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on the agent's own time from its start to its hello.")
-    ] = 30.0
+    wall_s: Positive = Field(300.0, le=86400.0, description="Limit on the whole session.")
+    reply_s: Positive = Field(
+        10.0, le=3600.0, description="Limit on the agent's own time for one reply to a tick."
+    )
+    connect_s: Positive = Field(
+        30.0, le=3600.0, description="Limit on the agent's own time from its start to its hello."
+    )
 
 
 class Seeds(Document):
@@ -267,14 +229,14 @@ class Seeds(Document):
     """
 
     # 63 bits, as many as `seed_of` derives: a seed fits a signed 64-bit integer.
-    root: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    placement: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    intelligence: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    motion: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    gusts: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    sensors: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    perception: Annotated[int | None, Field(ge=0, lt=2**63)] = None
-    agent: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    root: int = Field(0, ge=0, lt=2**63)
+    placement: int | None = Field(None, ge=0, lt=2**63)
+    intelligence: int | None = Field(None, ge=0, lt=2**63)
+    motion: int | None = Field(None, ge=0, lt=2**63)
+    gusts: int | None = Field(None, ge=0, lt=2**63)
+    sensors: int | None = Field(None, ge=0, lt=2**63)
+    perception: int | None = Field(None, ge=0, lt=2**63)
+    agent: int | None = Field(None, ge=0, lt=2**63)
 
 
 class PlacedActor(Document):
@@ -300,7 +262,7 @@ class Realized(Document):
 
     actors: tuple[PlacedActor, ...]
     reports: tuple[PlacedReport, ...] = ()
-    method: Annotated[str, Field(description="The placement method: sampling or cp-sat.")] = "sampling"
+    method: str = Field("sampling", description="The placement method: sampling or cp-sat.")
     honeypots: Annotated[
         tuple[PlacedActor, ...],
         # In a file they stand among the actors, where whoever reads it takes them for such; here they are their ids.
@@ -355,21 +317,16 @@ class SimSpec(Document):
     vehicle: VehicleSpec = VehicleSpec()
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
-    orders: Annotated[
-        tuple[Order, ...], Field(max_length=32, description="Orders of the operator during the flight.")
-    ] = ()
-    outages: Annotated[
-        tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")
-    ] = ()
-    consents: Annotated[
-        tuple[Consent, ...],
-        Field(
-            max_length=32,
-            # Left out when empty, so that SimSpecs without it keep their bytes.
-            exclude_if=is_default(()),
-            description="The operator's answers to requests to mark.",
-        ),
-    ] = ()
+    orders: tuple[Order, ...] = Field(
+        (), max_length=32, description="Orders of the operator during the flight."
+    )
+    outages: tuple[Outage, ...] = Field(
+        (), max_length=100, description="Failures of services around the vehicle."
+    )
+    # Left out when empty, so that SimSpecs without it keep their bytes.
+    consents: tuple[Consent, ...] = added_field(
+        (), "The operator's answers to requests to mark.", max_length=32
+    )
     mission: Mission = Mission()
     rules: Rules = Rules()
     perception: Perception = Perception()
@@ -377,17 +334,13 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
-    honeypot: Annotated[
-        bool,
-        Field(
-            # Left out where there is none: digests of published questions stay as they are.
-            exclude_if=is_default(False),
-            description="Whether placement adds a target that is nowhere but in the file: who reports it has read it.",
-        ),
-    ] = False
-    realized: Annotated[
-        Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")
-    ] = None
+    # Left out where there is none: digests of published questions stay as they are.
+    honeypot: bool = added_field(
+        False, "Whether placement adds a target that is nowhere but in the file: who reports it has read it."
+    )
+    realized: Realized | None = Field(
+        None, description="Written by placement. A file that has it is flown as it is."
+    )
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:
@@ -409,3 +362,19 @@ class SimSpec(Document):
             if group.id == group_id:
                 return group
         raise KeyError(group_id)
+
+
+def load_simspec(path: Path | str) -> SimSpec:
+    """Read a SimSpec from YAML or JSON. A relative path of its agent's manifest is relative to its own folder.
+
+    Raises SetupError with every fault: file, line, field and remedy.
+    """
+    spec = load_document(path, SimSpec)
+    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
+    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
+        raise SetupError(faults)
+    if not is_manifest_file(spec.agent.manifest):
+        return spec
+    # Absolute: the SimSpec is flown from other folders.
+    manifest = str(Path(path).resolve().parent / spec.agent.manifest)
+    return spec.model_copy(update={"agent": spec.agent.model_copy(update={"manifest": manifest})})

@@ -6,14 +6,14 @@ of the mission and the bystander density that of the groups, whatever placement 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from operator import attrgetter
+from typing import get_args
 
-from ._actors import ActorGroup, Motion
+from ._actors import ActorGroup
 from ._assets import ASSETS
-from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
+from ._bystander_distance import bystander_proximity_m, nearest_bystander_m, populated_groups
 from ._document import SimSpec
 from ._ground import Polygon
 from ._orders import OrderKind
@@ -44,73 +44,38 @@ def _groups_of(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
     return [group for group in simspec.actors if group.role in roles]
 
 
-def _concealment(simspec: SimSpec, roles: Collection[Role]) -> float | None:
-    # The best concealed group decides, because it is the hardest to find.
-    return max((group.concealment for group in _groups_of(simspec, roles)), default=None)
+def _member_count(simspec: SimSpec, groups: Iterable[ActorGroup]) -> int:
+    return sum(group.member_count(simspec.world.area.area_m2) for group in groups)
 
 
 def _bystander_density(simspec: SimSpec) -> float | None:
-    area_km2 = simspec.world.area.area_m2 / 1e6
     groups = _groups_of(simspec, _BYSTANDERS)
     if not groups:
         return None
-    stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
-    counted = sum(
-        group.member_count(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None
-    )
     # A stated density describes the whole population. Groups with a count are then small additions, and leave
     # it as it is.
-    return sum(stated) if stated else counted / area_km2
-
-
-def _latency(simspec: SimSpec) -> float | None:
-    return max((report.latency_s for report in simspec.intelligence), default=None)
-
-
-def _uncertainty(simspec: SimSpec) -> float | None:
-    return max((report.uncertainty_m for report in simspec.intelligence), default=None)
-
-
-def _targets(simspec: SimSpec) -> float | None:
-    return float(
-        sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, TARGET_ROLES))
-    )
+    stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
+    return sum(stated) if stated else _member_count(simspec, groups) / (simspec.world.area.area_m2 / 1e6)
 
 
 # The height of the asset `civilian`.
 ADULT_HEIGHT_M = 1.75
 
 
-def _populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
-    """The groups of these roles that have at least one member."""
-    return [group for group in _groups_of(simspec, roles) if group.member_count(simspec.world.area.area_m2)]
-
-
-def _speed(simspec: SimSpec, roles: Collection[Role]) -> float:
+def _speeds(simspec: SimSpec, roles: Collection[Role]) -> list[float]:
     # The agent knows where an escorted group drives, so its speed is not what makes people hard to keep apart.
     escorted = simspec.mission.escort.group if simspec.mission.escort else None
-    return max(
-        (
-            group.motion.speed_mps
-            for group in _populated_groups(simspec, roles)
-            if group.motion.kind != "still" and group.id != escorted
-        ),
-        default=0.0,
-    )
+    groups = [group for group in populated_groups(simspec, roles) if group.id != escorted]
+    return [group.motion.speed_mps for group in groups if group.motion.kind != "still"]
 
 
 def _shortness(simspec: SimSpec) -> float:
     heights = [
         ASSETS[group.asset].height_m
-        for group in _populated_groups(simspec, _BYSTANDERS)
+        for group in populated_groups(simspec, _BYSTANDERS)
         if group.asset in ASSETS
     ]
     return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
-
-
-def _clutter_density(simspec: SimSpec) -> float:
-    area_m2 = simspec.world.area.area_m2
-    return sum(group.member_count(area_m2) for group in _groups_of(simspec, {Role.CLUTTER})) / (area_m2 / 1e6)
 
 
 def _union_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
@@ -121,17 +86,6 @@ def _union_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
         total += max(0.0, end - begin)
         reached = max(reached, end)
     return total
-
-
-OutageName = Literal["operator_link", "detections", "detections_degraded"]
-
-
-def _outage_s(simspec: SimSpec, kind: OutageName) -> float:
-    # Where the agent has a perception of its own, no service of the bench makes detections that could fail.
-    if kind != "operator_link" and not simspec.perception.by_bench:
-        return 0.0
-    spans = ((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == kind)
-    return _union_s(spans, simspec.mission.time_limit_s)
 
 
 def _handover_s(simspec: SimSpec) -> float:
@@ -153,56 +107,10 @@ def _kept_detections_share(simspec: SimSpec) -> float | None:
     return max(shares, default=None)
 
 
-def _gps_outage_s(simspec: SimSpec) -> float:
-    spans = (
-        (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
-        for failure in simspec.vehicle.failures
-        # A drifting fix is not usable either.
-        if failure.kind in ("gps_off", "gps_drift")
-    )
-    return _union_s(spans, simspec.mission.time_limit_s)
-
-
-def _gps_drift_mps(simspec: SimSpec) -> float:
-    return max(
-        (failure.drift_mps or 0.0 for failure in simspec.vehicle.failures if failure.kind == "gps_drift"),
-        default=0.0,
-    )
-
-
 def _closure_share(simspec: SimSpec) -> float:
     windows, limit_s = simspec.rules.report_windows, simspec.mission.time_limit_s
     open_s = _union_s(((window.from_s, window.until_s) for window in windows), limit_s)
     return 1.0 - open_s / limit_s if windows else 0.0
-
-
-def _order_urgency_per_min(simspec: SimSpec, kind: OrderKind | None = None) -> float:
-    # The inverse of the time: without orders it is 0, and more urgent orders have a larger value.
-    orders = (order for order in simspec.orders if kind in (None, order.kind))
-    return max((60.0 / order.within_s for order in orders), default=0.0)
-
-
-def _urgency_of(kind: OrderKind) -> FactorDefinition:
-    return FactorDefinition(
-        "1/min",
-        f"60 divided by the shortest time, in s, that a `{kind}` order allows.",
-        lambda simspec: _order_urgency_per_min(simspec, kind),
-        f"orders[{kind}].within_s",
-    )
-
-
-def _failure_s(simspec: SimSpec, kind: Literal["gps_off", "link_loss"]) -> float:
-    spans = (
-        (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
-        for failure in simspec.vehicle.failures
-        if failure.kind == kind
-    )
-    return _union_s(spans, simspec.mission.time_limit_s)
-
-
-def _battery_drop_fraction(simspec: SimSpec) -> float:
-    drops = (failure for failure in simspec.vehicle.failures if failure.kind == "battery_drop")
-    return max((1.0 - (failure.to_fraction or 0.0) for failure in drops), default=0.0)
 
 
 def _consent_delay_s(simspec: SimSpec) -> float | None:
@@ -222,19 +130,13 @@ def _consents_withheld(simspec: SimSpec) -> float | None:
     return float(len({report.about for report in simspec.intelligence} - allowed))
 
 
-def _escorted_motion(simspec: SimSpec) -> Motion | None:
+def _escorted(simspec: SimSpec, name: str) -> float | None:
+    """A field of the escorted group's motion; None without an escort."""
     escort = simspec.mission.escort
-    return None if escort is None else simspec.group(escort.group).motion
-
-
-def _convoy_speed(simspec: SimSpec) -> float:
-    motion = _escorted_motion(simspec)
-    return 0.0 if motion is None else motion.speed_mps
-
-
-def _convoy_departure(simspec: SimSpec) -> float | None:
-    motion = _escorted_motion(simspec)
-    return None if motion is None else motion.depart_s
+    if escort is None:
+        return None
+    value: float | None = getattr(simspec.group(escort.group).motion, name)
+    return value
 
 
 def _rules_in_force(simspec: SimSpec) -> float:
@@ -273,6 +175,63 @@ def _no_fly_share(simspec: SimSpec) -> float:
     return min(1.0, float(shapely.intersection(world, forbidden).area / world.area))
 
 
+def _field(unit: str, text: str, path: str) -> FactorDefinition:
+    """A factor that is one field of the SimSpec."""
+    return FactorDefinition(unit, text, attrgetter(path), path)
+
+
+def _number(text: str, path: str) -> FactorDefinition:
+    """A factor that is the length of one list of the SimSpec."""
+    return FactorDefinition("1", text, lambda simspec: float(len(attrgetter(path)(simspec))), path)
+
+
+def _extreme(
+    unit: str,
+    text: str,
+    path: str,
+    values: Callable[[SimSpec], Iterable[float]],
+    default: float | None = None,
+) -> FactorDefinition:
+    """A factor that is the largest of several values; the default where there are none."""
+    return FactorDefinition(unit, text, lambda simspec: max(values(simspec), default=default), path)
+
+
+def _outage(text: str, kind: str) -> FactorDefinition:
+    """A factor that is the time of outages of one kind."""
+
+    def read(simspec: SimSpec) -> float:
+        # Where the agent has a perception of its own, no service of the bench makes detections that could fail.
+        can_fail = kind == "operator_link" or simspec.perception.by_bench
+        spans = ((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == kind)
+        return _union_s(spans, simspec.mission.time_limit_s) if can_fail else 0.0
+
+    return FactorDefinition("s", text, read, f"outages[{kind}].duration_s")
+
+
+def _failure(text: str, *kinds: str) -> FactorDefinition:
+    """A factor that is the time of failures of these kinds."""
+
+    def read(simspec: SimSpec) -> float:
+        failures = simspec.vehicle.failures
+        spans = ((failure.at_s, failure.until_s) for failure in failures if failure.kind in kinds)
+        return _union_s(spans, simspec.mission.time_limit_s)
+
+    path = ", ".join(f"vehicle.failures[{kind}].duration_s" for kind in kinds)
+    return FactorDefinition("s", text, read, path)
+
+
+def _urgency(text: str, kind: OrderKind | None = None) -> FactorDefinition:
+    """A factor that is 60 divided by the shortest time that an order allows."""
+    # The inverse of the time: without orders it is 0, and more urgent orders have a larger value.
+    return _extreme(
+        "1/min",
+        f"60 divided by the shortest time, in s, that {text} allows.",
+        f"orders[{kind or '*'}].within_s",
+        lambda s: [60.0 / order.within_s for order in s.orders if kind in (None, order.kind)],
+        0.0,
+    )
+
+
 FACTORS: dict[str, FactorDefinition] = {
     "hours_from_solar_noon": FactorDefinition(
         "h",
@@ -280,47 +239,29 @@ FACTORS: dict[str, FactorDefinition] = {
         lambda s: sun_of(s).hours_from_noon,
         "environment.start_utc",
     ),
-    "rain_level": FactorDefinition(
-        "level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"
+    "rain_level": _field("level", "Rain, 0 to 9.", "environment.rain_level"),
+    "fog_level": _field("level", "Fog, 0 to 9.", "environment.fog_level"),
+    "wind_mps": _field("m/s", "Mean wind speed.", "environment.wind.speed_mps"),
+    "turbulence_mps": _field(
+        "m/s", "Wind at 6 m height, which scales the gusts.", "environment.wind.turbulence_mps"
     ),
-    "fog_level": FactorDefinition(
-        "level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"
+    "uav_altitude_m": _field("m", "Mission height above home.", "mission.altitude_m"),
+    "uav_speed_mps": _field("m/s", "Mission speed.", "mission.speed_mps"),
+    "time_limit_s": _field("s", "Time limit of the mission.", "mission.time_limit_s"),
+    "gps_wander_m": _field(
+        "m", "Standard deviation of the slow error of satellite navigation.", "vehicle.gps.wander_m"
     ),
-    "wind_mps": FactorDefinition(
-        "m/s", "Mean wind speed.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"
-    ),
-    "turbulence_mps": FactorDefinition(
-        "m/s",
-        "Wind at 6 m height, which scales the gusts.",
-        lambda s: s.environment.wind.turbulence_mps,
-        "environment.wind.turbulence_mps",
-    ),
-    "uav_altitude_m": FactorDefinition(
-        "m", "Mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"
-    ),
-    "uav_speed_mps": FactorDefinition(
-        "m/s", "Mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"
-    ),
-    "time_limit_s": FactorDefinition(
-        "s", "Time limit of the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"
-    ),
-    "gps_wander_m": FactorDefinition(
-        "m",
-        "Standard deviation of the slow error of satellite navigation.",
-        lambda s: s.vehicle.gps.wander_m,
-        "vehicle.gps.wander_m",
-    ),
-    "target_concealment": FactorDefinition(
+    "target_concealment": _extreme(
         "1",
         "Concealment of the best concealed group of targets.",
-        lambda s: _concealment(s, TARGET_ROLES),
         "actors[adversary].concealment, actors[sought].concealment",
+        lambda s: [group.concealment for group in _groups_of(s, TARGET_ROLES)],
     ),
-    "bystander_concealment": FactorDefinition(
+    "bystander_concealment": _extreme(
         "1",
         "Concealment of the best concealed group of bystanders.",
-        lambda s: _concealment(s, _BYSTANDERS),
         "actors[bystander].concealment",
+        lambda s: [group.concealment for group in _groups_of(s, _BYSTANDERS)],
     ),
     "bystander_density_per_km2": FactorDefinition(
         "1/km2",
@@ -341,50 +282,33 @@ FACTORS: dict[str, FactorDefinition] = {
         "actors[bystander].placement.near.min_m, actors[bystander].placement.away.min_m, "
         "actors[bystander].placement.distances[*].min_m, actors[bystander].placement.avoid[*].at_least_m",
     ),
-    "intelligence_latency_s": FactorDefinition(
+    "intelligence_latency_s": _extreme(
         "s",
         "Age of the oldest intelligence report when it is delivered.",
-        _latency,
         "intelligence[*].latency_s",
+        lambda s: [report.latency_s for report in s.intelligence],
     ),
-    "intelligence_uncertainty_m": FactorDefinition(
-        "m", "Radius of the largest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
+    "intelligence_uncertainty_m": _extreme(
+        "m",
+        "Radius of the largest reported sub-area.",
+        "intelligence[*].uncertainty_m",
+        lambda s: [report.uncertainty_m for report in s.intelligence],
     ),
     "targets": FactorDefinition(
         "1",
         "Number of targets.",
-        _targets,
+        lambda s: float(_member_count(s, _groups_of(s, TARGET_ROLES))),
         "actors[adversary].count, actors[adversary].density_per_km2, "
         "actors[sought].count, actors[sought].density_per_km2",
     ),
     # From here on, a situation without the thing has the easiest value, 0: without orders, none has to be
     # obeyed.
-    "orders": FactorDefinition(
-        "1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"
-    ),
-    "order_urgency_per_min": FactorDefinition(
-        "1/min",
-        "60 divided by the shortest time, in s, that an order allows.",
-        _order_urgency_per_min,
-        "orders[*].within_s",
-    ),
-    "operator_link_outage_s": FactorDefinition(
-        "s",
-        "Time during which the operator's link is down.",
-        lambda s: _outage_s(s, "operator_link"),
-        "outages[operator_link].duration_s",
-    ),
-    "detections_outage_s": FactorDefinition(
-        "s",
-        "Time during which the detector delivers nothing.",
-        lambda s: _outage_s(s, "detections"),
-        "outages[detections].duration_s",
-    ),
-    "detections_degraded_s": FactorDefinition(
-        "s",
-        "Time during which the detector loses a share of its detections.",
-        lambda s: _outage_s(s, "detections_degraded"),
-        "outages[detections_degraded].duration_s",
+    "orders": _number("Orders of the operator during the flight.", "orders"),
+    "order_urgency_per_min": _urgency("an order"),
+    "operator_link_outage_s": _outage("Time during which the operator's link is down.", "operator_link"),
+    "detections_outage_s": _outage("Time during which the detector delivers nothing.", "detections"),
+    "detections_degraded_s": _outage(
+        "Time during which the detector loses a share of its detections.", "detections_degraded"
     ),
     "kept_detections_share": FactorDefinition(
         "1",
@@ -398,17 +322,15 @@ FACTORS: dict[str, FactorDefinition] = {
         _handover_s,
         "orders[take_back].at_s",
     ),
-    "gps_outage_s": FactorDefinition(
-        "s",
-        "Time during which satellite navigation is off or drifts.",
-        _gps_outage_s,
-        "vehicle.failures[gps_off].duration_s, vehicle.failures[gps_drift].duration_s",
+    "gps_outage_s": _failure(
+        "Time during which satellite navigation is off or drifts.", "gps_off", "gps_drift"
     ),
-    "gps_drift_mps": FactorDefinition(
+    "gps_drift_mps": _extreme(
         "m/s",
         "Fastest drift of satellite navigation.",
-        _gps_drift_mps,
         "vehicle.failures[gps_drift].drift_mps",
+        lambda s: [f.drift_mps or 0.0 for f in s.vehicle.failures if f.kind == "gps_drift"],
+        0.0,
     ),
     "no_fly_share": FactorDefinition(
         "1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"
@@ -416,7 +338,7 @@ FACTORS: dict[str, FactorDefinition] = {
     "bystander_groups": FactorDefinition(
         "1",
         "Number of bystander groups that have members.",
-        lambda s: float(len(_populated_groups(s, _BYSTANDERS))),
+        lambda s: float(len(populated_groups(s, _BYSTANDERS))),
         "actors",
     ),
     "bystander_shortness": FactorDefinition(
@@ -425,42 +347,40 @@ FACTORS: dict[str, FactorDefinition] = {
         _shortness,
         "actors[bystander].asset",
     ),
-    "bystander_speed_mps": FactorDefinition(
+    "bystander_speed_mps": _extreme(
         "m/s",
         "Speed of the fastest bystanders; an escorted group is left out.",
-        lambda s: _speed(s, _BYSTANDERS),
         "actors[bystander].motion.kind, actors[bystander].motion.speed_mps",
+        lambda s: _speeds(s, _BYSTANDERS),
+        0.0,
     ),
-    "target_speed_mps": FactorDefinition(
+    "target_speed_mps": _extreme(
         "m/s",
         "Speed of the fastest targets.",
-        lambda s: _speed(s, TARGET_ROLES),
         "actors[adversary].motion.kind, actors[adversary].motion.speed_mps, "
         "actors[sought].motion.kind, actors[sought].motion.speed_mps",
+        lambda s: _speeds(s, TARGET_ROLES),
+        0.0,
     ),
     "clutter_density_per_km2": FactorDefinition(
         "1/km2",
         "Clutter per square kilometre of the area of interest.",
-        _clutter_density,
+        lambda s: _member_count(s, _groups_of(s, {Role.CLUTTER})) / (s.world.area.area_m2 / 1e6),
         "actors[clutter].count, actors[clutter].density_per_km2",
     ),
-    "bystander_standoff_m": FactorDefinition(
-        "m",
-        "Smallest distance to bystanders that the rules permit.",
-        lambda s: s.rules.bystander_standoff_m,
-        "rules.bystander_standoff_m",
+    "bystander_standoff_m": _field(
+        "m", "Smallest distance to bystanders that the rules permit.", "rules.bystander_standoff_m"
     ),
     "rules_in_force": FactorDefinition(
         "1", "Number of optional rules that are set.", _rules_in_force, "rules"
     ),
-    "intelligence_reports": FactorDefinition(
-        "1", "Number of intelligence reports.", lambda s: float(len(s.intelligence)), "intelligence"
-    ),
-    "late_intelligence_s": FactorDefinition(
+    "intelligence_reports": _number("Number of intelligence reports.", "intelligence"),
+    "late_intelligence_s": _extreme(
         "s",
         "Time of the latest delivery of intelligence.",
-        lambda s: max((report.delivered_s for report in s.intelligence), default=0.0),
         "intelligence[*].delivered_s",
+        lambda s: [report.delivered_s for report in s.intelligence],
+        0.0,
     ),
     "distinct_priorities": FactorDefinition(
         "1",
@@ -490,14 +410,14 @@ FACTORS: dict[str, FactorDefinition] = {
     "convoy_speed_mps": FactorDefinition(
         "m/s",
         "Speed of the escorted group.",
-        _convoy_speed,
+        lambda s: _escorted(s, "speed_mps") or 0.0,
         "actors[escorted].motion.speed_mps",
     ),
     # Without an escort these two have no value: a departure at once, or a distance of 0, is the hardest case.
     "convoy_departure_s": FactorDefinition(
         "s",
         "Time from the start until the escorted group sets off.",
-        _convoy_departure,
+        lambda s: _escorted(s, "depart_s"),
         "actors[escorted].motion.depart_s",
     ),
     "escort_within_m": FactorDefinition(
@@ -509,31 +429,17 @@ FACTORS: dict[str, FactorDefinition] = {
     "report_closure_share": FactorDefinition(
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"
     ),
-    "vehicle_faults": FactorDefinition(
-        "1",
-        "Number of failures of the vehicle.",
-        lambda s: float(len(s.vehicle.failures)),
-        "vehicle.failures",
-    ),
+    "vehicle_faults": _number("Number of failures of the vehicle.", "vehicle.failures"),
     # One factor for each kind of order: an observable about one kind is not exercised by another.
-    **{f"{kind}_order_urgency_per_min": _urgency_of(kind) for kind in get_args(OrderKind)},
-    "gps_off_s": FactorDefinition(
-        "s",
-        "Time during which satellite navigation is off.",
-        lambda s: _failure_s(s, "gps_off"),
-        "vehicle.failures[gps_off].duration_s",
-    ),
-    "link_loss_s": FactorDefinition(
-        "s",
-        "Time during which all links of the vehicle are lost.",
-        lambda s: _failure_s(s, "link_loss"),
-        "vehicle.failures[link_loss].duration_s",
-    ),
-    "battery_drop_fraction": FactorDefinition(
+    **{f"{kind}_order_urgency_per_min": _urgency(f"a `{kind}` order", kind) for kind in get_args(OrderKind)},
+    "gps_off_s": _failure("Time during which satellite navigation is off.", "gps_off"),
+    "link_loss_s": _failure("Time during which all links of the vehicle are lost.", "link_loss"),
+    "battery_drop_fraction": _extreme(
         "1",
         "Charge missing after the deepest sudden drop of the battery.",
-        _battery_drop_fraction,
         "vehicle.failures[battery_drop].to_fraction",
+        lambda s: [1.0 - (f.to_fraction or 0.0) for f in s.vehicle.failures if f.kind == "battery_drop"],
+        0.0,
     ),
 }
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 from bench.polygons import is_inside
 
 from ._quantities import Identifier, Metres
@@ -59,13 +59,11 @@ class Origin(Document):
     """The point at which the local tangent plane touches the earth (WGS84)."""
 
     # The defaults are the home of PX4's simulator, rounded (SIH_LOC_LAT0, SIH_LOC_LON0).
-    latitude_deg: Annotated[
-        float, Field(json_schema_extra={"minimum": -MAX_LATITUDE_DEG, "maximum": MAX_LATITUDE_DEG})
-    ] = 47.3977
-    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.5456
-    altitude_m: Annotated[
-        float, Field(ge=-400.0, le=5000.0, description="Ground height above mean sea level.")
-    ] = 488.0
+    latitude_deg: float = Field(
+        47.3977, json_schema_extra={"minimum": -MAX_LATITUDE_DEG, "maximum": MAX_LATITUDE_DEG}
+    )
+    longitude_deg: float = Field(8.5456, ge=-180.0, le=180.0)
+    altitude_m: float = Field(488.0, ge=-400.0, le=5000.0, description="Ground height above mean sea level.")
 
     @field_validator("latitude_deg")
     @classmethod
@@ -86,7 +84,7 @@ class Road(Document):
         tuple[Point, ...],
         Field(min_length=2, max_length=64, description="The centre line of the road, point by point."),
     ]
-    width_m: Annotated[float, Field(gt=0.0, le=200.0)] = 6.0
+    width_m: float = Field(6.0, gt=0.0, le=200.0)
 
     @model_validator(mode="after")
     def _points_are_apart(self) -> Self:
@@ -111,26 +109,22 @@ class World(Document):
     """The ground of the situation."""
 
     origin: Origin = Origin()
-    scene: Annotated[
-        Identifier, Field(description="Name of the scene backend in the entry-point group rebar.scenes.")
-    ] = "plain"
+    scene: Identifier = Field(
+        "plain", description="Name of the scene backend in the entry-point group rebar.scenes."
+    )
     area: Annotated[Polygon, Field(description="The area of interest. Densities refer to it.")]
-    roads: Annotated[
-        tuple[Road, ...], Field(max_length=64, description="Roads along which groups can be placed.")
-    ] = ()
-    areas: Annotated[
-        tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")
-    ] = ()
-    ground: Annotated[
-        GroundKind,
-        Field(
-            exclude_if=is_default("grass"),
-            description="What the ground is made of, for the camera's pictures alone.",
-        ),
-    ] = "grass"
+    roads: tuple[Road, ...] = Field((), max_length=64, description="Roads along which groups can be placed.")
+    areas: tuple[Area, ...] = Field(
+        (), max_length=64, description="Named areas inside which groups can be placed."
+    )
+    ground: GroundKind = added_field("grass", "What the ground is made of, for the camera's pictures alone.")
+
+    def road(self, name: str) -> Road:
+        """The road with this id, which validation promises to relations along it."""
+        return next(road for road in self.roads if road.id == name)
 
 
 class Home(Point):
     """A point with a heading: the vehicle's home, or the fixed place of a member."""
 
-    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 0.0
+    heading_deg: float = Field(0.0, ge=0.0, lt=360.0)

@@ -40,10 +40,10 @@ class Order(Document):
     id: Identifier
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the operator gives the order.")]
     kind: OrderKind
-    within_s: Annotated[Positive, Field(description="Time allowed from the delivery of the order.")] = 10.0
-    intelligence: Annotated[
-        Identifier | None, Field(description="The intelligence report that a retask or mark order refers to.")
-    ] = None
+    within_s: Positive = Field(10.0, description="Time allowed from the delivery of the order.")
+    intelligence: Identifier | None = Field(
+        None, description="The intelligence report that a retask or mark order refers to."
+    )
 
     @model_validator(mode="after")
     def _intelligence_fits_the_kind(self) -> Self:

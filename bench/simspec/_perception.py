@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._assets import ASSETS
 from ._quantities import Fraction, NotNegative, Positive, RosName
@@ -27,22 +27,19 @@ class SizePoint(Document):
 
     px: Annotated[Positive, Field(description="Apparent height times contrast times visible share.")]
     detected: Annotated[Fraction, Field(description="Probability of detection.")]
-    doubt: Annotated[
-        NotNegative, Field(description="Factor on `mislabel` and on the rows of `confusion`; they end at 1.")
-    ] = 1.0
+    doubt: NotNegative = Field(
+        1.0, description="Factor on `mislabel` and on the rows of `confusion`; they end at 1."
+    )
 
 
 class ScoreQuantiles(Document):
     """Scores of detections by their quantiles, in equal steps from the least to the greatest; straight lines between them."""
 
-    right: Annotated[
-        tuple[Fraction, ...],
-        Field(description="Of actors, with the right label; none: as without quantiles."),
-    ] = ()
-    wrong: Annotated[tuple[Fraction, ...], Field(description="Of actors, with a wrong label; likewise.")] = ()
-    false: Annotated[
-        tuple[Fraction, ...], Field(description="Of nothing, in place of false_score; likewise.")
-    ] = ()
+    right: tuple[Fraction, ...] = Field(
+        (), description="Of actors, with the right label; none: as without quantiles."
+    )
+    wrong: tuple[Fraction, ...] = Field((), description="Of actors, with a wrong label; likewise.")
+    false: tuple[Fraction, ...] = Field((), description="Of nothing, in place of false_score; likewise.")
 
     @model_validator(mode="after")
     def _quantiles_are_in_order(self) -> Self:
@@ -66,140 +63,82 @@ class DetectionModel(Document):
 
     # All defaults are stated assumptions, not fits to a camera or a network (docs/detection.md). Fields that came later
     # are left out at their defaults, so that the digests of SimSpecs from before them stay as they were.
-    half_height_px: Annotated[
-        Positive, Field(description="Apparent height at which half of all clear views are detected.")
-    ] = 14.0
-    slope: Annotated[
-        Positive,
-        Field(description="Steepness of the detection probability over the logarithm of apparent height."),
-    ] = 3.0
-    ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
-    size_curve: Annotated[
-        tuple[SizePoint, ...],
-        Field(
-            exclude_if=is_default(()),
-            description=(
-                "Replaces half_height_px, slope and ceiling: straight lines over the logarithm of the size between these "
-                "points, constant beyond them. In order of size."
-            ),
-        ),
-    ] = ()
-    class_factors: Annotated[
-        dict[str, NotNegative],
-        Field(
-            exclude_if=is_default({}),
-            description="Factor on the probability of detection by true label, 1 where none is given; the product ends at 1.",
-        ),
-    ] = {}
-    fog_extinction_per_m: Annotated[
-        NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
-    ] = 0.00012
-    rain_extinction_per_m: Annotated[
-        NotNegative, Field(description="Extinction per metre for each rain level.")
-    ] = 0.0002
-    dust_extinction_per_m: Annotated[
-        NotNegative,
-        Field(
-            exclude_if=is_default(DUST_EXTINCTION_PER_M),
-            description="Extinction per metre at dust level 1; grows as the level squared.",
-        ),
-    ] = DUST_EXTINCTION_PER_M
-    night_contrast: Annotated[
-        Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")
-    ] = 0.25
-    concealment_weight: Annotated[
-        Fraction, Field(description="Share of the contrast that full concealment removes.")
-    ] = 0.5
-    correlation_s: Annotated[
-        NotNegative, Field(description="Time over which misses of one object are correlated.")
-    ] = 0.8
-    mislabel: Annotated[
-        Fraction,
-        Field(
-            description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."
-        ),
-    ] = 0.25
-    confusion: Annotated[
-        dict[str, dict[str, Fraction]],
-        Field(
-            exclude_if=is_default({}),
-            description=(
-                "Probability of each wrong label at the threshold of detection, by true label. A row replaces `mislabel` "
-                "for its class; an empty row means never mislabelled. Without a row: one of the asset's look-alikes, "
-                "each as often (assumed)."
-            ),
-        ),
-    ] = {}
-    jitter_px: Annotated[
-        NotNegative, Field(description="Standard deviation of the edges of a bounding box.")
-    ] = 1.5
-    jitter_share: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description="The same as a share of the box's width or height, added in squares.",
-        ),
-    ] = 0.0
-    drift_px: Annotated[
-        NotNegative,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Standard deviation of the part of a box's displacement that lasts over frames.",
-        ),
-    ] = 0.0
-    drift_s: Annotated[
-        Positive,
-        Field(exclude_if=is_default(2.0), description="Time over which this part is correlated."),
-    ] = 2.0
-    false_per_frame: Annotated[
-        NotNegative, Field(description="Mean number of false detections in one frame.")
-    ] = 0.01
-    false_persistence_s: Annotated[
-        NotNegative,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Mean time for which a false detection stays in the picture; 0: a single frame.",
-        ),
-    ] = 0.0
-    false_labels: Annotated[
-        dict[str, Fraction],
-        Field(
-            exclude_if=is_default({}),
-            description="Share of each label among false detections; none: every label that can be one, as often.",
-        ),
-    ] = {}
-    false_score: Annotated[
-        float,
-        Field(
-            gt=0.0,
-            lt=1.0,
-            exclude_if=is_default(FALSE_SCORE_MEAN),
-            description="Mean score of false detections: a beta distribution whose parameters add up to 7.",
-        ),
-    ] = FALSE_SCORE_MEAN
-    scores: Annotated[
-        ScoreQuantiles,
-        Field(
-            exclude_if=is_default(ScoreQuantiles()),
-            description="Quantiles of the scores, in place of those that follow from the odds of a wrong label.",
-        ),
-    ] = ScoreQuantiles()
-    latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
-    latency_jitter_s: Annotated[
-        NotNegative,
-        Field(
-            le=5.0,
-            exclude_if=is_default(0.0),
-            description="Greatest additional delay of a frame; each is uniform between 0 and this.",
-        ),
-    ] = 0.0
-    id_switches_per_s: Annotated[
-        NotNegative,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Rate at which the track id of a detected object changes.",
-        ),
-    ] = 0.0
+    half_height_px: Positive = Field(
+        14.0, description="Apparent height at which half of all clear views are detected."
+    )
+    slope: Positive = Field(
+        3.0, description="Steepness of the detection probability over the logarithm of apparent height."
+    )
+    ceiling: Fraction = Field(0.98, description="Detection probability of a large, clear object.")
+    size_curve: tuple[SizePoint, ...] = added_field(
+        (),
+        "Replaces half_height_px, slope and ceiling: straight lines over the logarithm of the size between these "
+        "points, constant beyond them. In order of size.",
+    )
+    class_factors: dict[str, NotNegative] = added_field(
+        {},
+        "Factor on the probability of detection by true label, 1 where none is given; the product ends at 1.",
+    )
+    fog_extinction_per_m: NotNegative = Field(
+        0.00012, description="Extinction per metre at fog level 1; grows as the level squared."
+    )
+    rain_extinction_per_m: NotNegative = Field(
+        0.0002, description="Extinction per metre for each rain level."
+    )
+    dust_extinction_per_m: NotNegative = added_field(
+        DUST_EXTINCTION_PER_M, "Extinction per metre at dust level 1; grows as the level squared."
+    )
+    night_contrast: Fraction = Field(
+        0.25, description="Remaining contrast when the sun is 6 degrees below the horizon."
+    )
+    concealment_weight: Fraction = Field(
+        0.5, description="Share of the contrast that full concealment removes."
+    )
+    correlation_s: NotNegative = Field(
+        0.8, description="Time over which misses of one object are correlated."
+    )
+    mislabel: Fraction = Field(
+        0.25,
+        description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views.",
+    )
+    confusion: dict[str, dict[str, Fraction]] = added_field(
+        {},
+        "Probability of each wrong label at the threshold of detection, by true label. A row replaces `mislabel` "
+        "for its class; an empty row means never mislabelled. Without a row: one of the asset's look-alikes, "
+        "each as often (assumed).",
+    )
+    jitter_px: NotNegative = Field(1.5, description="Standard deviation of the edges of a bounding box.")
+    jitter_share: Fraction = added_field(
+        0.0, "The same as a share of the box's width or height, added in squares."
+    )
+    drift_px: NotNegative = added_field(
+        0.0, "Standard deviation of the part of a box's displacement that lasts over frames."
+    )
+    drift_s: Positive = added_field(2.0, "Time over which this part is correlated.")
+    false_per_frame: NotNegative = Field(0.01, description="Mean number of false detections in one frame.")
+    false_persistence_s: NotNegative = added_field(
+        0.0, "Mean time for which a false detection stays in the picture; 0: a single frame."
+    )
+    false_labels: dict[str, Fraction] = added_field(
+        {}, "Share of each label among false detections; none: every label that can be one, as often."
+    )
+    false_score: float = added_field(
+        FALSE_SCORE_MEAN,
+        "Mean score of false detections: a beta distribution whose parameters add up to 7.",
+        gt=0.0,
+        lt=1.0,
+    )
+    scores: ScoreQuantiles = added_field(
+        ScoreQuantiles(),
+        "Quantiles of the scores, in place of those that follow from the odds of a wrong label.",
+    )
+    latency_s: NotNegative = Field(0.1, le=5.0, description="Delay from exposure to publication.")
+    latency_jitter_s: NotNegative = added_field(
+        0.0, "Greatest additional delay of a frame; each is uniform between 0 and this.", le=5.0
+    )
+    id_switches_per_s: NotNegative = added_field(
+        0.0, "Rate at which the track id of a detected object changes."
+    )
 
     @model_validator(mode="after")
     def _points_are_in_order(self) -> Self:
@@ -258,59 +197,33 @@ PerceptionSource = Literal["truth", "simulated", "agent", "detector"]
 class Perception(Document):
     """Whose perception the agent has, and how the detections are made."""
 
-    source: Annotated[
-        PerceptionSource,
-        Field(
-            description=(
-                "truth: detections without errors; simulated: with those of `model`; agent: none, the agent has a "
-                "perception of its own; detector: those of the plug-in `detector` on the pictures."
-            )
-        ),
-    ] = "simulated"
-    mode: Annotated[
-        Literal["perfect", "degraded"],
-        Field(
-            description=(
-                "Of source simulated alone. perfect: every visible actor, the detections of source truth; degraded: with "
-                "the errors of `model`."
-            )
-        ),
-    ] = "degraded"
-    detector: Annotated[
-        str | None,
-        Field(
-            exclude_if=is_default(None),
-            description="Of source detector alone: an entry point of group rebar.detectors; none: small.",
-        ),
-    ] = None
-    detector_options: Annotated[
-        dict[str, JsonValue],
-        Field(
-            exclude_if=is_default({}),
-            description="Of source detector alone: options of the plug-in, which checks them when it opens.",
-        ),
-    ] = {}
-    begin_score: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description=(
-                "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
-                "it are left out."
-            ),
-        ),
-    ] = 0.0
-    more_cameras: Annotated[
-        tuple[RosName, ...],
-        Field(
-            # Digests of SimSpecs that came before this field stay as they were published.
-            exclude_if=is_default(()),
-            description=(
-                "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "
-                "are."
-            ),
-        ),
-    ] = ()
+    source: PerceptionSource = Field(
+        "simulated",
+        description="truth: detections without errors; simulated: with those of `model`; agent: none, the agent has a "
+        "perception of its own; detector: those of the plug-in `detector` on the pictures.",
+    )
+    mode: Literal["perfect", "degraded"] = Field(
+        "degraded",
+        description="Of source simulated alone. perfect: every visible actor, the detections of source truth; degraded: with "
+        "the errors of `model`.",
+    )
+    detector: str | None = added_field(
+        None, "Of source detector alone: an entry point of group rebar.detectors; none: small."
+    )
+    detector_options: dict[str, JsonValue] = added_field(
+        {}, "Of source detector alone: options of the plug-in, which checks them when it opens."
+    )
+    begin_score: Fraction = added_field(
+        0.0,
+        "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
+        "it are left out.",
+    )
+    # Digests of SimSpecs that came before this field stay as they were published.
+    more_cameras: tuple[RosName, ...] = added_field(
+        (),
+        "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "
+        "are.",
+    )
     model: DetectionModel = DetectionModel()
 
     @property

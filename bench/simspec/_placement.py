@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Home, Point, Polygon
 from ._quantities import Identifier, NotNegative, Positive
@@ -40,9 +40,7 @@ class MeanDistance(Document):
 
     of: GroupOrHome
     mean_m: Positive
-    tolerance: Annotated[
-        float, Field(gt=0.0, le=0.5, description="Permitted relative deviation from the mean.")
-    ] = 0.01
+    tolerance: float = Field(0.01, gt=0.0, le=0.5, description="Permitted relative deviation from the mean.")
 
 
 class Distance(Document):
@@ -52,14 +50,13 @@ class Distance(Document):
     least one.
     """
 
-    of: Annotated[
-        Identifier | None,
-        Field(description="Id of another group, or a role or home (unless a group has that id)."),
-    ] = None
+    of: Identifier | None = Field(
+        None, description="Id of another group, or a role or home (unless a group has that id)."
+    )
     point: Point | None = None
     whom: Literal["every", "some"] = "every"
     min_m: NotNegative = 0.0
-    max_m: Annotated[Positive | None, Field(description="No upper bound when absent.")] = None
+    max_m: Positive | None = Field(None, description="No upper bound when absent.")
 
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
@@ -110,10 +107,10 @@ class Facing(PlaceReference):
     Exactly one of the three.
     """
 
-    heading_deg: Annotated[CompassDegrees | None, Field(description="Degrees clockwise from north.")] = None
-    within_deg: Annotated[
-        float, Field(ge=0.5, le=180.0, description="Largest permitted deviation to either side.")
-    ] = 10.0
+    heading_deg: CompassDegrees | None = Field(None, description="Degrees clockwise from north.")
+    within_deg: float = Field(
+        10.0, ge=0.5, le=180.0, description="Largest permitted deviation to either side."
+    )
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
@@ -129,10 +126,10 @@ class Inside(Document):
     Exactly one of the two.
     """
 
-    area: Annotated[Identifier | None, Field(description="Id of an area in world.areas.")] = None
-    of: Annotated[
-        Identifier | None, Field(description="Id of a group. Overlapping its member is then no collision.")
-    ] = None
+    area: Identifier | None = Field(None, description="Id of an area in world.areas.")
+    of: Identifier | None = Field(
+        None, description="Id of a group. Overlapping its member is then no collision."
+    )
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
@@ -147,15 +144,13 @@ class Avoid(Document):
     Exactly one of `area` and `of`. With `of` the gap holds to every member.
     """
 
-    area: Annotated[
-        Identifier | None,
-        Field(description="Id of an area in world.areas; no part of the footprint is in it."),
-    ] = None
-    of: Annotated[
-        Identifier | None,
-        Field(description="Id of another group, or a role or home (unless a group has that id)."),
-    ] = None
-    at_least_m: Annotated[NotNegative, Field(description="Smallest permitted gap.")] = 0.0
+    area: Identifier | None = Field(
+        None, description="Id of an area in world.areas; no part of the footprint is in it."
+    )
+    of: Identifier | None = Field(
+        None, description="Id of another group, or a role or home (unless a group has that id)."
+    )
+    at_least_m: NotNegative = Field(0.0, description="Smallest permitted gap.")
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
@@ -175,9 +170,9 @@ class AreaCount(Document):
     """
 
     area: Annotated[Identifier, Field(description="Id of an area in world.areas.")]
-    exactly: Annotated[int | None, Field(ge=0, le=5000)] = None
-    at_least: Annotated[int | None, Field(ge=0, le=5000)] = None
-    at_most: Annotated[int | None, Field(ge=0, le=5000)] = None
+    exactly: int | None = Field(None, ge=0, le=5000)
+    at_least: int | None = Field(None, ge=0, le=5000)
+    at_most: int | None = Field(None, ge=0, le=5000)
 
     @model_validator(mode="after")
     def _bounds_leave_a_number(self) -> Self:
@@ -215,9 +210,7 @@ class Between(Document):
 
     first: GroupOrHome
     second: GroupOrHome
-    within_m: Annotated[
-        Positive, Field(description="Largest distance of the centre from the straight line.")
-    ] = 5.0
+    within_m: Positive = Field(5.0, description="Largest distance of the centre from the straight line.")
 
 
 class Sight(PlaceReference):
@@ -227,33 +220,28 @@ class Sight(PlaceReference):
     A member is visible when the middle of its top is.
     """
 
-    height_m: Annotated[
-        float, Field(ge=0.0, le=6000.0, description="Height of the viewpoint above the ground.")
-    ] = 1.7
+    height_m: float = Field(1.7, ge=0.0, le=6000.0, description="Height of the viewpoint above the ground.")
 
 
 class Along(Document):
     """A position on a road, or beside it."""
 
     road: Annotated[Identifier, Field(description="Id of a road in world.roads.")]
-    where: Annotated[
-        Literal["on", "beside"],
-        Field(description="on: the whole footprint is on the road; beside: no part of it."),
-    ] = "on"
-    at_least_m: Annotated[
-        NotNegative, Field(description="For beside: smallest permitted gap between footprint and road.")
-    ] = 0.0
-    within_m: Annotated[
-        Positive, Field(description="For beside: largest permitted gap between footprint and road.")
-    ] = 5.0
-    parallel_deg: Annotated[
-        float | None,
-        Field(
-            ge=0.5,
-            le=90.0,
-            description="Largest permitted angle to the road, in either direction; any heading when absent.",
-        ),
-    ] = None
+    where: Literal["on", "beside"] = Field(
+        "on", description="on: the whole footprint is on the road; beside: no part of it."
+    )
+    at_least_m: NotNegative = Field(
+        0.0, description="For beside: smallest permitted gap between footprint and road."
+    )
+    within_m: Positive = Field(
+        5.0, description="For beside: largest permitted gap between footprint and road."
+    )
+    parallel_deg: float | None = Field(
+        None,
+        ge=0.5,
+        le=90.0,
+        description="Largest permitted angle to the road, in either direction; any heading when absent.",
+    )
 
     @model_validator(mode="after")
     def _gap_fits_the_side(self) -> Self:
@@ -282,67 +270,43 @@ class Placement(Document):
     """
 
     at: Home | None = None
-    region: Annotated[
-        Polygon | None,
-        Field(description="The members stand inside this polygon; inside world.area when absent."),
-    ] = None
+    region: Polygon | None = Field(
+        None, description="The members stand inside this polygon; inside world.area when absent."
+    )
     inside: Inside | None = None
     near: Near | None = None
-    away: Annotated[
-        Near | None, Field(description="As near, but the distance holds to every member of the other group.")
-    ] = None
+    away: Near | None = Field(
+        None, description="As near, but the distance holds to every member of the other group."
+    )
     mean_distance: MeanDistance | None = None
-    distances: Annotated[
-        tuple[Distance, ...],
-        Field(max_length=16, description="Further distances to groups, roles or points."),
-    ] = ()
+    distances: tuple[Distance, ...] = Field(
+        (), max_length=16, description="Further distances to groups, roles or points."
+    )
     along: Along | None = None
     bearing: Bearing | None = None
     between: Between | None = None
     facing: Facing | None = None
-    hidden_from: Annotated[
-        Sight | None,
-        Field(
-            description="Hidden from the viewpoint, or from the viewpoints above all members of the group."
-        ),
-    ] = None
-    visible_from: Annotated[
-        Sight | None,
-        Field(
-            description="Visible from the viewpoint, or from the viewpoint above at least one member of the group."
-        ),
-    ] = None
-    spread_m: Annotated[
-        Positive | None,
-        Field(description="Smallest permitted distance between members of this group, centre to centre."),
-    ] = None
-    separation_m: Annotated[NotNegative, Field(description="Smallest permitted gap between footprints.")] = (
-        0.5
+    hidden_from: Sight | None = Field(
+        None, description="Hidden from the viewpoint, or from the viewpoints above all members of the group."
     )
+    visible_from: Sight | None = Field(
+        None,
+        description="Visible from the viewpoint, or from the viewpoint above at least one member of the group.",
+    )
+    spread_m: Positive | None = Field(
+        None, description="Smallest permitted distance between members of this group, centre to centre."
+    )
+    separation_m: NotNegative = Field(0.5, description="Smallest permitted gap between footprints.")
     # The following are left out where they are not set: SimSpecs without them keep their bytes.
-    extent_m: Annotated[
-        Positive | None,
-        Field(
-            exclude_if=is_default(None),
-            description="Largest permitted distance between two members of this group, centre to centre.",
-        ),
-    ] = None
-    avoid: Annotated[
-        tuple[Avoid, ...],
-        Field(
-            max_length=16,
-            exclude_if=is_default(()),
-            description="Areas, groups, roles or home to keep out of and away from, edge to edge.",
-        ),
-    ] = ()
-    counts: Annotated[
-        tuple[AreaCount, ...],
-        Field(
-            max_length=4,
-            exclude_if=is_default(()),
-            description="How many members stand inside which areas.",
-        ),
-    ] = ()
+    extent_m: Positive | None = added_field(
+        None, "Largest permitted distance between two members of this group, centre to centre."
+    )
+    avoid: tuple[Avoid, ...] = added_field(
+        (), "Areas, groups, roles or home to keep out of and away from, edge to edge.", max_length=16
+    )
+    counts: tuple[AreaCount, ...] = added_field(
+        (), "How many members stand inside which areas.", max_length=4
+    )
 
     @model_validator(mode="after")
     def _fixed_place_stands_alone(self) -> Self:

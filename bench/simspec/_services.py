@@ -72,7 +72,7 @@ class OutsideAir(Document):
     interface: Annotated[
         str, Field(min_length=1, max_length=15, description="Network interface of the host, such as eth0.")
     ]
-    port: Annotated[int, Field(ge=1, le=65535)] = 7447
+    port: int = Field(7447, ge=1, le=65535)
     token_file: Annotated[
         str,
         Field(

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 from ._ground import Home
 from ._quantities import Fraction, Identifier, RosName
 
 
-def _is_absent(value: object) -> bool:
-    return value is None
-
-
 class Gps(Document):
     """Error of satellite navigation: a slow second-order Gauss-Markov error, and white noise of each fix."""
 
-    wander_m: Annotated[
-        float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")
-    ] = 0.3
-    wander_time_s: Annotated[
-        float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")
-    ] = 60.0
-    noise_m: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=20.0,
-            description="Standard deviation of the white horizontal noise of one fix; the vertical one is 1.5 times that.",
-        ),
-    ] = 0.05
+    wander_m: float = Field(
+        0.3, ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error."
+    )
+    wander_time_s: float = Field(60.0, gt=0.0, le=3600.0, description="Correlation time of the slow error.")
+    noise_m: float = Field(
+        0.05,
+        ge=0.0,
+        le=20.0,
+        description="Standard deviation of the white horizontal noise of one fix; the vertical one is 1.5 times that.",
+    )
 
 
 Coefficient = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -69,121 +62,63 @@ class Camera(Document):
     """One camera. When `stabilized`, its mount keeps roll and pitch level."""
 
     name: RosName = "front"
-    width_px: Annotated[int, Field(ge=16, le=8192)] = 1280
-    height_px: Annotated[int, Field(ge=16, le=8192)] = 720
-    horizontal_fov_deg: Annotated[float, Field(gt=5.0, lt=150.0)] = 70.0
-    tilt_deg: Annotated[
-        float,
-        Field(
-            ge=0.0, le=90.0, description="Angle of the optical axis below the horizon; 90 is straight down."
-        ),
-    ] = 60.0
+    width_px: int = Field(1280, ge=16, le=8192)
+    height_px: int = Field(720, ge=16, le=8192)
+    horizontal_fov_deg: float = Field(70.0, gt=5.0, lt=150.0)
+    tilt_deg: float = Field(
+        60.0, ge=0.0, le=90.0, description="Angle of the optical axis below the horizon; 90 is straight down."
+    )
     stabilized: bool = True
-    rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
+    rate_hz: float = Field(5.0, gt=0.0, le=50.0)
     # Fields that came later are left out at their defaults, so that digests of published SimSpecs stay.
-    distortion: Annotated[
-        Distortion,
-        Field(
-            exclude_if=is_default(NO_LENS_DISTORTION),
-            description="Distortion of the lens, in pictures, camera_info and the boxes of detections.",
-        ),
-    ] = NO_LENS_DISTORTION
-    gimbal: Annotated[
-        bool,
-        Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."),
-    ] = False
+    distortion: Distortion = added_field(
+        NO_LENS_DISTORTION, "Distortion of the lens, in pictures, camera_info and the boxes of detections."
+    )
+    gimbal: bool = Field(
+        False, description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."
+    )
     # 100 is MAV_COMP_ID_CAMERA of MAVLink's common.xml.
-    mavlink: Annotated[
-        bool,
-        Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100."),
-    ] = False
-    record_frames: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
-        ),
-    ] = False
-    record_boxes: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description=(
-                "Whether every picture is rendered, and the box and the visible share of each actor in it recorded."
-            ),
-        ),
-    ] = False
-    record_masks: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and recorded which actor each of its pixels shows.",
-        ),
-    ] = False
-    record_depth: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Whether every picture is rendered, and the depth of each of its pixels recorded.",
-        ),
-    ] = False
-    renderer: Annotated[
-        Identifier,
-        Field(
-            exclude_if=is_default(DEFAULT_RENDERER),
-            description="What draws the pictures: an entry point of group rebar.renderers.",
-        ),
-    ] = DEFAULT_RENDERER
+    mavlink: bool = Field(
+        False, description="Whether the camera answers on the vehicle's MAVLink links, as component 100."
+    )
+    record_frames: bool = added_field(
+        False,
+        "Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
+    )
+    record_boxes: bool = added_field(
+        False,
+        "Whether every picture is rendered, and the box and the visible share of each actor in it recorded.",
+    )
+    record_masks: bool = added_field(
+        False, "Whether every picture is rendered, and recorded which actor each of its pixels shows."
+    )
+    record_depth: bool = added_field(
+        False, "Whether every picture is rendered, and the depth of each of its pixels recorded."
+    )
+    renderer: Identifier = added_field(
+        DEFAULT_RENDERER, "What draws the pictures: an entry point of group rebar.renderers."
+    )
 
     # What the camera does to its pictures. Detections from the truth know nothing of it.
-    noise: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=20.0,
-            exclude_if=is_default(1.0),
-            description="Factor on the noise of the camera's pictures.",
-        ),
-    ] = 1.0
-    lens_dirt: Annotated[
-        Fraction,
-        Field(exclude_if=is_default(0.0), description="Dirt on the lens: 0 is clean."),
-    ] = 0.0
-    dropped_share: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Probability that the camera loses the picture of a frame.",
-        ),
-    ] = 0.0
-    frozen_share: Annotated[
-        Fraction,
-        Field(
-            exclude_if=is_default(0.0),
-            description="Share of the frames in which the camera repeats its last picture, some five in a row.",
-        ),
-    ] = 0.0
-    exposure_ev: Annotated[
-        float,
-        Field(
-            ge=-5.0,
-            le=5.0,
-            exclude_if=is_default(0.0),
-            description="Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
-        ),
-    ] = 0.0
-    shutter_s: Annotated[
-        float | None,
-        Field(
-            ge=1e-5,
-            le=1.0,
-            exclude_if=_is_absent,
-            description=(
-                "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
-                "1/60 s by the light."
-            ),
-        ),
-    ] = None
+    noise: float = added_field(1.0, "Factor on the noise of the camera's pictures.", ge=0.0, le=20.0)
+    lens_dirt: Fraction = added_field(0.0, "Dirt on the lens: 0 is clean.")
+    dropped_share: Fraction = added_field(0.0, "Probability that the camera loses the picture of a frame.")
+    frozen_share: Fraction = added_field(
+        0.0, "Share of the frames in which the camera repeats its last picture, some five in a row."
+    )
+    exposure_ev: float = added_field(
+        0.0,
+        "Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
+        ge=-5.0,
+        le=5.0,
+    )
+    shutter_s: float | None = added_field(
+        None,
+        "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
+        "1/60 s by the light.",
+        ge=1e-5,
+        le=1.0,
+    )
 
     @property
     def draws_for_the_recording(self) -> bool:
@@ -200,8 +135,8 @@ class Camera(Document):
 class Battery(Document):
     """The battery, and its charge at the start."""
 
-    capacity_wh: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
-    initial_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    capacity_wh: float = Field(80.0, gt=0.0, le=2000.0)
+    initial_fraction: float = Field(1.0, gt=0.0, le=1.0)
 
 
 # A field that the kind does not use would be ignored without a word, so it is a fault.
@@ -224,22 +159,25 @@ class Failure(Document):
 
     at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
     kind: Literal["gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss"]
-    duration_s: Annotated[
-        float | None, Field(gt=0.0, le=7200.0, description="Duration; to the end of the session when absent.")
-    ] = None
-    instance: Annotated[
-        int | None,
-        Field(ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does."),
-    ] = None
-    link: Annotated[
-        Identifier | None,
-        Field(description="Name of the link in the agent's manifest; all links when absent."),
-    ] = None
-    to_fraction: Annotated[float | None, Field(ge=0.0, le=1.0, description="Remaining charge.")] = None
-    drift_mps: Annotated[float | None, Field(gt=0.0, le=50.0)] = None
-    towards_deg: Annotated[
-        float | None, Field(ge=0.0, lt=360.0, description="Clockwise from north; north when absent.")
-    ] = None
+    duration_s: float | None = Field(
+        None, gt=0.0, le=7200.0, description="Duration; to the end of the session when absent."
+    )
+    instance: int | None = Field(
+        None, ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does."
+    )
+    link: Identifier | None = Field(
+        None, description="Name of the link in the agent's manifest; all links when absent."
+    )
+    to_fraction: float | None = Field(None, ge=0.0, le=1.0, description="Remaining charge.")
+    drift_mps: float | None = Field(None, gt=0.0, le=50.0)
+    towards_deg: float | None = Field(
+        None, ge=0.0, lt=360.0, description="Clockwise from north; north when absent."
+    )
+
+    @property
+    def until_s(self) -> float:
+        """Simulated time at which the failure ends; infinite where it lasts to the end of the session."""
+        return math.inf if self.duration_s is None else self.at_s + self.duration_s
 
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
@@ -275,40 +213,17 @@ class OutsideLink(Document):
     name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
     kind: Literal["udp_out", "udp_in", "tcp_in", "serial"] = "udp_out"
     host: str = "127.0.0.1"
-    interface: Annotated[
-        str,
-        Field(
-            max_length=15,
-            exclude_if=is_default(""),
-            description="Network interface of the host to listen on, such as eth0, in place of `host`.",
-        ),
-    ] = ""
-    device: Annotated[
-        str,
-        Field(
-            exclude_if=is_default(""),
-            description="The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.",
-        ),
-    ] = ""
-    baud: Annotated[
-        int,
-        Field(
-            ge=9600,
-            le=4_000_000,
-            exclude_if=is_default(DEFAULT_BAUD),
-            description="Speed of the serial device.",
-        ),
-    ] = DEFAULT_BAUD
-    port: Annotated[int, Field(ge=1, le=65535)] = 14550
-    streams: Annotated[
-        Literal["onboard", "gcs", "none"], Field(description="Default stream set of the link.")
-    ] = "gcs"
-    heard: Annotated[
-        bool,
-        Field(
-            description="Whether the vehicle obeys what comes over the link. Such a session cannot be repeated bit for bit."
-        ),
-    ] = False
+    interface: str = added_field(
+        "", "Network interface of the host to listen on, such as eth0, in place of `host`.", max_length=15
+    )
+    device: str = added_field("", "The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.")
+    baud: int = added_field(DEFAULT_BAUD, "Speed of the serial device.", ge=9600, le=4_000_000)
+    port: int = Field(14550, ge=1, le=65535)
+    streams: Literal["onboard", "gcs", "none"] = Field("gcs", description="Default stream set of the link.")
+    heard: bool = Field(
+        False,
+        description="Whether the vehicle obeys what comes over the link. Such a session cannot be repeated bit for bit.",
+    )
 
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
@@ -335,33 +250,26 @@ class RealAutopilot(Document):
             "current folder.",
         ),
     ]
-    parameters: Annotated[
-        dict[str, float],
-        Field(
-            description="Set before the start, behind those of the airframe and those of vehicle.parameters."
-        ),
-    ] = {}
-    boot_s: Annotated[
-        float | None,
-        Field(
-            ge=0.0,
-            le=600.0,
-            description="Simulated seconds on the ground before the session begins, until the autopilot can be armed; 15 "
-            "for px4 and 50 for ardupilot when absent.",
-        ),
-    ] = None
+    parameters: dict[str, float] = Field(
+        {}, description="Set before the start, behind those of the airframe and those of vehicle.parameters."
+    )
+    boot_s: float | None = Field(
+        None,
+        ge=0.0,
+        le=600.0,
+        description="Simulated seconds on the ground before the session begins, until the autopilot can be armed; 15 "
+        "for px4 and 50 for ardupilot when absent.",
+    )
     pace: Literal["free", "one_core", "quiet"] = Field(
         default_factory=lambda values: "quiet" if values.get("kind") == "px4" else "one_core",
         description="`one_core`: autopilot and physics take turns on one core, which is fastest. `quiet`: as well, each "
         "sample waits until every thread of the autopilot sleeps, so that PX4 repeats. `free`: wherever the system "
         "puts them. When absent `quiet` for px4, and `one_core` for ardupilot, which has one thread.",
     )
-    log: Annotated[
-        bool,
-        Field(
-            description="Whether the autopilot writes its log, some 0.3 MB a second; it is kept with the run."
-        ),
-    ] = False
+    log: bool = Field(
+        False,
+        description="Whether the autopilot writes its log, some 0.3 MB a second; it is kept with the run.",
+    )
 
     def __str__(self) -> str:
         return f"{self.kind} (real)"
@@ -382,34 +290,27 @@ class BoardAutopilot(Document):
             description="The serial device of the board, such as /dev/serial/by-id/usb-... or /dev/ttyACM0.",
         ),
     ]
-    baud: Annotated[
-        int,
-        Field(
-            ge=9600,
-            le=4_000_000,
-            description="Speed of the line. A board on USB ignores it, but rates of messages are planned for it.",
-        ),
-    ] = DEFAULT_BAUD
-    parameters: Annotated[
-        dict[str, float],
-        Field(description="Set at the start, behind those of the airframe and those of vehicle.parameters."),
-    ] = {}
-    streams_hz: Annotated[
-        dict[str, Annotated[float, Field(ge=0.0, le=200.0)]],
-        Field(
-            max_length=32,
-            description="Rates of messages that the board is asked for, by MAVLink name, such as LOCAL_POSITION_NED: 10. "
-            "What does not fit on the line is refused.",
-        ),
-    ] = {}
-    boot_s: Annotated[
-        float | None,
-        Field(
-            ge=0.0,
-            le=600.0,
-            description="Seconds on the ground before the session begins, until the board can be armed; 20 when absent.",
-        ),
-    ] = None
+    baud: int = Field(
+        DEFAULT_BAUD,
+        ge=9600,
+        le=4_000_000,
+        description="Speed of the line. A board on USB ignores it, but rates of messages are planned for it.",
+    )
+    parameters: dict[str, float] = Field(
+        {}, description="Set at the start, behind those of the airframe and those of vehicle.parameters."
+    )
+    streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=200.0)]] = Field(
+        {},
+        max_length=32,
+        description="Rates of messages that the board is asked for, by MAVLink name, such as LOCAL_POSITION_NED: 10. "
+        "What does not fit on the line is refused.",
+    )
+    boot_s: float | None = Field(
+        None,
+        ge=0.0,
+        le=600.0,
+        description="Seconds on the ground before the session begins, until the board can be armed; 20 when absent.",
+    )
 
     def __str__(self) -> str:
         return f"{self.kind} (board)"
@@ -418,68 +319,46 @@ class BoardAutopilot(Document):
 class VehicleSpec(Document):
     """The aircraft, the autopilot it carries, and its sensors."""
 
-    model: Annotated[
-        Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
-    ] = DEFAULT_VEHICLE
-    autopilot: Annotated[
-        Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot,
-        Field(
-            description="The autopilot that the flight controller imitates, a real one with its firmware, or a board."
-        ),
-    ] = "px4"
-    parameters: Annotated[
-        dict[str, float],
-        Field(
-            description="Autopilot parameters that are set before the start, by the names of that autopilot."
-        ),
-    ] = {}
-    name: Annotated[RosName, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
+    model: Identifier = Field(
+        DEFAULT_VEHICLE, description="Name of the vehicle in the entry-point group rebar.vehicles."
+    )
+    autopilot: Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot = Field(
+        "px4",
+        description="The autopilot that the flight controller imitates, a real one with its firmware, or a board.",
+    )
+    parameters: dict[str, float] = Field(
+        {}, description="Autopilot parameters that are set before the start, by the names of that autopilot."
+    )
+    name: RosName = Field("vehicle_1", description="Namespace of the vehicle's topics.")
     home: Home = Home(east_m=0.0, north_m=0.0)
     gps: Gps = Gps()
-    camera: Annotated[
-        Camera,
-        Field(
-            description="The main camera, which always has detections; the MAVLink camera and gimbal are its own."
-        ),
-    ] = Camera()
-    more_cameras: Annotated[
-        tuple[Camera, ...],
-        Field(
-            max_length=7,
-            # Digests of SimSpecs with one camera stay as they were published.
-            exclude_if=is_default(()),
-            description="Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
-            "`gimbal`, one hangs on the main camera's gimbal.",
-        ),
-    ] = ()
+    camera: Camera = Field(
+        Camera(),
+        description="The main camera, which always has detections; the MAVLink camera and gimbal are its own.",
+    )
+    # Digests of SimSpecs with one camera stay as they were published.
+    more_cameras: tuple[Camera, ...] = added_field(
+        (),
+        "Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
+        "`gimbal`, one hangs on the main camera's gimbal.",
+        max_length=7,
+    )
     battery: Battery = Battery()
-    ground_truth: Annotated[
-        bool,
-        Field(
-            description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it."
-        ),
-    ] = False
-    simulation_control: Annotated[
-        bool,
-        Field(
-            description="Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
-            "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
-            # Frozen questions are compared by digest, and none of them gives an agent the simulation.
-            exclude_if=is_default(False),
-        ),
-    ] = False
-    failures: Annotated[
-        tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
-    ] = ()
-    outside_links: Annotated[
-        tuple[OutsideLink, ...],
-        Field(
-            max_length=8,
-            description="MAVLink links to the host's network, such as for a ground station.",
-            # As above: digests of situations without such a link stay as they were published.
-            exclude_if=is_default(()),
-        ),
-    ] = ()
+    ground_truth: bool = Field(
+        False,
+        description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it.",
+    )
+    # Frozen questions are compared by digest, and none of them gives an agent the simulation.
+    simulation_control: bool = added_field(
+        False,
+        "Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
+        "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
+    )
+    failures: tuple[Failure, ...] = Field((), max_length=100, description="Failures of the vehicle.")
+    # As above: digests of situations without such a link stay as they were published.
+    outside_links: tuple[OutsideLink, ...] = added_field(
+        (), "MAVLink links to the host's network, such as for a ground station.", max_length=8
+    )
 
     @model_validator(mode="after")
     def _outside_links_have_names(self) -> Self:

@@ -7,25 +7,22 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field
 
 
 class Wind(Document):
     """Mean wind and turbulence near the ground."""
 
-    speed_mps: Annotated[float, Field(ge=0.0, le=20.0, description="Mean wind speed.")] = 0.0
-    from_deg: Annotated[
-        float,
-        Field(ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north."),
-    ] = 0.0
-    turbulence_mps: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=20.0,
-            description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts.",
-        ),
-    ] = 0.0
+    speed_mps: float = Field(0.0, ge=0.0, le=20.0, description="Mean wind speed.")
+    from_deg: float = Field(
+        0.0, ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north."
+    )
+    turbulence_mps: float = Field(
+        0.0,
+        ge=0.0,
+        le=20.0,
+        description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts.",
+    )
 
 
 WeatherLevel = Annotated[float, Field(ge=0.0, le=9.0)]
@@ -69,7 +66,7 @@ class Environment(Document):
     rain_level: WeatherLevel = 0.0
     fog_level: WeatherLevel = 0.0
     # Left out at 0, so that digests of SimSpecs from before it stay as they were.
-    dust_level: Annotated[WeatherLevel, Field(exclude_if=is_default(0.0))] = 0.0
+    dust_level: WeatherLevel = added_field(0.0)
     wind: Wind = Wind()
 
     @model_validator(mode="after")

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from ._router import Router as Router
     from ._router import Topic as Topic
     from ._router import open_router as open_router
+    from ._schemas import schema_text as schema_text
+    from ._schemas import schema_text_of as schema_text_of
+    from ._schemas import type_hash as type_hash
     from ._types import MESSAGES as MESSAGES
     from ._types import BoundingBox2D as BoundingBox2D
     from ._types import BoundingBox3D as BoundingBox3D
@@ -89,86 +92,6 @@ if TYPE_CHECKING:
     from ._types import UInt32s as UInt32s
     from ._types import Vector3 as Vector3
     from ._types import message_class as message_class
-    from ._types import schema_text as schema_text
-    from ._types import schema_text_of as schema_text_of
-    from ._types import type_hash as type_hash
     from ._types import type_name_of as type_name_of
 
-_MODULES = {
-    "decode": "_cdr",
-    "encode": "_cdr",
-    "json_schema": "_json",
-    "json_value": "_json",
-    "CLOCK_QOS": "_keys",
-    "RELIABLE_10": "_keys",
-    "SENSOR_DATA": "_keys",
-    "TF_QOS": "_keys",
-    "QoS": "_keys",
-    "data_key": "_keys",
-    "AirAccess": "_node",
-    "Publisher": "_node",
-    "RosNode": "_node",
-    "Sample": "_node",
-    "Subscription": "_node",
-    "open_client": "_node",
-    "decode_pose_array": "_poses",
-    "encode_pose_array": "_poses",
-    "MAX_DOCUMENT_BYTES": "_router",
-    "AirPlan": "_router",
-    "Router": "_router",
-    "Topic": "_router",
-    "open_router": "_router",
-    "MESSAGES": "_types",
-    "BoundingBox2D": "_types",
-    "BoundingBox3D": "_types",
-    "CameraInfo": "_types",
-    "Clock": "_types",
-    "CompressedImage": "_types",
-    "Detection2D": "_types",
-    "Detection2DArray": "_types",
-    "Detection3D": "_types",
-    "Detection3DArray": "_types",
-    "Header": "_types",
-    "Image": "_types",
-    "Imu": "_types",
-    "Int32": "_types",
-    "MultiArrayDimension": "_types",
-    "MultiArrayLayout": "_types",
-    "NavSatFix": "_types",
-    "NavSatStatus": "_types",
-    "ObjectHypothesis": "_types",
-    "ObjectHypothesisWithPose": "_types",
-    "Octets": "_types",
-    "Odometry": "_types",
-    "Point": "_types",
-    "Point2D": "_types",
-    "Pose": "_types",
-    "Pose2D": "_types",
-    "PoseArray": "_types",
-    "PoseStamped": "_types",
-    "PoseWithCovariance": "_types",
-    "PoseWithCovarianceStamped": "_types",
-    "Quaternion": "_types",
-    "RegionOfInterest": "_types",
-    "RosMessage": "_types",
-    "String": "_types",
-    "TFMessage": "_types",
-    "Time": "_types",
-    "Transform": "_types",
-    "TransformStamped": "_types",
-    "Twist": "_types",
-    "TwistWithCovariance": "_types",
-    "TwistWithCovarianceStamped": "_types",
-    "UInt8": "_types",
-    "UInt8MultiArray": "_types",
-    "UInt32": "_types",
-    "UInt32s": "_types",
-    "Vector3": "_types",
-    "message_class": "_types",
-    "schema_text": "_types",
-    "schema_text_of": "_types",
-    "type_hash": "_types",
-    "type_name_of": "_types",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

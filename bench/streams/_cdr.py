@@ -14,7 +14,8 @@ from itertools import islice
 from operator import attrgetter
 from typing import Any, TypeVar, overload
 
-from ._types import Field, RosMessage, fields_of, message_class
+from ._schemas import Field, fields_of
+from ._types import RosMessage, message_class
 
 # Plain CDR, little endian, no options.
 HEADER = b"\x00\x01\x00\x00"

@@ -6,7 +6,8 @@ import base64
 import math
 from typing import Any
 
-from ._types import Field, RosMessage, dependencies, fields_of
+from ._schemas import Field, dependencies, fields_of
+from ._types import RosMessage
 
 _INTEGERS = {
     "int8": (-(2**7), 2**7 - 1),

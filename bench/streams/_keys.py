@@ -14,7 +14,7 @@ import xxhash
 
 from bench.values import value_class
 
-from ._types import type_hash
+from ._schemas import type_hash
 
 GRAPH = "@ros2_lv"
 # The default depth of rmw_zenoh. In a token, a value equal to its default is left out.

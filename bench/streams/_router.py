@@ -25,7 +25,8 @@ from bench.temporary_folders import temporary_folder
 
 from ._keys import GRAPH, data_key, dds_name, is_name, mangle
 from ._node import AirAccess, RosNode, session_settings
-from ._types import message_class, type_hash
+from ._schemas import type_hash
+from ._types import message_class
 
 MAX_DOCUMENT_BYTES = 64 * 1024
 _AGENT, _COMPANION = "agent", "companion"

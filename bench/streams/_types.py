@@ -8,12 +8,7 @@ they are not on the wire.
 
 # Without `from __future__ import annotations` on purpose: the annotations are read at run time.
 
-import hashlib
-import json
-from collections.abc import Iterator
-from dataclasses import fields
-from functools import cache
-from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin
+from typing import Annotated, ClassVar, Protocol
 
 from bench.values import value_class
 
@@ -388,12 +383,12 @@ MESSAGES: tuple[type[RosMessage], ...] = (
     *(Detection2D, Detection2DArray, Detection3D, Detection3DArray),
 )
 
-_BY_NAME = {kind.TYPE: kind for kind in MESSAGES}
+BY_NAME = {kind.TYPE: kind for kind in MESSAGES}
 
 
 def message_class(type_name: str) -> type[RosMessage] | None:
     """The class of a ROS 2 type (`std_msgs/msg/String`), or None when the bench does not speak it."""
-    return _BY_NAME.get(type_name)
+    return BY_NAME.get(type_name)
 
 
 def type_name_of(kind: type[object]) -> str:
@@ -402,128 +397,3 @@ def type_name_of(kind: type[object]) -> str:
     if not isinstance(name, str):
         raise TypeError(f"{kind.__name__} is no message class of bench.streams")
     return name
-
-
-@value_class(frozen=True, slots=True)
-class Field:
-    """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
-
-    name: str
-    of: str | type[RosMessage]
-    count: Literal["one", "array", "sequence"] = "one"
-    size: int = 0
-
-    @property
-    def type_text(self) -> str:
-        """The field's type as a `.msg` file states it: `float64[36]`, `geometry_msgs/Pose[]`."""
-        base = self.of if isinstance(self.of, str) else short_name(self.of.TYPE)
-        return base + {"one": "", "array": f"[{self.size}]", "sequence": "[]"}[self.count]
-
-
-@cache
-def fields_of(kind: type[RosMessage]) -> tuple[Field, ...]:
-    """The fields of a message class in the order of the wire."""
-    # A dataclass that is no message stops here.
-    type_name_of(kind)
-    return tuple(_field(field.name, field.type) for field in fields(kind))  # type: ignore[arg-type]
-
-
-def _field(name: str, annotation: Any) -> Field:
-    plain = {str: "string", bool: "bool", float: "float64"}.get(annotation)
-    if plain is not None:
-        return Field(name, plain)
-    if get_origin(annotation) is Annotated:
-        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36].
-        base, _, rest = get_args(annotation)[1].partition("[")
-        if not rest:
-            return Field(name, base)
-        return Field(name, base, "array", int(rest[:-1])) if rest != "]" else Field(name, base, "sequence")
-    if get_origin(annotation) is tuple:
-        return Field(name, get_args(annotation)[0], "sequence")
-    return Field(name, annotation)
-
-
-def short_name(type_name: str) -> str:
-    """`std_msgs/msg/Header` as `.msg` files write it: `std_msgs/Header`."""
-    return type_name.replace("/msg/", "/")
-
-
-def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
-    """Every message class inside `kind`, at any depth, each once, in the order of first meeting."""
-
-    def walk(of: type[RosMessage]) -> Iterator[type[RosMessage]]:
-        for field in fields_of(of):
-            if not isinstance(field.of, str):
-                yield field.of
-                yield from walk(field.of)
-
-    return tuple(dict.fromkeys(walk(kind)))
-
-
-@cache
-def type_hash(type_name: str) -> str:
-    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when
-    unknown.
-    """
-    kind = _BY_NAME[type_name]
-    inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
-    whole = {
-        "type_description": _description(kind),
-        "referenced_type_descriptions": [_description(message) for message in inside],
-    }
-    # The separators ", " and ": " are the defaults of json.dumps, and part of the canonical form.
-    return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
-
-
-# Of type_description_interfaces/msg/FieldType: an array adds 48, an unbounded sequence 144 to the id of its
-# elements.
-_TYPE_IDS = {
-    "int8": 2,
-    "uint8": 3,
-    "uint16": 5,
-    "int32": 6,
-    "uint32": 7,
-    "float64": 11,
-    "bool": 15,
-    "string": 17,
-}
-_COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
-
-
-def _description(kind: type[RosMessage]) -> dict[str, Any]:
-    return {
-        "type_name": kind.TYPE,
-        "fields": [{"name": field.name, "type": _type_description(field)} for field in fields_of(kind)],
-    }
-
-
-def _type_description(field: Field) -> dict[str, Any]:
-    nested = "" if isinstance(field.of, str) else field.of.TYPE
-    base = _TYPE_IDS[field.of] if isinstance(field.of, str) else 1
-    return {
-        "type_id": base + _COUNT_IDS[field.count],
-        "capacity": field.size,
-        "string_capacity": 0,
-        "nested_type_name": nested,
-    }
-
-
-@cache
-def schema_text(type_name: str) -> str:
-    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it.
-
-    KeyError when unknown.
-    """
-    return schema_text_of(_BY_NAME[type_name])
-
-
-def schema_text_of(kind: type[RosMessage]) -> str:
-    """As `schema_text`, for a message class that need not be one of MESSAGES."""
-    parts = [_definition(kind)]
-    # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
-    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]
-    return ("=" * 80 + "\n").join(parts)
-
-
-def _definition(kind: type[RosMessage]) -> str:
-    return "".join(f"{field.type_text} {field.name}\n" for field in fields_of(kind))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -41,7 +40,7 @@ def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpa
         FaultSpan(
             failure.kind,
             failure.at_s,
-            math.inf if failure.duration_s is None else failure.at_s + failure.duration_s,
+            failure.until_s,
         )
         for failure in simspec.vehicle.failures
     ]

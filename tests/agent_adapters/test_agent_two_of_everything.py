@@ -24,7 +24,7 @@ from agent_adapters.reference.mission._planner import Planner
 from agent_adapters.reference.mission._policy import BystanderAwarePolicy
 from agent_adapters.reference.perception._tracks import PlacedDetection, Tracks
 from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspaces as SurrogateAirspaces
-from agent_adapters.reference.surrogate.batch._interruptions import delivered_at, link_down_spans
+from agent_adapters.reference.surrogate.batch._interruptions import delivered_at, outage_spans
 from bench.simspec import NoFlyArea, Outage, Point, Rules
 from bench.simspec import Polygon as Corners
 
@@ -154,9 +154,10 @@ def test_two_orders_to_end_are_heeded_once_and_the_later_one_is_carried_out() ->
 
 def test_two_outages_that_overlap_are_one_and_what_comes_between_two_is_heard() -> None:
     def down(*spans_s: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-        return link_down_spans(
+        outages = [
             Outage(kind="operator_link", at_s=at_s, duration_s=end_s - at_s) for at_s, end_s in spans_s
-        )
+        ]
+        return outage_spans(outages, "operator_link")
 
     overlapping, apart = down((30.0, 50.0), (40.0, 70.0)), down((60.0, 80.0), (20.0, 40.0))
 

@@ -14,7 +14,8 @@ import pytest
 from bench.arrays import Floats
 from bench.contracts import CameraPose, Detection, Lens, SimTime
 from bench.perception import KalmanTracker, TrackerSettings, ground_homography, ground_warp
-from bench.perception._tracker import BoxTracks, assign, noise_px2, overlaps, straight_boxes
+from bench.perception._box_tracks import BoxTracks
+from bench.perception._tracker import assign, noise_px2, overlaps, straight_boxes
 from bench.perception._tracks import TrackNames, UntrackedDetection
 
 PERIOD_NS = 200_000_000

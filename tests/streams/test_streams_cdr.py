@@ -36,7 +36,7 @@ from bench.streams import (
     message_class,
     type_name_of,
 )
-from bench.streams._types import Field, dependencies, fields_of
+from bench.streams._schemas import Field, dependencies, fields_of
 
 RANGES = {
     "int8": (-128, 127),

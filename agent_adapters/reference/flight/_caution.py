@@ -11,8 +11,7 @@ from typing import Self
 from agent_adapters.client.documents import MissionOrder
 from bench.values import value_class
 
-from ..perception._bystanders import may_be_bystander
-from ..perception._tracks import Tracks
+from ..perception._tracks import Tracks, may_be_bystander
 from ._paths import Place
 
 # Gentler than on a path (see _paths): people come nearer meanwhile. Chosen, not measured.

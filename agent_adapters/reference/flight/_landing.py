@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from .._log import Log
-from ..perception._bystanders import may_be_bystander
 from ..perception._perception import ObjectPerception
-from ..perception._tracks import Tracks
+from ..perception._tracks import Tracks, may_be_bystander
 from ._paths import Place
 
 # Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen, not

@@ -14,8 +14,7 @@ from agent_adapters.client.documents import MissionOrder
 from bench.values import value_class
 
 from .._settings import PolicyName, Settings
-from ..perception._bystanders import may_be_bystander
-from ..perception._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks
+from ..perception._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks, may_be_bystander
 
 # Beyond it a person out of sight could be anywhere, and nothing would ever be marked. Chosen, not measured.
 LONGEST_DRIFT_S = 15.0

@@ -245,3 +245,17 @@ def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
 
 def _cell(east_m: float, north_m: float) -> tuple[int, int]:
     return math.floor(east_m / CELL_M), math.floor(north_m / CELL_M)
+
+
+# Below one half on purpose: an object that may well be a bystander is treated as one. Chosen, not measured.
+BYSTANDER_SHARE = 0.3
+
+# One frame may be a false detection. Chosen, not measured.
+BYSTANDER_FRAMES = 2
+
+
+def may_be_bystander(track: Track, classes: tuple[str, ...]) -> bool:
+    """Whether it was seen often enough, and often enough as one of these classes."""
+    return (
+        track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
+    )

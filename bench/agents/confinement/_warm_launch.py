@@ -55,7 +55,9 @@ def main() -> None:
 def load(name: str) -> None:
     """Import a module, with all names of a room of the bench, which loads them when they are first used."""
     module = importlib.import_module(name)
-    for exported in getattr(module, "_MODULES", ()):
+    if not name.startswith("bench."):
+        return
+    for exported in importlib.import_module("bench.lazy").declared_names(name):
         value = getattr(module, exported)
         # Models of documents build their validators when they are first used.
         if hasattr(value, "model_rebuild"):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ class CoveringArray(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["covering_array"] = "covering_array"
-    strength: Annotated[int, Field(ge=1, le=4, description="2 covers all pairs, 3 all triples.")] = 2
+    strength: int = Field(2, ge=1, le=4, description="2 covers all pairs, 3 all triples.")
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         choices = {factor.name: space.choices(factor) for factor in space.free}

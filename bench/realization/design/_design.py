@@ -83,39 +83,36 @@ class Design(Document):
     """The situations that are flown: factors, the method that combines them, replicates, and the seed."""
 
     factors: tuple[DesignFactor, ...] = ()
-    forbid: Annotated[
-        tuple[ExpressionText, ...],
-        Field(
-            max_length=200,
-            description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\".",
-        ),
-    ] = ()
+    forbid: tuple[ExpressionText, ...] = Field(
+        (),
+        max_length=200,
+        description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\".",
+    )
     method: Method = FullFactorial()
-    then: Annotated[
-        tuple[Method, ...],
-        Field(
-            max_length=20,
-            description="Further points, numbered after all earlier ones, which stay as they are.",
-        ),
-    ] = ()
-    replicates: Annotated[
-        int, Field(ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own.")
-    ] = 1
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    then: tuple[Method, ...] = Field(
+        (),
+        max_length=20,
+        description="Further points, numbered after all earlier ones, which stay as they are.",
+    )
+    replicates: int = Field(
+        1, ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own."
+    )
+    seed: int = Field(0, ge=0, lt=2**63)
 
     @model_validator(mode="after")
     def _can_be_drawn(self) -> Self:
         twice = [name for name, times in Counter(factor.name for factor in self.factors).items() if times > 1]
         if twice:
             raise ValueError(f"two factors are called {twice[0]!r}")
-        if not self.factors and (self.forbid or self.then or not isinstance(self.method, FullFactorial)):
+        combined = any((self.forbid, self.then, not isinstance(self.method, FullFactorial)))
+        if combined and not self.factors:
             raise ValueError("the design has no factors to combine")
         if self.factors and not self.space.free:
             raise ValueError("every factor has a formula; give at least one levels or a range")
         counts = [self._count(method, place) * self.replicates for place, method in enumerate(self.methods)]
         for method, pairs in zip(self.methods, counts, strict=True):
             take = method.take if isinstance(method, FullFactorial) else None
-            if take is not None and take > pairs:
+            if (take or 0) > pairs:
                 raise ValueError(
                     f"take {take} exceeds the {pairs} pairs of design point and replicate; raise replicates or lower take"
                 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -19,12 +19,9 @@ class FullFactorial(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["full_factorial"] = "full_factorial"
-    take: Annotated[
-        int | None,
-        Field(
-            ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent."
-        ),
-    ] = None
+    take: int | None = Field(
+        None, ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent."
+    )
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed

@@ -38,13 +38,10 @@ class FactorRange(Document):
 
     low: float
     high: float
-    steps: Annotated[
-        int | None,
-        Field(
-            ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included."
-        ),
-    ] = None
-    integer: Annotated[bool, Field(description="Round to whole numbers.")] = False
+    steps: int | None = Field(
+        None, ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included."
+    )
+    integer: bool = Field(False, description="Round to whole numbers.")
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -80,65 +77,66 @@ class DesignFactor(Document):
     """
 
     name: Identifier
-    unit: Annotated[
-        str | None, Field(description="Checked against the unit that the paths' names state.")
-    ] = None
-    levels: Annotated[tuple[FactorLevel, ...], Field(max_length=1000)] = ()
+    unit: str | None = Field(None, description="Checked against the unit that the paths' names state.")
+    levels: tuple[FactorLevel, ...] = Field((), max_length=1000)
     range: FactorRange | None = None
-    formula: Annotated[
-        ExpressionText | None,
-        Field(description="The level follows from other factors, for example 'crowd * 0.05 + 2'."),
-    ] = None
-    integer: Annotated[bool, Field(description="Round what the formula gives to whole numbers.")] = False
-    when: Annotated[
-        ExpressionText | None,
-        Field(description="Active only where this holds of other factors; elsewhere it changes nothing."),
-    ] = None
+    formula: ExpressionText | None = Field(
+        None, description="The level follows from other factors, for example 'crowd * 0.05 + 2'."
+    )
+    integer: bool = Field(False, description="Round what the formula gives to whole numbers.")
+    when: ExpressionText | None = Field(
+        None, description="Active only where this holds of other factors; elsewhere it changes nothing."
+    )
     sets: tuple[str, ...] = ()
     patches: dict[str, dict[str, Any]] = {}
 
     @model_validator(mode="after")
     def _varies_something(self) -> Self:
-        if bool(self.levels) + (self.range is not None) + (self.formula is not None) != 1:
-            raise ValueError(f"factor {self.name!r}: give either levels (at least one) or range or formula")
         twice = [level for level, times in Counter(self.levels).items() if times > 1]
-        if twice:
-            raise ValueError(
-                f"factor {self.name!r}: level {twice[0]!r} stands twice (numbers that are equal are one level)"
-            )
-        if not self.sets and not self.patches:
-            raise ValueError(
-                f"factor {self.name!r} changes nothing; give sets (paths into the SimSpec) or patches"
-            )
+        ends = f"low: {self.range.low:g}, high: {self.range.high:g}" if self.range else ""
         # As text: keys in YAML and JSON are text, levels may be numbers.
-        if self.patches and set(self.patches) != set(map(str, self.levels)):
-            raise ValueError(
-                f"factor {self.name!r}: patches {sorted(self.patches)} must name exactly the levels {list(self.levels)}"
-            )
-        if self.formula is not None and self.when is not None:
-            raise ValueError(
-                f"factor {self.name!r}: give formula or when; a formula may say `a if condition else b`"
-            )
-        if self.integer and self.range is not None:
-            ends = f"low: {self.range.low:g}, high: {self.range.high:g}"
-            raise ValueError(
-                f"factor {self.name!r}: integer stands beside the range; write it inside: range: {{{ends}, integer: true}}"
-            )
-        if self.integer and self.formula is None:
-            raise ValueError(
-                f"factor {self.name!r}: integer is for a formula; levels are taken as they are written, so leave it out"
-            )
-        if BASE in self.sets and (len(self.sets) > 1 or self.patches or self.when is not None):
-            raise ValueError(
-                f"factor {self.name!r} sets {BASE}, the whole situation, so it takes no other path, no patches and no when"
-            )
-        if self.when is not None and INACTIVE in self.levels:
-            raise ValueError(
-                f"factor {self.name!r}: the level {INACTIVE!r} means that its `when` does not hold; name it otherwise"
-            )
-        for text in (self.formula, self.when):
-            if text is not None:
-                parse_expression(text)
+        unlike = set(self.patches) != set(map(str, self.levels))
+        alone = len(self.sets) == 1 and not self.patches and self.when is None
+        for is_wrong, text in (
+            (
+                bool(self.levels) + (self.range is not None) + (self.formula is not None) != 1,
+                ": give either levels (at least one) or range or formula",
+            ),
+            (twice, f": level {[*twice, None][0]!r} stands twice (numbers that are equal are one level)"),
+            (
+                not self.sets + tuple(self.patches),
+                " changes nothing; give sets (paths into the SimSpec) or patches",
+            ),
+            (
+                self.patches and unlike,
+                f": patches {sorted(self.patches)} must name exactly the levels {list(self.levels)}",
+            ),
+            (
+                self.formula is not None and self.when is not None,
+                ": give formula or when; a formula may say `a if condition else b`",
+            ),
+            (
+                self.integer and self.range is not None,
+                f": integer stands beside the range; write it inside: range: {{{ends}, integer: true}}",
+            ),
+            (
+                self.integer and self.formula is None,
+                ": integer is for a formula; levels are taken as they are written, so leave it out",
+            ),
+            (
+                self.chooses_base and not alone,
+                f" sets {BASE}, the whole situation, so it takes no other path, no patches and no when",
+            ),
+            (
+                self.when is not None and INACTIVE in self.levels,
+                f": the level {INACTIVE!r} means that its `when` does not hold; name it otherwise",
+            ),
+        ):
+            if is_wrong:
+                raise ValueError(f"factor {self.name!r}{text}")
+        for expression in (self.formula, self.when):
+            if expression is not None:
+                parse_expression(expression)
         return self
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -37,17 +37,15 @@ class FractionalFactorial(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["fractional_factorial"] = "fractional_factorial"
-    resolution: Annotated[
-        int | None, Field(ge=3, le=8, description="The least runs that have at least this resolution.")
-    ] = None
-    runs: Annotated[
-        int | None,
-        Field(ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds."),
-    ] = None
-    generators: Annotated[
-        dict[Identifier, tuple[Identifier, ...]],
-        Field(description="For each factor that is not a base one: the base factors whose product it is."),
-    ] = {}
+    resolution: int | None = Field(
+        None, ge=3, le=8, description="The least runs that have at least this resolution."
+    )
+    runs: int | None = Field(
+        None, ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds."
+    )
+    generators: dict[Identifier, tuple[Identifier, ...]] = Field(
+        {}, description="For each factor that is not a base one: the base factors whose product it is."
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -95,30 +93,30 @@ def fraction(factors: int, resolution: int) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None:
-    """Columns of a fraction in 2**bases runs; None where none is found.
+def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...]:
+    """Columns of a fraction in 2**bases runs; none where none are found.
 
     It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up
     to resolution - 2 that are there.
     """
     if factors > 2**bases - 1:
-        return None
+        return ()
     # Columns of many base factors first: products of few factors are the first to become aliased.
     order = sorted(range(1, 2**bases), key=lambda candidate: (-candidate.bit_count(), candidate))
     start = [1 << place for place in range(bases)]
     tried = itertools.count(1)
 
-    def further(columns: list[int], reached: list[set[int]], place: int) -> list[int] | None:
+    def further(columns: list[int], reached: list[set[int]], place: int) -> list[int]:
         if len(columns) == factors:
             return columns
-        for at in range(place, len(order)):
-            if len(order) - at < factors - len(columns) or next(tried) > MAX_COLUMNS_TRIED:
-                return None
+        for at in range(place, len(order) - (factors - len(columns)) + 1):
+            if next(tried) > MAX_COLUMNS_TRIED:
+                return []
             if not any(order[at] in products for products in reached):
                 chosen = further([*columns, order[at]], _extended_products(reached, order[at]), at + 1)
                 if chosen:
                     return chosen
-        return None
+        return []
 
     reached: list[set[int]] = [{0}, *(set() for _ in range(resolution - 2))]
     for column in start:
@@ -126,11 +124,8 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     chosen = further(start, reached, 0)
     if not chosen and resolution == 4 and factors <= 2 ** (bases - 1):
         # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
-        chosen = [
-            *start,
-            *(candidate for candidate in order if candidate.bit_count() % 2 and candidate not in start),
-        ][:factors]
-    return tuple(chosen) if chosen else None
+        chosen = [candidate for candidate in [*start, *order] if candidate.bit_count() % 2][:factors]
+    return tuple(chosen)
 
 
 def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
@@ -147,10 +142,8 @@ def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
 def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
     bases = [name for name in names if name not in generators]
     for name, words in generators.items():
-        unknown = next(
-            (word for word in (name, *words) if word not in names or (word != name and word not in bases)),
-            None,
-        )
+        places = [(name, names), *((word, bases) for word in words)]
+        unknown = next((word for word, known in places if word not in known), None)
         if unknown is not None:
             raise ValueError(
                 f"generators: {name!r} from {list(words)}: {unknown!r} is no {'base ' if unknown in names else ''}factor"

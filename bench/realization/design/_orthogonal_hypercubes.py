@@ -55,14 +55,12 @@ class OrthogonalLatinHypercube(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["orthogonal_latin_hypercube"] = "orthogonal_latin_hypercube"
-    points: Annotated[
-        int | None,
-        Field(
-            ge=4,
-            le=MAX_ORTHOGONAL_POINTS,
-            description="The least with a centre that carries the factors, when absent.",
-        ),
-    ] = None
+    points: int | None = Field(
+        None,
+        ge=4,
+        le=MAX_ORTHOGONAL_POINTS,
+        description="The least with a centre that carries the factors, when absent.",
+    )
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         factors = len(space.free)

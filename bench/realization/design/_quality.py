@@ -68,65 +68,51 @@ class DesignQuality(Document):
 
     points: int
     pairs: Annotated[int, Field(description="Of design point and replicate.")]
-    max_abs_correlation: Annotated[
-        float | None,
-        Field(
-            description="The largest absolute Pearson correlation between two factors that are numbers or have two levels."
-        ),
-    ] = None
+    max_abs_correlation: float | None = Field(
+        None,
+        description="The largest absolute Pearson correlation between two factors that are numbers or have two levels.",
+    )
     correlated: tuple[str, ...] = ()
-    max_association: Annotated[
-        float | None,
-        Field(
-            description="The largest canonical correlation of a factor of three or more names with another factor; at 1 one "
-            "determines the other. With few points part of it is chance."
-        ),
-    ] = None
+    max_association: float | None = Field(
+        None,
+        description="The largest canonical correlation of a factor of three or more names with another factor; at 1 one "
+        "determines the other. With few points part of it is chance.",
+    )
     associated: tuple[str, ...] = ()
-    max_interaction: Annotated[
-        float | None,
-        Field(
-            description="The largest absolute correlation of a main effect with an interaction of two, of numbers or two levels."
-        ),
-    ] = None
+    max_interaction: float | None = Field(
+        None,
+        description="The largest absolute correlation of a main effect with an interaction of two, of numbers or two levels.",
+    )
     interacting: tuple[str, ...] = ()
-    aliased: Annotated[
-        tuple[str, ...],
-        Field(
-            description="Main effects and two-factor interactions that results of these points cannot separate."
-        ),
-    ] = ()
-    estimable: Annotated[
-        bool | None, Field(description="Whether the main effects of all factors can be estimated together.")
-    ] = None
-    discrepancy: Annotated[
-        float | None,
-        Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best."),
-    ] = None
-    min_distance: Annotated[
-        float | None,
-        Field(
-            description="Of the two closest points, in the unit cube, over its diagonal; 0 where two are the same."
-        ),
-    ] = None
+    aliased: tuple[str, ...] = Field(
+        (),
+        description="Main effects and two-factor interactions that results of these points cannot separate.",
+    )
+    estimable: bool | None = Field(
+        None, description="Whether the main effects of all factors can be estimated together."
+    )
+    discrepancy: float | None = Field(
+        None, description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best."
+    )
+    min_distance: float | None = Field(
+        None,
+        description="Of the two closest points, in the unit cube, over its diagonal; 0 where two are the same.",
+    )
     coverage: tuple[Coverage, ...] = ()
-    configurations: Annotated[
-        dict[str, int], Field(description="Design points in each difficulty configuration.")
-    ] = {}
-    extendable: Annotated[
-        bool, Field(description="Whether more points of the same method leave these as they are.")
-    ] = False
+    configurations: dict[str, int] = Field({}, description="Design points in each difficulty configuration.")
+    extendable: bool = Field(
+        False, description="Whether more points of the same method leave these as they are."
+    )
 
     def lines(self) -> Iterator[str]:
         """Lines for people to read."""
         if self.max_abs_correlation is not None:
-            between = f" ({' and '.join(self.correlated)})" if self.correlated else ""
-            yield f"largest correlation {self.max_abs_correlation:.3g}{between}"
+            yield f"largest correlation {self.max_abs_correlation:.3g}{_in_brackets(self.correlated)}"
         if self.max_association is not None:
-            yield f"largest association of names {self.max_association:.3g} ({' and '.join(self.associated)})"
+            yield f"largest association of names {self.max_association:.3g}{_in_brackets(self.associated)}"
         if self.max_interaction is not None:
-            between = f" ({' and '.join(self.interacting)})" if self.interacting else ""
-            yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
+            pair = _in_brackets(self.interacting)
+            yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{pair}"
         if self.aliased:
             more = (
                 f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
@@ -146,6 +132,10 @@ class DesignQuality(Document):
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
         if len(self.configurations) > SHOWN_CONFIGURATIONS:
             yield f"and {len(self.configurations) - SHOWN_CONFIGURATIONS} more configurations"
+
+
+def _in_brackets(names: Sequence[str]) -> str:
+    return f" ({' and '.join(names)})" if names else ""
 
 
 def design_quality(

@@ -11,7 +11,7 @@ C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -38,9 +38,9 @@ class PlackettBurman(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["plackett_burman"] = "plackett_burman"
-    foldover: Annotated[
-        bool, Field(description="Fly each run mirrored too: twice the runs, main effects free of pairs.")
-    ] = False
+    foldover: bool = Field(
+        False, description="Fly each run mirrored too: twice the runs, main effects free of pairs."
+    )
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed

@@ -34,22 +34,18 @@ class Stratified(Document):
     grows: ClassVar[bool] = True
     kind: Literal["stratified"] = "stratified"
     points: Annotated[int, Field(ge=1, le=10_000)]
-    candidates: Annotated[
-        int,
-        Field(
-            ge=10,
-            le=20_000,
-            description="Situations that are rated to draw from; not to be changed when points are added.",
-        ),
-    ] = 1000
-    band: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            le=100.0,
-            description="Width of the difficulties that count as one; 20 is a tension. Exact when absent.",
-        ),
-    ] = None
+    candidates: int = Field(
+        1000,
+        ge=10,
+        le=20_000,
+        description="Situations that are rated to draw from; not to be changed when points are added.",
+    )
+    band: float | None = Field(
+        None,
+        gt=0.0,
+        le=100.0,
+        description="Width of the difficulties that count as one; 20 is a tension. Exact when absent.",
+    )
 
     def chosen(self, space: FactorSpace, seed: int, difficulties: Difficulties) -> list[FactorLevels]:
         """The points.

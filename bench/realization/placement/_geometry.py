@@ -167,6 +167,13 @@ def bounding_octagon(geometry: Geometry) -> Geometry:
     )
 
 
+def hull_ways(start: Geometry, end: Geometry) -> Floats:
+    """(n, 2) the ways from each corner of one ground's hull to each corner of another's."""
+    starts, ends = (shapely.get_coordinates(shapely.convex_hull(ground)) for ground in (start, end))
+    ways: Floats = (ends[None, :, :] - starts[:, None, :]).reshape(-1, 2)
+    return ways
+
+
 def simplified(geometry: Geometry) -> Geometry:
     """The geometry, or a simpler one that contains it: a proof's time grows with the number of corners."""
     if shapely.get_num_coordinates(geometry) <= MAX_COORDINATES:

@@ -85,6 +85,11 @@ def outer_radius_m(group: ActorGroup) -> float:
     return hypot(asset.length_m, asset.width_m) / 2.0
 
 
+def centre_distance_m(group: ActorGroup) -> float:
+    """Least distance between centres of two members, or of members of groups with no smaller gap."""
+    return 2.0 * inner_radius_m(group) + group.placement.separation_m
+
+
 def centre_ground(geometry: Geometry, group: ActorGroup) -> Geometry:
     """The ground of centres whose footprints lie inside the geometry; errs to too much."""
     return shrunk_at_most(geometry, inner_radius_m(group))

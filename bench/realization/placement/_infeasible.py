@@ -1,19 +1,27 @@
-"""Smallest sets of groups that refuse a scene."""
+"""Smallest sets of groups, or of constraints, that refuse a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
-from bench.simspec import ActorGroup
+Item = TypeVar("Item")
 
 
-def fewest_groups(
-    groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]
-) -> list[ActorGroup]:
-    """A smallest set of groups that fail together: none can be left out."""
-    core = list(groups)
-    for group in groups:
-        rest = [member for member in core if member is not group]
-        if rest and fails(rest):
-            core = rest
-    return core
+def smallest_failing(items: Sequence[Item], fails: Callable[[list[Item]], bool], run: int = 1) -> list[Item]:
+    """A smallest set of items that fail together: none can be left out.
+
+    Runs of `run` items are left out first, then ever smaller ones, while the rest still fails.
+    """
+    core = list(items)
+    while True:
+        start = 0
+        while start < len(core):
+            rest = core[:start] + core[start + run :]
+            if rest and fails(rest):
+                core = rest
+            else:
+                start += run
+        if run == 1:
+            return core
+        run //= 2

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.simspec import ActorGroup, Distance, PlaceReference, Point, SimSpec
+from bench.simspec import ASSETS, ActorGroup, Distance, PlaceReference, Point, SimSpec
 
-from ._footprint import Footprints
+from ._footprint import Footprints, footprints
 from ._groups import groups_named, is_home, member_count
 from .relations._relation import HOME_CLEARANCE_M
 
@@ -72,6 +72,14 @@ class RelationTarget:
 def point_footprint(point: Point) -> Footprints:
     """A point as a footprint without size."""
     return Footprints(np.array([[point.east_m, point.north_m]]), np.zeros(1), np.zeros((1, 2)), np.zeros(1))
+
+
+def fixed_footprint(group: ActorGroup) -> Footprints:
+    """The footprint of a fixed actor, with no gap around it."""
+    at = group.placement.at
+    assert at is not None
+    centre_m = np.array([[at.east_m, at.north_m]])
+    return footprints(ASSETS[group.asset], centre_m, np.array([at.heading_deg]), 0.0)
 
 
 def target_footprints(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:

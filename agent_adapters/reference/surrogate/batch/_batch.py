@@ -12,7 +12,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
 from bench.contracts import NO_DISTORTION, distortion_faults, lens_of, light_of
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Camera, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
+from bench.simspec import ASSETS, ActorGroup, Camera, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
 
 from ...mission._planner import FRESH_S
 from ._airspace import SurrogateAirspaces
@@ -22,7 +22,7 @@ from ._interruptions import (
     Span,
     delivered_at,
     interruptions,
-    link_down_spans,
+    outage_spans,
     unsupported_failures,
 )
 from ._limits import limits
@@ -203,13 +203,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         **{
             f"perception.model.{name}": name in simspec.perception.model.model_dump()
             for name in (
-                "confusion",
-                "size_curve",
-                "class_factors",
-                "jitter_share",
-                "false_labels",
-                "false_score",
-                "scores",
+                *("confusion", "size_curve", "class_factors", "jitter_share"),
+                *("false_labels", "false_score", "scores"),
             )
         },
         # Measures count what further cameras show, and surrogates have one.
@@ -327,9 +322,25 @@ def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
     tasks = [report for report in simspec.intelligence if report.id in places]
     names = [task.id for task in tasks]
     enemies = {group.id for group in simspec.actors if group.role is Role.ADVERSARY}
-    member_of = [actor.group for actor in simspec.realized.actors]
-    link_down = link_down_spans(simspec.outages)
-    first_s = [math.inf] * len(tasks)
+    # Reversed, so that the first member of each group stays.
+    members = reversed(list(enumerate(simspec.realized.actors)))
+    targets = {actor.group: index for index, actor in members if actor.group in enemies}
+    link_down = outage_spans(simspec.outages, "operator_link")
+    return {
+        "task_m": [places[name] for name in names],
+        "task_radius_m": [task.uncertainty_m for task in tasks],
+        "task_priority": [task.priority for task in tasks],
+        "task_delivered_s": [delivered_at(task.delivered_s, link_down) for task in tasks],
+        "task_due_s": [_due_s(simspec, task, link_down) for task in tasks],
+        "task_actor": [targets.get(task.about, -1) for task in tasks],
+        "consent_s": _consents_s(simspec, names),
+        **_ordered(names, events),
+    }
+
+
+def _ordered(names: Sequence[str], events: Interruptions) -> dict[str, Any]:
+    """What is ordered about the tasks: to be next, and to mark."""
+    first_s = [math.inf] * len(names)
     marks = []
     for order, at_s in events.delivered:
         if order.intelligence in names:
@@ -339,16 +350,6 @@ def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
             else:
                 marks.append((at_s, task))
     return {
-        "task_m": [places[name] for name in names],
-        "task_radius_m": [task.uncertainty_m for task in tasks],
-        "task_priority": [task.priority for task in tasks],
-        "task_delivered_s": [delivered_at(task.delivered_s, link_down) for task in tasks],
-        "task_due_s": [_due_s(simspec, task, link_down) for task in tasks],
-        "task_actor": [
-            member_of.index(task.about) if task.about in enemies and task.about in member_of else -1
-            for task in tasks
-        ],
-        "consent_s": [_consent_s(simspec, name) for name in names],
         "first_s": first_s,
         "mark_s": [at_s for at_s, _ in marks],
         "mark_task": [task for _, task in marks],
@@ -359,25 +360,42 @@ def _actors(simspec: SimSpec) -> dict[str, Any]:
     """Where everybody is, and what all members of a group have in common."""
     assert simspec.realized is not None
     actors, groups = simspec.realized.actors, simspec.actors
-    assets = [ASSETS[group.asset] for group in groups]
     numbers = {group.id: number for number, group in enumerate(groups)}
     member = np.array([numbers[actor.group] for actor in actors], dtype=np.int64)
-    of_groups: dict[str, list[Any]] = {
-        "role": [_ROLES[group.role] for group in groups],
-        "roam_m": [group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups],
-        "rest_share": [_rest_share(group.motion) for group in groups],
-        "tall_m": [asset.height_m for asset in assets],
-        "wide_m": [_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets],
-        "concealment": [group.concealment for group in groups],
-        "mistakable": [bool(asset.confused_with) for asset in assets],
-        "asset": [_ASSET[group.asset] for group in groups],
-        "label": [LABEL_INDEX[asset.class_label] for asset in assets],
-    }
+    of_groups = [_of_group(group) for group in groups]
     return {
         "start_m": [(actor.east_m, actor.north_m) for actor in actors],
         "group": member,
         # Indexed as arrays: actors are many, and groups few.
-        **{name: np.array(values)[member] for name, values in of_groups.items()},
+        **{name: np.array([row[name] for row in of_groups])[member] for name in _OF_GROUP},
+    }
+
+
+_OF_GROUP = (
+    "role",
+    "roam_m",
+    "rest_share",
+    "tall_m",
+    "wide_m",
+    "concealment",
+    "mistakable",
+    "asset",
+    "label",
+)
+
+
+def _of_group(group: ActorGroup) -> dict[str, Any]:
+    asset, motion = ASSETS[group.asset], group.motion
+    return {
+        "role": _ROLES[group.role],
+        "roam_m": motion.radius_m if motion.kind == "wander" else 0.0,
+        "rest_share": _rest_share(motion),
+        "tall_m": asset.height_m,
+        "wide_m": _MEAN_WIDTH * (asset.length_m + asset.width_m),
+        "concealment": group.concealment,
+        "mistakable": bool(asset.confused_with),
+        "asset": _ASSET[group.asset],
+        "label": LABEL_INDEX[asset.class_label],
     }
 
 
@@ -388,17 +406,13 @@ def _due_s(simspec: SimSpec, task: Intelligence, link_down: Sequence[Span]) -> f
     return delivered_at(task.delivered_s, link_down) + good_for_s
 
 
-def _consent_s(simspec: SimSpec, intelligence: str) -> float:
+def _consents_s(simspec: SimSpec, names: Sequence[str]) -> list[float]:
     if not simspec.rules.mark_consent:
-        return 0.0
-    return next(
-        (
-            consent.after_s
-            for consent in simspec.consents
-            if consent.intelligence == intelligence and consent.answer == "granted"
-        ),
-        math.inf,
-    )
+        return [0.0] * len(names)
+    granted = {
+        consent.intelligence: consent.after_s for consent in simspec.consents if consent.answer == "granted"
+    }
+    return [granted.get(name, math.inf) for name in names]
 
 
 def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> SurrogateAirspaces | None:

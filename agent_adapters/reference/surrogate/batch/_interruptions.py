@@ -72,19 +72,18 @@ class Interruptions:
 def interruptions(simspec: SimSpec) -> Interruptions:
     """What interrupts the mission of a SimSpec that no fault of `unsupported_failures` speaks against."""
     rules, failures = simspec.rules, simspec.vehicle.failures
-    link_down = link_down_spans(simspec.outages)
+    link_down = outage_spans(simspec.outages, "operator_link")
     away = merged((since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down)
+    away_by_rule = {rules.link_lost: away}
     orders = sorted(
         ((order, delivered_at(order.at_s, link_down)) for order in simspec.orders),
         key=lambda pair: (pair[1], pair[0].at_s),
     )
-    lost = [(failure.at_s, until_of(failure)) for failure in failures if failure.kind == "gps_off"]
+    lost = _failed_spans(failures, "gps_off")
     silent = [
-        (failure.at_s + OFFBOARD_LOST_S, until_of(failure))
-        for failure in failures
-        if failure.kind == "link_loss"
+        (since_s + OFFBOARD_LOST_S, until_s) for since_s, until_s in _failed_spans(failures, "link_loss")
     ]
-    drops = [failure for failure in failures if failure.kind == "battery_drop"]
+    drops = _of_kind(failures, "battery_drop")
     height_m = simspec.mission.altitude_m
     return_mps = max(simspec.vehicle.parameters.get("MPC_XY_CRUISE", RETURN_MPS), 0.5)
     fallen = [
@@ -99,18 +98,16 @@ def interruptions(simspec: SimSpec) -> Interruptions:
             [
                 # Where the operator flies the vehicle meanwhile is left out.
                 *_spans_from(orders, ("hold", "hand_over"), ("resume", "retask", "take_back", *_ENDS)),
-                *(away if rules.link_lost == "hold" else ()),
+                *away_by_rule.get("hold", ()),
                 # Without a position PX4 sinks after a while; what it has sunk it climbs on its way.
                 *((since_s, until_s + POSITION_BACK_S) for since_s, until_s in lost),
             ]
         ),
         strays_s=(
             *((*span, height_m / DESCENT_MPS, return_mps) for span in silent),
-            *((*span, 0.0, math.inf) for span in (away if rules.link_lost == "return" else ())),
+            *((*span, 0.0, math.inf) for span in away_by_rule.get("return", ())),
         ),
-        blind_s=merged(
-            (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"
-        ),
+        blind_s=outage_spans(simspec.outages, "detections"),
         closed_s=merged(
             [
                 *_closed_windows(simspec),
@@ -123,7 +120,7 @@ def interruptions(simspec: SimSpec) -> Interruptions:
         landed_from_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
         charge_s=min((drop.at_s for drop in drops), default=math.inf),
         charge_left=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
-        drifts=tuple(map(_drift, (failure for failure in failures if failure.kind == "gps_drift"))),
+        drifts=tuple(map(_drift, _of_kind(failures, "gps_drift"))),
     )
 
 
@@ -147,9 +144,17 @@ def delivered_at(at_s: float, link_down: Sequence[Span]) -> float:
     return next((until_s for since_s, until_s in link_down if since_s <= at_s < until_s), at_s)
 
 
-def link_down_spans(outages: Iterable[Outage]) -> tuple[Span, ...]:
-    """When the operator's link is down."""
-    return merged((outage.at_s, outage.until_s) for outage in outages if outage.kind == "operator_link")
+def outage_spans(outages: Iterable[Outage], kind: str) -> tuple[Span, ...]:
+    """When something is out: the operator's link, or the detections."""
+    return merged((outage.at_s, outage.until_s) for outage in outages if outage.kind == kind)
+
+
+def _of_kind(failures: Iterable[Failure], kind: str) -> list[Failure]:
+    return [failure for failure in failures if failure.kind == kind]
+
+
+def _failed_spans(failures: Iterable[Failure], kind: str) -> list[Span]:
+    return [(failure.at_s, failure.until_s) for failure in _of_kind(failures, kind)]
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
@@ -161,11 +166,6 @@ def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
         else:
             spans_apart.append((since_s, until_s))
     return tuple(spans_apart)
-
-
-def until_of(failure: Failure) -> float:
-    """When a failure is mended; infinite where it never is."""
-    return math.inf if failure.duration_s is None else failure.at_s + failure.duration_s
 
 
 def _spans_from(
@@ -189,4 +189,4 @@ def _closed_windows(simspec: SimSpec) -> list[Span]:
 
 def _drift(failure: Failure) -> tuple[float, float, float, float]:
     towards_rad, rate_mps = math.radians(failure.towards_deg or 0.0), failure.drift_mps or 0.0
-    return failure.at_s, until_of(failure), rate_mps * math.sin(towards_rad), rate_mps * math.cos(towards_rad)
+    return failure.at_s, failure.until_s, rate_mps * math.sin(towards_rad), rate_mps * math.cos(towards_rad)

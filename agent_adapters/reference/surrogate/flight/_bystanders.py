@@ -10,7 +10,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats, Narrow
 
 from ..._settings import DEFAULTS
-from ...perception._bystanders import BYSTANDER_FRAMES
+from ...perception._tracks import BYSTANDER_FRAMES
 from ..batch._batch import Batch
 from ..batch._draws import normal
 from ._views import Views, right_label_chance

@@ -23,21 +23,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from dataclasses import field as dataclass_field
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 from math import ceil, floor, pi
+from typing import Any
 
 import numpy as np
 import shapely
 
-from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, AreaCount, MeanDistance, SimSpec
+from bench.simspec import ASSETS, HOME, ActorGroup, AreaCount, MeanDistance, SimSpec
 
 from .._area_counts import GroundPart, feasible_numbers, ground_parts, named_area
-from .._footprint import footprints
-from .._geometry import EVERYWHERE, Geometry, grown_at_least, polygon_ground, simplified, thickened
+from .._geometry import EVERYWHERE, Geometry, grown_at_least, hull_ways, polygon_ground, simplified, thickened
 from .._groups import (
+    centre_distance_m,
     centre_ground,
     hosts_of,
     inner_radius_m,
@@ -46,12 +47,14 @@ from .._groups import (
     outer_radius_m,
     region_of,
 )
-from ..relations._distance_bands import band_ground
+from .._infeasible import smallest_failing
+from ..relations._between import BetweenRelation
+from ..relations._distance_bands import band_ground, distance_bands
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground
 from ..relations._relation import HOME_CLEARANCE_M, GroupRelation, field_path
-from ._capacity import AREA_TOLERANCE_M2, grown_area_m2
-from ._constraints import HOME_FIELD, Constraint, scene_constraints, shapely_point
+from ._capacity import AREA_TOLERANCE_M2, crowded_distances_m, grown_area_m2
+from ._constraints import Constraint, Kind, fixed_outline, scene_constraints, shapely_point
 from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced_points, oler_bound
 
 # Rounds in which groups cut each other's ground before the proof looks at what is left. Chosen, not measured.
@@ -71,472 +74,377 @@ def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placement
     proved.
     """
     terms = scene_constraints(simspec, order)
-    proof: Callable[[_Relaxation], bool]
     # The cheapest proof first; the others include it.
-    for proof in (_Relaxation.ground_fails, _Relaxation.areas_fail, _Relaxation.cases_fail):
-        if proof(_Relaxation(simspec, order, terms)):
-            core = _smallest_conflict(
-                terms,
-                lambda subset, proof=proof: proof(_Relaxation(simspec, order, subset)),  # type: ignore[misc]
-            )
-            scene = _Relaxation(simspec, order, core)
-            proof(scene)
-            constraint_text = "; ".join(f"{term.text} ({term.path})" for term in core)
-            note_text = f" ({'; '.join(scene.notes)})" if scene.notes else ""
-            return PlacementInfeasible(
-                f"impossible, and proved so: not all of this can hold: {constraint_text}{note_text}. Loosen one of these",
-                clash=tuple(dict.fromkeys(term.path for term in core)),
-            )
+    for proof in (_Relaxation.narrow, _Relaxation.check_areas, _Relaxation.check_cases):
+        contradiction = partial(_contradiction, proof, simspec, order)
+        if contradiction(terms) is None:
+            continue
+        core = smallest_failing(
+            terms,
+            lambda subset, contradiction=contradiction: contradiction(subset) is not None,  # type: ignore[misc]
+            max(1, len(terms) // 2),
+        )
+        constraint_text = "; ".join(f"{term.text} ({term.path})" for term in core)
+        note_text = f" ({note})" if (note := contradiction(core)) else ""
+        return PlacementInfeasible(
+            f"impossible, and proved so: not all of this can hold: {constraint_text}{note_text}. Loosen one of these",
+            clash=tuple(dict.fromkeys(term.path for term in core)),
+        )
     return None
 
 
 def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
-    """For each group with members, ground that contains its centres in every arrangement."""
+    """For each group with members, ground that contains its centres in every arrangement; for the vehicle's
+    home its point.
+    """
     scene = _Relaxation(simspec, order, scene_constraints(simspec, order))
-    scene.ground_fails()
+    # What is left of a contradiction is still true of every arrangement: there is none.
+    with suppress(_Contradiction):
+        scene.narrow()
     return scene.ground
 
 
-def _smallest_conflict(
-    terms: Sequence[Constraint], fails: Callable[[list[Constraint]], bool]
-) -> list[Constraint]:
-    """A smallest set of constraints that fail together, by deleting ever smaller runs while the rest still
-    fails.
-    """
-    core = list(terms)
-    run = max(1, len(core) // 2)
-    while True:
-        start = 0
-        while start < len(core):
-            rest = core[:start] + core[start + run :]
-            if rest and fails(rest):
-                core = rest
-            else:
-                start += run
-        if run == 1:
-            return core
-        run //= 2
+class _Contradiction(Exception):
+    """Some constraints cannot hold together; the words are what a proof has to add to theirs, or empty."""
+
+    @classmethod
+    def unless(cls, holds: object, note: str = "") -> None:
+        if not holds:
+            raise cls(note)
+
+
+def _contradiction(
+    proof: Callable[[_Relaxation], None],
+    simspec: SimSpec,
+    order: Sequence[ActorGroup],
+    terms: Sequence[Constraint],
+    case: dict[str, Geometry] | None = None,
+) -> str | None:
+    """What a proof has to add where the constraints contradict each other; None where it finds no contradiction."""
+    try:
+        proof(_Relaxation(simspec, order, terms, case or {}))
+    except _Contradiction as contradiction:
+        return str(contradiction)
+    return None
 
 
 @dataclass(slots=True)
 class _Relaxation:
-    """Some constraints of a scene, and the ground that they leave to each group."""
+    """Some constraints of a scene, and the ground that they leave to each group and to the vehicle's home.
+
+    Each check raises `_Contradiction` where the constraints cannot hold together.
+    """
 
     simspec: SimSpec
     order: Sequence[ActorGroup]
     terms: Sequence[Constraint]
-    case: dict[str, Geometry] = dataclass_field(default_factory=dict)
-    ground: dict[str, Geometry] = dataclass_field(default_factory=dict)
-    notes: list[str] = dataclass_field(default_factory=list)
+    case: dict[str, Geometry] = field(default_factory=dict)
+    ground: dict[str, Geometry] = field(default_factory=dict)
 
-    def ground_fails(self) -> bool:
-        """Whether a group has no ground left, two distances that exclude each other, or a mean distance out
-        of reach.
-        """
-        peopled = [group for group in self.order if member_count(self.simspec, group)]
-        self.ground = {group.id: self._own_ground(group) for group in peopled}
-        bound = [term for term in self.terms if term.group_relation]
+    def narrow(self) -> None:
+        """No group is without ground, no two distances exclude each other, and each mean distance is in reach."""
+        self.ground = {HOME: shapely_point(self.simspec.vehicle.home)}
+        self.ground |= {
+            group.id: self._own_ground(group) for group in self.order if member_count(self.simspec, group)
+        }
+        _Contradiction.unless(not any(ground.is_empty for ground in self.ground.values()))
         for _ in range(NARROWING_ROUNDS):
             before = [shapely.area(ground) for ground in self.ground.values()]
-            for term in bound:
-                self._narrow(term.group, term.group_relation)
-            for term in self.terms:
-                if term.between and not any(ground.is_empty for ground in self.ground.values()):
-                    self._cut(
-                        term.group,
-                        term.between.ground(*(self._ground_of(name) for name in term.between.ends)),
-                    )
-            if any(ground.is_empty for ground in self.ground.values()):
-                return True
-            means = [(term.group, term.mean) for term in self.terms if term.mean]
-            if any(self._mean_fails(group_id, mean) for group_id, mean in means):
-                return True
-            for group_id, mean in means:
-                self._narrow_by_mean(group_id, mean)
-            for term in self.terms:
-                if term.extent_m is not None:
-                    self._narrow_by_extent(term.group, term.extent_m)
-            if any(ground.is_empty for ground in self.ground.values()):
-                return True
+            self._each("relation", self._narrow_by_relation)
+            self._each("between", self._narrow_by_between)
+            self._each("mean", self._check_mean)
+            self._each("mean", self._narrow_by_mean)
+            self._each("extent_m", self._narrow_by_extent)
             # Narrowing converges geometrically; what is left below this change proves nothing more.
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
-        banded = [term for term in self.terms if term.band]
-        if any(
-            self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]
-        ):
-            return True
-        return any(
-            self._headings_fail(term.group, term.heading)
-            for term in self.terms
-            if term.heading and term.heading.lines
-        )
+        for group in self.order:
+            self._check_bands(group)
+        self._each("heading", self._check_headings)
 
-    def _headings_fail(self, group_id: str, parallel: RequiredHeading) -> bool:
-        """Whether no heading of a group follows its road and faces its target."""
-        group = self.simspec.group(group_id)
-        facing = next(
-            (t.heading for t in self.terms if t.group == group_id and t.heading and not t.heading.lines), None
-        )
-        if facing is None or group_id not in self.ground:
-            return False
-        theirs = facing.point if facing.of is None else self._ground_of(facing.of)
-        along = group.placement.along
-        assert along is not None
-        road = next(candidate for candidate in self.simspec.world.roads if candidate.id == along.road)
-        # The mitre limit of road corners is 2, so a corner reaches twice as far out as a side.
-        reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
-        along_required = any(term.path == field_path(group, "along") for term in self.terms)
-        return headings_conflict(
-            parallel, facing, self.ground[group_id], theirs, reach_m if along_required else None
-        )
+    def _facts(self, kind: Kind) -> list[tuple[str, Any]]:
+        """The group and the fact of every constraint of a kind."""
+        return [(term.group, term.fact) for term in self.terms if term.kind == kind]
 
-    def _bands_fail(self, first: Constraint, second: Constraint) -> bool:
-        """Whether two distances of a group to the same members exclude each other."""
-        if first.group != second.group or first.band is None or second.band is None:
-            return False
-        peopled = is_home(self.simspec, first.band.of) or bool(
-            member_count(self.simspec, self.simspec.group(first.band.of))
-        )
-        return peopled and first.band.excludes(second.band)
+    def _each(self, kind: Kind, step: Callable[[str, Any], None]) -> None:
+        for group_id, fact in self._facts(kind):
+            step(group_id, fact)
+
+    def _facts_of(self, kind: Kind, group_id: str) -> list[Any]:
+        return [fact for name, fact in self._facts(kind) if name == group_id]
+
+    def _alone(self, name: str) -> bool:
+        return member_count(self.simspec, self.simspec.group(name)) == 1
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
         """Where the group's relations to the ground and to what is fixed leave centres."""
-        grounds = [term.ground for term in self.terms if term.group == group.id and term.ground is not None]
+        grounds = self._facts_of("at", group.id) + self._facts_of("ground", group.id)
         grounds += [self.case[group.id]] if group.id in self.case else []
         remaining = thickened(shapely.intersection_all(grounds)) if grounds else EVERYWHERE
         if group.placement.at or remaining.is_empty:
             return remaining
         inner = inner_radius_m(group)
-        for term in self.terms:
-            if term.group == HOME_FIELD:
-                remaining = remaining.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M + inner - 1e-6))
-            elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
-                other = self.simspec.group(term.group)
-                gap = max(group.placement.separation_m, other.placement.separation_m)
-                remaining = remaining.difference(shapely.buffer(_fixed_outline(other), gap + inner - 1e-6))
-        routes = [term.route_m for term in self.terms if term.group == group.id and term.route_m is not None]
-        return remaining.intersection(visible_ground(routes[0], self._walls())) if routes else remaining
+        for other in self._fixed_beside(group):
+            gap = max(group.placement.separation_m, other.placement.separation_m)
+            remaining = remaining.difference(shapely.buffer(fixed_outline(other), gap + inner - 1e-6))
+        for _, home in self._facts("home"):
+            remaining = remaining.difference(shapely.buffer(home, HOME_CLEARANCE_M + inner - 1e-6))
+        for route_m in self._facts_of("route", group.id):
+            # A hair smaller than they are, so that rounding proves nothing.
+            walls = [
+                shapely.buffer(fixed_outline(wall), -1e-6, join_style="mitre")
+                for name, _ in self._facts("at")
+                if is_obstacle(wall := self.simspec.group(name))
+            ]
+            remaining = remaining.intersection(visible_ground(route_m, walls))
+        return remaining
 
-    def _walls(self) -> list[Geometry]:
-        """Outlines of fixed obstacles, a hair smaller than they are, so that rounding proves nothing."""
-        fixed = [self.simspec.group(term.group) for term in self.terms if term.path.endswith(".at")]
-        return [
-            shapely.buffer(_fixed_outline(group), -1e-6, join_style="mitre")
-            for group in fixed
-            if is_obstacle(group)
-        ]
-
-    def _narrow(self, group_id: str, tie: GroupRelation | None) -> None:
-        """Narrow the ground on both sides to where a relation between them can hold."""
-        assert tie is not None
-        if any(ground.is_empty for ground in self.ground.values()):
-            return
-        others = [name for name in tie.of if name in self.ground]
-        if tie.quantifier == "some":
-            theirs = shapely.union_all([simplified(self.ground[name]) for name in others])
-            room = tie.ground(simplified(theirs)) if others else shapely.Polygon()
-            self._cut(group_id, room)
-        else:
-            for name in others:
-                self._cut(group_id, tie.ground(simplified(self.ground[name])))
-        alone = len(others) == 1 and member_count(self.simspec, self.simspec.group(others[0])) == 1
-        for name in others if alone or tie.quantifier == "every" else []:
-            if not self.ground[group_id].is_empty:
-                self._cut(name, tie.reverse_ground(simplified(self.ground[group_id])))
-
-    def _ground_of(self, name: str) -> Geometry:
-        """The ground of a group's centres; for the vehicle's home its point."""
-        return (
-            shapely_point(self.simspec.vehicle.home)
-            if is_home(self.simspec, name)
-            else self.ground.get(name, EVERYWHERE)
-        )
+    def _fixed_beside(self, group: ActorGroup) -> list[ActorGroup]:
+        """The fixed groups that a group must keep clear of: all but its hosts."""
+        hosts = hosts_of(self.simspec, group)
+        return [self.simspec.group(name) for name, _ in self._facts("at") if name not in hosts]
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
             self.ground[name] = thickened(shapely.intersection(self.ground[name], room))
+            _Contradiction.unless(not self.ground[name].is_empty)
+
+    def _narrow_by_relation(self, group_id: str, tie: GroupRelation) -> None:
+        """Narrow the ground on both sides to where a relation between them can hold."""
+        others = [name for name in tie.of if name in self.ground]
+        grounds = [simplified(self.ground[name]) for name in others]
+        if tie.quantifier == "some":
+            grounds = [simplified(shapely.union_all(grounds))]
+        for ground in grounds:
+            self._cut(group_id, tie.ground(ground) if others else shapely.Polygon())
+        if tie.quantifier == "every" or (len(others) == 1 and self._alone(others[0])):
+            for name in others:
+                self._cut(name, tie.reverse_ground(simplified(self.ground[group_id])))
+
+    def _narrow_by_between(self, group_id: str, between: BetweenRelation) -> None:
+        self._cut(group_id, between.ground(*(self.ground[name] for name in between.ends)))
+
+    def _check_bands(self, group: ActorGroup) -> None:
+        """No two distances of a group to the same members exclude each other."""
+        bands = distance_bands(self.simspec, group)
+        paths = {
+            term.path for term in self.terms if term.group == group.id and term.kind in ("relation", "mean")
+        }
+        kept = [band for path, band in bands.items() if path in paths]
+        _Contradiction.unless(
+            not any(band.excludes(other) for number, band in enumerate(kept) for other in kept[:number])
+        )
+
+    def _check_headings(self, group_id: str, parallel: RequiredHeading) -> None:
+        """Some heading of a group follows its road and faces its target."""
+        group = self.simspec.group(group_id)
+        along = group.placement.along
+        if along is None or not parallel.lines:
+            return
+        road = self.simspec.world.road(along.road)
+        # The mitre limit of road corners is 2, so a corner reaches twice as far out as a side.
+        reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
+        along_required = any(term.path == field_path(group, "along") for term in self.terms)
+        for facing in self._facts_of("heading", group.id):
+            if not facing.lines:
+                theirs = facing.point if facing.of is None else self.ground[facing.of]
+                _Contradiction.unless(
+                    not headings_conflict(
+                        parallel, facing, self.ground[group.id], theirs, reach_m if along_required else None
+                    )
+                )
+
+    def _check_mean(self, group_id: str, mean: MeanDistance) -> None:
+        group, mine, theirs = self.simspec.group(group_id), self.ground[group_id], self.ground[mean.of]
+        nearest = np.full(member_count(self.simspec, group), shapely.distance(mine, theirs))
+        if self._facts_of("need_m2", group_id):
+            nearest = np.maximum(nearest, crowded_distances_m(group, len(nearest)))
+        low, high = float(nearest.mean()), float(np.hypot(*hull_ways(mine, theirs).T).max())
+        _Contradiction.unless(
+            low <= mean.mean_m * (1 + mean.tolerance) + 1e-3,
+            f"no mean under {floor(10 * low) / 10:g} m is in reach",
+        )
+        _Contradiction.unless(
+            high >= mean.mean_m * (1 - mean.tolerance) - 1e-3,
+            f"no mean over {ceil(10 * high) / 10:g} m is in reach",
+        )
 
     def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
         """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from
         the group's ground.
         """
-        slack_m = mean.tolerance * mean.mean_m + 1e-3
-        least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
         if self._alone(group_id):
-            self._cut(group_id, band_ground(simplified(self._ground_of(mean.of)), least_m, most_m))
-        if mean.of in self.ground and self._alone(mean.of) and not self.ground[group_id].is_empty:
-            self._cut(mean.of, band_ground(simplified(self.ground[group_id]), least_m, most_m))
+            self._keep_mean(group_id, mean.of, mean, 0.0)
+        if not is_home(self.simspec, mean.of) and self._alone(mean.of):
+            self._keep_mean(mean.of, group_id, mean, 0.0)
+
+    def _keep_mean(self, name: str, other: str, mean: MeanDistance, more_m: float) -> None:
+        """Keep the ground within the mean distance from the other ground, up to its tolerance and so much more."""
+        slack_m = more_m + mean.tolerance * mean.mean_m + 1e-3
+        band = max(0.0, mean.mean_m - slack_m), mean.mean_m + slack_m
+        self._cut(name, band_ground(simplified(self.ground[other]), *band))
 
     def _narrow_by_extent(self, group_id: str, extent_m: float) -> None:
         """Everybody is within the extent of the member that each count puts into its area, and of the mean of all
         distances.
         """
-        group = self.simspec.group(group_id)
-        for term in self.terms:
-            if term.group != group_id:
-                continue
-            if term.count is not None and term.count.low:
-                room = centre_ground(named_area(self.simspec, term.count.area), group)
+        for count in self._facts_of("count", group_id):
+            if count.low:
+                area = named_area(self.simspec, count.area)
+                room = centre_ground(area, self.simspec.group(group_id))
                 self._cut(group_id, grown_at_least(self.ground[group_id].intersection(room), extent_m))
-            elif term.mean is not None and not self.ground[group_id].is_empty:
-                slack_m = extent_m + term.mean.tolerance * term.mean.mean_m + 1e-3
-                low_m, high_m = max(0.0, term.mean.mean_m - slack_m), term.mean.mean_m + slack_m
-                self._cut(group_id, band_ground(simplified(self._ground_of(term.mean.of)), low_m, high_m))
+        for mean in self._facts_of("mean", group_id):
+            self._keep_mean(group_id, mean.of, mean, extent_m)
 
-    def _extent_fails(self, group_id: str, extent_m: float) -> bool:
-        """Whether so many members find no room in ground of that diameter.
+    def check_areas(self) -> None:
+        """The members need no more area than the ground that is left."""
+        self.narrow()
+        self._each("spread_m", self._check_spread)
+        self._each("extent_m", self._check_extent)
+        for group_id in dict.fromkeys(group_id for group_id, _ in self._facts("count")):
+            self._check_counts(group_id)
+        groups = [self.simspec.group(group_id) for group_id, _ in self._facts("need_m2")]
+        for group in groups:
+            self._check_aligned(group)
+        # Guests inside hosts take no ground that their hosts do not take already.
+        free = [group for group in groups if not hosts_of(self.simspec, group)]
+        self._check_numbers(groups, free)
+        self._check_zones(free)
+
+    def _check_spread(self, group_id: str, spread_m: float) -> None:
+        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
+        centres.
+        """
+        count, ground = member_count(self.simspec, self.simspec.group(group_id)), self.ground[group_id]
+        room_m2 = shapely.area(grown_at_least(ground, spread_m / 2.0))
+        fits = count * pi * spread_m**2 / 4.0 <= room_m2 and count <= max_spaced_points(ground, spread_m)
+        _Contradiction.unless(count == 1 or fits)
+
+    def _check_extent(self, group_id: str, extent_m: float) -> None:
+        """So many members find room in ground of that diameter.
 
         Of all sets of one diameter the disc has the largest area (Bieberbach 1915) and the longest perimeter
         (Rosenthal and Szasz 1916), for Oler's inequality and for the area of the members.
         """
         group, apart_m = self.simspec.group(group_id), self._least_apart_m(group_id)
-        count, gap_m = member_count(self.simspec, group), group.placement.separation_m
-        if apart_m > 0.0 and count > oler_bound(pi * extent_m**2 / 4.0, pi * extent_m, apart_m):
-            return True
-        reach_m = extent_m / 2.0 + outer_radius_m(group) + gap_m / 2.0
-        need_m2 = next((term.need_m2 for term in self.terms if term.group == group_id and term.need_m2), 0.0)
-        return bool(count > 1 and need_m2 > pi * reach_m**2 + AREA_TOLERANCE_M2)
+        count = member_count(self.simspec, group)
+        if apart_m > 0.0:
+            _Contradiction.unless(count <= oler_bound(pi * extent_m**2 / 4.0, pi * extent_m, apart_m))
+        reach_m = extent_m / 2.0 + outer_radius_m(group) + group.placement.separation_m / 2.0
+        for need_m2 in self._facts_of("need_m2", group_id):
+            _Contradiction.unless(count == 1 or need_m2 <= pi * reach_m**2 + AREA_TOLERANCE_M2)
 
     def _least_apart_m(self, group_id: str) -> float:
         """The least distance between centres of two members that size and spread leave."""
-        terms = [term for term in self.terms if term.group == group_id]
-        sized = any(term.need_m2 for term in terms)
-        return max(
-            _centre_distance_m(self.simspec.group(group_id)) if sized else 0.0,
-            *(term.spread_m or 0.0 for term in terms),
-        )
+        sized = self._facts_of("need_m2", group_id)
+        sizes_m = [centre_distance_m(self.simspec.group(group_id))] if sized else []
+        return float(max([0.0, *sizes_m, *self._facts_of("spread_m", group_id)]))
 
-    def _counts_fail(self, group_id: str) -> bool:
-        """Whether no numbers of members in the parts of the ground keep all counts inside areas."""
-        group, apart_m = self.simspec.group(group_id), self._least_apart_m(group_id)
-        counts = [term.count for term in self.terms if term.group == group_id and term.count is not None]
-        sized = any(term.group == group_id and term.need_m2 for term in self.terms)
+    def _check_counts(self, group_id: str) -> None:
+        """Some numbers of members in the parts of the ground keep all counts inside areas."""
+        group, counts = self.simspec.group(group_id), self._facts_of("count", group_id)
         parts = ground_parts(self.simspec, group, counts, self.ground[group_id])
+        capacities = [self._capacity(group, part, counts) for part in parts]
         number = member_count(self.simspec, group)
-        capacities = [self._capacity(group, part, counts, apart_m, sized) for part in parts]
-        return feasible_numbers(parts, counts, number, capacities) is None
+        _Contradiction.unless(feasible_numbers(parts, counts, number, capacities) is not None)
 
-    def _capacity(
-        self,
-        group: ActorGroup,
-        part: GroundPart,
-        counts: Sequence[AreaCount],
-        apart_m: float,
-        sized: bool,
-    ) -> int:
+    def _capacity(self, group: ActorGroup, part: GroundPart, counts: Sequence[AreaCount]) -> int:
         """At most so many members stand in a part of the ground."""
-        number = member_count(self.simspec, group)
-        bounds = [float(number), max(1.0, max_spaced_points(part.ground, apart_m))]
-        if sized:
-            half_gap_m = group.placement.separation_m / 2.0
-            zone = grown_at_least(part.ground, outer_radius_m(group) + half_gap_m)
+        apart_m, gap_m = self._least_apart_m(group.id), group.placement.separation_m
+        bounds = [
+            float(member_count(self.simspec, group)),
+            max(1.0, max_spaced_points(part.ground, apart_m)),
+        ]
+        if self._facts_of("need_m2", group.id):
+            zone = grown_at_least(part.ground, outer_radius_m(group) + gap_m / 2.0)
             for count, is_inside in zip(counts, part.inside, strict=True):
                 if is_inside:
                     area = named_area(self.simspec, count.area)
-                    zone = zone.intersection(grown_at_least(area, half_gap_m))
+                    zone = zone.intersection(grown_at_least(area, gap_m / 2.0))
             room_m2 = float(shapely.area(zone)) + AREA_TOLERANCE_M2
-            bounds.append(room_m2 / grown_area_m2(group, group.placement.separation_m))
+            bounds.append(room_m2 / grown_area_m2(group, gap_m))
         return floor(min(bounds))
 
-    def _mean_fails(self, group_id: str, mean: MeanDistance) -> bool:
-        group, mine, theirs = self.simspec.group(group_id), self.ground[group_id], self._ground_of(mean.of)
-        nearest = np.full(member_count(self.simspec, group), shapely.distance(mine, theirs))
-        if any(term.group == group_id and term.need_m2 for term in self.terms):
-            nearest = np.maximum(nearest, _crowded_distances_m(group, len(nearest)))
-        low, high = float(nearest.mean()), _farthest_m(mine, theirs)
-        if low > mean.mean_m * (1 + mean.tolerance) + 1e-3:
-            self.notes.append(f"no mean under {floor(10 * low) / 10:g} m is in reach")
-            return True
-        if high < mean.mean_m * (1 - mean.tolerance) - 1e-3:
-            self.notes.append(f"no mean over {ceil(10 * high) / 10:g} m is in reach")
-            return True
-        return False
+    def _check_aligned(self, group: ActorGroup) -> None:
+        """A group with one course has no more members than parallel rectangles that fit."""
+        asset, count = ASSETS[group.asset], member_count(self.simspec, group)
+        size_m = (asset.length_m, asset.width_m)
+        for heading in self._facts_of("heading", group.id):
+            common = heading.common
+            if common is not None and common[1] < 45.0 and asset.length_m >= asset.width_m:
+                most = max_aligned_rectangles(
+                    self.ground[group.id], size_m, group.placement.separation_m, *common
+                )
+                _Contradiction.unless(count <= most)
 
-    def areas_fail(self) -> bool:
-        """Whether the members need more area than the ground that is left."""
-        if self.ground_fails():
-            return True
-        if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
-            return True
-        if any(self._extent_fails(term.group, term.extent_m) for term in self.terms if term.extent_m):
-            return True
-        if any(self._counts_fail(name) for name in {term.group: None for term in self.terms if term.count}):
-            return True
-        if self._numbers_fail([self.simspec.group(term.group) for term in self.terms if term.need_m2]):
-            return True
-        zones = {
-            term.group: (self._zone(self.simspec.group(term.group)), term.need_m2)
-            for term in self.terms
-            # Guests inside hosts take no ground that their hosts do not take already.
-            if term.need_m2 and not hosts_of(self.simspec, self.simspec.group(term.group))
-        }
-        if not zones:
-            return False
-        areas = {name: zone.area for name, (zone, _) in zones.items()}
-        needs = {name: need for name, (_, need) in zones.items()}
-        if any(needs[name] > areas[name] + AREA_TOLERANCE_M2 for name in zones):
-            return True
-        if sum(needs.values()) <= min(areas.values()):
-            return False
-        return not areas_can_be_allocated({name: zone for name, (zone, _) in zones.items()}, needs)
+    def _check_numbers(self, groups: Sequence[ActorGroup], free: Sequence[ActorGroup]) -> None:
+        """There are no more members than centres that fit on the ground that is left.
 
-    def _spread_fails(self, group_id: str, spread_m: float) -> bool:
-        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
-        centres.
-        """
-        count = member_count(self.simspec, self.simspec.group(group_id))
-        room = shapely.area(grown_at_least(self.ground[group_id], spread_m / 2.0))
-        return bool(
-            count > 1
-            and (
-                count * pi * spread_m**2 / 4.0 > room
-                or count > max_spaced_points(self.ground[group_id], spread_m)
-            )
-        )
-
-    def _numbers_fail(self, groups: Sequence[ActorGroup]) -> bool:
-        """Whether there are more members than centres that fit on the ground that is left.
-
-        Circles inside two footprints keep the gap of these. The largest group, the two largest ... are
+        Circles inside two footprints keep the gap of these. The largest two groups, the largest three ... are
         counted together.
         """
-        if any(self._aligned_fails(group) for group in groups):
-            return True
-        sized = sorted(
-            (group for group in groups if not hosts_of(self.simspec, group)),
-            key=_centre_distance_m,
-            reverse=True,
-        )
-        for number in range(1, len(sized) + 1):
-            largest = sized[:number]
-            apart_m = min(_centre_distance_m(member) for member in largest)
-            count = sum(member_count(self.simspec, member) for member in largest)
-            if count > 1 and count > max_spaced_points(
-                shapely.union_all([self.ground[member.id] for member in largest]), apart_m
-            ):
-                return True
-        return any(
-            member_count(self.simspec, member)
-            > max(1, max_spaced_points(self.ground[member.id], _centre_distance_m(member)))
-            for member in groups
-        )
+        largest = sorted(free, key=centre_distance_m, reverse=True)
+        sets = [[group] for group in groups] + [largest[:number] for number in range(2, len(largest) + 1)]
+        for members in sets:
+            count = sum(member_count(self.simspec, group) for group in members)
+            ground = shapely.union_all([self.ground[group.id] for group in members])
+            apart_m = min(centre_distance_m(group) for group in members)
+            _Contradiction.unless(count == 1 or count <= max_spaced_points(ground, apart_m))
 
-    def _aligned_fails(self, group: ActorGroup) -> bool:
-        """Whether a group with one course has more members than parallel rectangles that fit."""
-        asset, count = ASSETS[group.asset], member_count(self.simspec, group)
-        commons = [t.heading.common for t in self.terms if t.group == group.id and t.heading]
-        return any(
-            count
-            > max_aligned_rectangles(
-                self.ground[group.id], (asset.length_m, asset.width_m), group.placement.separation_m, *common
-            )
-            for common in commons
-            if common is not None and common[1] < 45.0 and asset.length_m >= asset.width_m
-        )
-
-    def cases_fail(self) -> bool:
-        """Whether no ground is left wherever a lone target of several relations stands, tried in ever smaller
-        parts.
-
-        Relations to one member are narrowed one by one; they add up only when the place of that member is
-        known.
-        """
-        self.ground_fails()
-        tied = Counter(
-            name
-            for term in self.terms
-            for relation in (term.group_relation, term.between)
-            if relation
-            for name in relation.of
-        )
-        split = [
-            name
-            for name, times in tied.items()
-            if times > 1
-            and name in self.ground
-            and shapely.area(self.ground[name]) > 0.0
-            and self._alone(name)
-        ]
-        return any(self._always_fails(name) for name in split)
-
-    def _alone(self, name: str) -> bool:
-        return member_count(self.simspec, self.simspec.group(name)) == 1
-
-    def _always_fails(self, name: str) -> bool:
-        """Whether the scene fails wherever that member stands; a part that does not fail at once is
-        halved.
-        """
-        # Depth first over a stack: the search ends at the first part that cannot be refused.
-        parts = [shapely.box(*shapely.bounds(self.ground[name]))]
-        bound = sum(term.group_relation is not None or term.between is not None for term in self.terms)
-        for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // bound)):
-            if not parts:
-                return True
-            part = parts.pop()
-            if not _Relaxation(self.simspec, self.order, self.terms, {name: part}).ground_fails():
-                west, south, east, north = shapely.bounds(part)
-                if max(east - west, north - south) < MIN_CASE_SIDE_M:
-                    return False
-                middle = ((west + east) / 2.0, (south + north) / 2.0)
-                if east - west > north - south:
-                    parts += [
-                        shapely.box(west, south, middle[0], north),
-                        shapely.box(middle[0], south, east, north),
-                    ]
-                else:
-                    parts += [
-                        shapely.box(west, south, east, middle[1]),
-                        shapely.box(west, middle[1], east, north),
-                    ]
-        return False
+    def _check_zones(self, free: Sequence[ActorGroup]) -> None:
+        """The zones of the groups hold the areas of their members."""
+        zones = {group.id: self._zone(group) for group in free}
+        areas = {name: zone.area for name, zone in zones.items()}
+        needs = {name: need for name, need in self._facts("need_m2") if name in zones}
+        _Contradiction.unless(all(needs[name] <= areas[name] + AREA_TOLERANCE_M2 for name in zones))
+        if zones and sum(needs.values()) > min(areas.values()):
+            _Contradiction.unless(areas_can_be_allocated(zones, needs))
 
     def _zone(self, group: ActorGroup) -> Geometry:
         """All ground that the group's footprints, grown by half their gap, can touch."""
         half_gap = group.placement.separation_m / 2.0
         zone = grown_at_least(self.ground[group.id], outer_radius_m(group) + half_gap)
-        if any(
-            term.group == group.id and term.path in ("world.area", field_path(group, "region"))
-            for term in self.terms
-        ):
+        if {"world.area", field_path(group, "region")} & {
+            term.path for term in self.terms if term.group == group.id
+        }:
             zone = zone.intersection(grown_at_least(polygon_ground(region_of(self.simspec, group)), half_gap))
-        for term in self.terms:
-            if term.group == HOME_FIELD and half_gap < HOME_CLEARANCE_M:
-                zone = zone.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M - half_gap))
-            elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
-                zone = zone.difference(
-                    shapely.buffer(_fixed_outline(self.simspec.group(term.group)), half_gap)
-                )
+        for other in self._fixed_beside(group):
+            zone = zone.difference(shapely.buffer(fixed_outline(other), half_gap))
+        if half_gap < HOME_CLEARANCE_M:
+            for _, home in self._facts("home"):
+                zone = zone.difference(shapely.buffer(home, HOME_CLEARANCE_M - half_gap))
         return zone
 
+    def check_cases(self) -> None:
+        """Some ground is left wherever a lone target of several relations stands, tried in ever smaller parts.
 
-def _fixed_outline(group: ActorGroup) -> Geometry:
-    """The footprint of a fixed actor."""
-    at = group.placement.at
-    assert at is not None
-    footprint = footprints(
-        ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0
-    )
-    return shapely.polygons(footprint.corners())[0]
+        Relations to one member are narrowed one by one; they add up only when the place of that member is
+        known.
+        """
+        self.narrow()
+        relations = [fact for _, fact in self._facts("relation") + self._facts("between")]
+        for name, times in Counter(name for relation in relations for name in relation.of).items():
+            if times > 1 and self._alone(name) and shapely.area(self.ground[name]) > 0.0:
+                _Contradiction.unless(not self._always_fails(name, len(relations)))
 
-
-def _centre_distance_m(group: ActorGroup) -> float:
-    """Least distance between centres of two members, or of members of groups with no smaller gap."""
-    return 2.0 * inner_radius_m(group) + group.placement.separation_m
-
-
-def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
-    """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints
-    that reach no further than the k-th centre and their own outer radius must fit into that circle.
-    """
-    gap = group.placement.separation_m
-    area = grown_area_m2(group, gap)
-    least: Floats = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
-    return np.maximum(least, 0.0)
-
-
-def _farthest_m(first_ground: Geometry, second_ground: Geometry) -> float:
-    first, second = (
-        shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (first_ground, second_ground)
-    )
-    return float(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)).max())
+    def _always_fails(self, name: str, relation_count: int) -> bool:
+        """Whether the scene fails wherever that member stands; a part that does not fail at once is
+        halved.
+        """
+        # Depth first over a stack: the search ends at the first part that cannot be refused.
+        parts = [shapely.box(*shapely.bounds(self.ground[name]))]
+        for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // relation_count)):
+            if not parts:
+                return True
+            part = parts.pop()
+            case = {name: part}
+            if _contradiction(_Relaxation.narrow, self.simspec, self.order, self.terms, case) is None:
+                bounds = np.array(shapely.bounds(part))
+                side = bounds[2:] - bounds[:2]
+                if side.max() < MIN_CASE_SIDE_M:
+                    return False
+                axis = 0 if side[0] > side[1] else 1
+                lower, upper = bounds.copy(), bounds.copy()
+                lower[2 + axis] = upper[axis] = bounds[axis::2].mean()
+                parts += [shapely.box(*lower), shapely.box(*upper)]
+        return False

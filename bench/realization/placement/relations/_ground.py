@@ -43,9 +43,7 @@ def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
             _heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg)
         )
     if group.placement.along:
-        road = next(
-            candidate for candidate in simspec.world.roads if candidate.id == group.placement.along.road
-        )
+        road = simspec.world.road(group.placement.along.road)
         relations += _road_relations(group, group.placement.along, road)
     return relations
 
@@ -57,7 +55,7 @@ def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
 
 
 def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
-    area = prepared_ground(next(candidate for candidate in simspec.world.areas if candidate.id == name))
+    area = prepared_area(simspec, name)
     return _within(
         field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area
     )

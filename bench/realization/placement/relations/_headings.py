@@ -15,7 +15,7 @@ from bench.arrays import Floats
 from bench.simspec import ActorGroup, SimSpec
 
 from .._footprint import Footprints
-from .._geometry import Geometry, grown_at_least, road_heading_deg
+from .._geometry import Geometry, grown_at_least, hull_ways, road_heading_deg
 from .._targets import point_footprint, target_footprints
 from ._relation import field_path
 
@@ -44,7 +44,7 @@ def sampled_headings_deg(
         turned: Floats = np.round(towards + rng.uniform(-limit, limit, count), 3) % 360.0
         return turned
     if along and along.parallel_deg is not None:
-        road = next(candidate for candidate in simspec.world.roads if candidate.id == along.road)
+        road = simspec.world.road(along.road)
         limit = 0.999 * along.parallel_deg
         # Along a road either direction counts, so half of the members are turned around.
         stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
@@ -100,10 +100,7 @@ class RequiredHeading:
         """
         if self.courses_deg:
             return self.courses_deg[0], 0.0
-        mine, others = (
-            shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (ground, theirs)
-        )
-        ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
+        ways = hull_ways(ground, theirs)
         hull = shapely.convex_hull(shapely.multipoints(ways))
         # The grounds touch or overlap, so the target may be in any direction.
         if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _TOLERANCE:
@@ -124,7 +121,7 @@ def road_heading(simspec: SimSpec, group: ActorGroup) -> RequiredHeading | None:
     along = group.placement.along
     if along is None or along.parallel_deg is None:
         return None
-    road = next(candidate for candidate in simspec.world.roads if candidate.id == along.road)
+    road = simspec.world.road(along.road)
     points = np.array([(point.east_m, point.north_m) for point in road.points])
     step = np.diff(points, axis=0)
     courses = np.degrees(np.arctan2(step[:, 0], step[:, 1])).tolist()

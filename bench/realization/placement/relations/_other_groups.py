@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from bench.arrays import Bools, Floats
-from bench.simspec import ASSETS, ActorGroup, Avoid, SimSpec
+from bench.simspec import ASSETS, ActorGroup, Avoid, Distance, Near, SimSpec
 
 from .._footprint import Footprints, are_inside, too_close_pairs
 from .._geometry import Geometry, grown_at_least
@@ -19,6 +19,9 @@ from ._distance_bands import band_ground
 from ._line_of_sight import Solids, sight_relations, unbounded
 from ._relation import GroupRelation, Quantifier, field_path
 
+SOME: Quantifier = "some"
+EVERY: Quantifier = "every"
+
 
 def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[GroupRelation]:
     """The group's relations to other groups and points; sight only when the solids are given."""
@@ -26,43 +29,19 @@ def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None =
     relations = []
     if place.inside and place.inside.of:
         relations.append(_inside_of(group, simspec.group(place.inside.of)))
-    for name, relation, quantifier in (("near", place.near, "some"), ("away", place.away, "every")):
+    for name, relation, whom in (("near", place.near, SOME), ("away", place.away, EVERY)):
         if relation:
             target = RelationTarget.named(simspec, relation.of)
-            text = f"stand {relation.min_m:g} to {relation.max_m:g} m from {target.described(quantifier)}"
-            relations.append(
-                _distance(
-                    field_path(group, name),
-                    text,
-                    target,
-                    "some" if quantifier == "some" else "every",
-                    relation.min_m,
-                    relation.max_m,
-                )
-            )
+            relations.append(_distance(field_path(group, name), target, whom, relation))
     clear = (
         _keeping_clear(simspec, group, number, avoid) for number, avoid in enumerate(place.avoid) if avoid.of
     )
     relations += [relation for relation in clear if relation is not None]
     for number, distance in enumerate(place.distances):
         target = RelationTarget.of_distance(simspec, group, distance)
-        span = (
-            f"at least {distance.min_m:g} m"
-            if distance.max_m is None
-            else f"{distance.min_m:g} to {distance.max_m:g} m"
-        )
-        if target.of or target.points is not None or distance.whom == "some":
-            text = f"stand {span} from {target.described(distance.whom)}"
-            relations.append(
-                _distance(
-                    field_path(group, f"distances[{number}]"),
-                    text,
-                    target,
-                    distance.whom,
-                    distance.min_m,
-                    distance.max_m,
-                )
-            )
+        if target.of or target.points is not None or distance.whom == SOME:
+            path = field_path(group, f"distances[{number}]")
+            relations.append(_distance(path, target, distance.whom, distance))
     if place.bearing:
         target = RelationTarget.referenced(simspec, place.bearing)
         sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
@@ -141,17 +120,20 @@ def distances_m(candidates: Footprints, others: Footprints) -> Floats:
 
 
 def _distance(
-    path: str, text: str, target: RelationTarget, quantifier: Quantifier, min_m: float, max_m: float | None
+    path: str, target: RelationTarget, quantifier: Quantifier, band: Near | Distance
 ) -> GroupRelation:
-    most_m = np.inf if max_m is None else max_m
+    low_m, high_m = band.min_m, band.max_m
+    most_m = np.inf if high_m is None else high_m
+    span = f"at least {low_m:g} m" if high_m is None else f"{low_m:g} to {high_m:g} m"
+    text = f"stand {span} from {target.described(quantifier)}"
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
         distance = distances_m(candidates, others)
-        valid: Bools = (distance >= min_m) & (distance <= most_m)
+        valid: Bools = (distance >= low_m) & (distance <= most_m)
         return valid
 
     def room(others: Geometry) -> Geometry | None:
-        return band_ground(others, min_m, max_m)
+        return band_ground(others, low_m, high_m)
 
     return GroupRelation(path, text, target.of, quantifier, pairs, room, room, target.points)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import shapely
@@ -19,10 +20,10 @@ from bench.arrays import Bools, Floats
 from bench.errors import Fault, PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
-from .._footprint import Footprints, empty_footprints, joined
+from .._footprint import Footprints, joined
 from .._geometry import EVERYWHERE, Geometry, polygon_ground
 from .._groups import member_count, region_of
-from .._infeasible import fewest_groups
+from .._infeasible import smallest_failing
 from ._relation import Relation, field_path
 
 # How far inside the border a route point beyond it is moved; the simulation does the same.
@@ -168,10 +169,7 @@ def access_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, F
 
 def placed_obstacles(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprints:
     """What closes ways, of what stands."""
-    return joined(
-        [placed[group.id] for group in simspec.actors if is_obstacle(group) and group.id in placed]
-        or [empty_footprints()]
-    )
+    return joined([placed[group.id] for group in simspec.actors if is_obstacle(group) and group.id in placed])
 
 
 def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
@@ -306,34 +304,33 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 
     Raises PlacementInfeasible.
     """
-    fixed = [group for group in simspec.actors if group.id in placed]
-    walls = [group for group in fixed if is_obstacle(group)]
-    for walker in simspec.actors:
+    walls = [group for group in simspec.actors if group.id in placed and is_obstacle(group)]
+    walkers = [group for group in simspec.actors if patrols(simspec, group)]
+    for walker in walkers:
         others = [wall for wall in walls if wall is not walker]
-        if patrols(simspec, walker) and (shutting := _blocking_groups(simspec, walker, others, placed)):
-            path = f"actors[{walker.id}].motion.route"
-            wall_text = ", ".join(f"{wall.id!r} is fixed ({field_path(wall, 'at')})" for wall in shutting)
+        if shutting := _blocking_groups(simspec, walker, others, placed):
+            path, paths = _route_field(walker), [field_path(wall, "at") for wall in shutting]
+            wall_text = ", ".join(
+                f"{wall.id!r} is fixed ({at})" for wall, at in zip(shutting, paths, strict=True)
+            )
             raise PlacementInfeasible(
                 f"impossible, and proved so: {wall_text} on the patrol route of {walker.id!r} ({path}). Move one of them",
-                clash=(*(field_path(wall, "at") for wall in shutting), path),
+                clash=(*paths, path),
             )
 
     def confined(walker: ActorGroup, subset: Sequence[ActorGroup]) -> bool:
-        standing = joined([placed[group.id] for group in subset] or [empty_footprints()])
+        standing = joined([placed[group.id] for group in subset])
         return approach_legs(simspec, walker, placed[walker.id], standing)[0] is None
 
-    for walker in fixed:
-        if patrols(simspec, walker) and confined(walker, walls):
-            path = f"actors[{walker.id}].motion.route"
-            needed = (
-                []
-                if confined(walker, [])
-                else fewest_groups(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
-            )
+    for walker in walkers:
+        if walker.id in placed and confined(walker, walls):
+            path, at = _route_field(walker), field_path(walker, "at")
+            # By the border alone nothing else is to blame.
+            needed = [] if confined(walker, []) else smallest_failing(walls, partial(confined, walker))
             raise PlacementInfeasible(
-                f"impossible, and proved so: {walker.id!r} is fixed ({field_path(walker, 'at')}) where no straight way leads to any point "
+                f"impossible, and proved so: {walker.id!r} is fixed ({at}) where no straight way leads to any point "
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
-                clash=(field_path(walker, "at"), path, *(field_path(group, "at") for group in needed)),
+                clash=(at, path, *(field_path(group, "at") for group in needed)),
             )
 
 
@@ -352,4 +349,4 @@ def _blocking_groups(
             ).values()
         )
 
-    return fewest_groups(walls, fails) if walls and fails(walls) else []
+    return smallest_failing(walls, fails) if walls and fails(walls) else []

@@ -7,7 +7,7 @@ ground in which valid centres lie: never too little ground, often too much.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,7 +17,7 @@ import shapely
 from bench.arrays import Bools
 from bench.simspec import ActorGroup
 
-from .._footprint import Footprints
+from .._footprint import Footprints, joined
 from .._geometry import EVERYWHERE, Geometry
 
 HOME_CLEARANCE_M = 3.0
@@ -70,6 +70,12 @@ class GroupRelation:
             self.text,
             lambda candidates: self.keeps(candidates, others),
             lambda: self._common_ground(others),
+        )
+
+    def bound_to(self, placed: Mapping[str, Footprints]) -> Relation:
+        """The relation to its points, or to the placed members of its groups."""
+        return self.bound(
+            self.points if self.points is not None else joined([placed[name] for name in self.of])
         )
 
     def _common_ground(self, others: Footprints) -> Geometry | None:

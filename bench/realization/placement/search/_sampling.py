@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -15,13 +15,13 @@ import shapely
 
 from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
+from bench.simspec import ASSETS, ActorGroup, Near, SimSpec, generator
 
 from .._area_counts import areal_ground_parts, drawn_numbers, named_area
 from .._footprint import Footprints, empty_footprints, footprints, joined, too_close
 from .._geometry import Geometry, areal_parts, grown_at_least, polygon_ground, uniform_places
 from .._groups import member_count, region_of
-from .._targets import target_footprints
+from .._targets import fixed_footprint, target_footprints
 from ..relations._between import between_relations
 from ..relations._distance_bands import band_ground, lone_member_ground
 from ..relations._ground import clearance, ground_relations
@@ -29,7 +29,7 @@ from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import access_relations, route_clearances
-from ..relations._relation import Relation, common_ground
+from ..relations._relation import GroupRelation, Relation, common_ground
 from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
 
 MAX_POOLS = 5
@@ -105,30 +105,38 @@ def fixed_places(order: Sequence[ActorGroup]) -> Placed:
     placed: Placed = {}
     for group in order:
         if group.placement.at:
-            placed[group.id] = _fixed(group, group.placement.at, placed)
+            candidate = fixed_footprint(group)
+            for other, footprint in placed.items():
+                # The author decides how close two fixed actors stand; they only must not overlap.
+                if too_close(candidate, replace(footprint, gap_m=np.zeros(1))).any():
+                    raise PlacementInfeasible(
+                        f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap",
+                        clash=(f"actors[{other}].placement.at", f"actors[{group.id}].placement.at"),
+                    )
+            placed[group.id] = replace(candidate, gap_m=np.full(1, group.placement.separation_m))
     return placed
 
 
-def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
-    centre = np.array([[at.east_m, at.north_m]])
-    candidate = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
-    for other, footprint in placed.items():
-        # The author decides how close two fixed actors stand; they only must not overlap.
-        if too_close(candidate, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
-            raise PlacementInfeasible(
-                f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap",
-                clash=(f"actors[{other}].placement.at", f"actors[{group.id}].placement.at"),
-            )
-    return replace(candidate, gap_m=np.full(1, group.placement.separation_m))
-
-
-def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
-    """All relations of the group to the ground and to what is placed, except clearance."""
+def placed_relations(
+    simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]
+) -> list[GroupRelation]:
+    """The group's relations to other groups, sight among what is placed included."""
     needs_sight = group.placement.hidden_from or group.placement.visible_from
+    return group_relations(simspec, group, placed_solids(simspec, placed) if needs_sight else None)
+
+
+def kept_relations(
+    simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints], waiting: Collection[str] = ()
+) -> list[Relation]:
+    """All relations of the group to the ground and to what is placed, except clearance; none to groups that are
+    `waiting` for their places.
+    """
     relations = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
-    for tie in group_relations(simspec, group, placed_solids(simspec, placed) if needs_sight else None):
-        others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
-        relations.append(tie.bound(others))
+    relations += [
+        tie.bound_to(placed)
+        for tie in placed_relations(simspec, group, placed)
+        if not set(tie.of) & set(waiting)
+    ]
     relations += [way.bound(placed.__getitem__) for way in between_relations(simspec, group)]
     return [*relations, *access_relations(simspec, group, placed)]
 

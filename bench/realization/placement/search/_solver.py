@@ -28,23 +28,26 @@ from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
 from .._groups import member_count, prerequisite_groups, region_of
 from .._targets import target_footprints
 from ..proofs._proof import narrowed_ground
-from ..relations._between import between_relations
 from ..relations._distance_bands import lone_member_ground
-from ..relations._ground import clearance, ground_relations
+from ..relations._ground import clearance
 from ..relations._headings import facing_target, sampled_headings_deg
-from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import (
-    access_relations,
     blocking_pairs,
     is_obstacle,
     patrols,
     placed_obstacles,
-    route_clearances,
 )
 from ..relations._relation import GroupRelation, Relation, common_ground
 from ._lattices import lattices
-from ._sampling import GATHERING_PLACES, Placed, fixed_places, gathering_ground
+from ._sampling import (
+    GATHERING_PLACES,
+    Placed,
+    fixed_places,
+    gathering_ground,
+    kept_relations,
+    placed_relations,
+)
 
 MAX_ATTEMPTS = 2
 
@@ -81,11 +84,8 @@ def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | N
     """Places for every group, or None when none were found."""
     remaining = narrowed_ground(simspec, order)
     effort = 0.0
-    for attempt in range(
-        MAX_DEPENDENT_ATTEMPTS
-        if any(_is_dependent(group) or group.placement.extent_m for group in order)
-        else MAX_ATTEMPTS
-    ):
+    dependent = any(_is_dependent(group) or group.placement.extent_m for group in order)
+    for attempt in range(MAX_DEPENDENT_ATTEMPTS if dependent else MAX_ATTEMPTS):
         if attempt >= MAX_ATTEMPTS and effort > MAX_ATTEMPTS * ATTEMPT_LIMIT:
             break
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
@@ -116,12 +116,10 @@ def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGro
                 stage[host] = max(stage[host], *(stage[name] + 1 for name in others), 0)
         for group in order:
             place = group.placement
-            later = any(
-                (place.hidden_from, place.visible_from, place.facing, place.mean_distance)
-            ) or _is_dependent(group)
-            stage[group.id] = max(
-                stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later
-            )
+            looks = (place.hidden_from, place.visible_from, place.facing, place.mean_distance)
+            later = any(looks) or _is_dependent(group)
+            before_it = max((stage[name] for name in needs[group.id]), default=0)
+            stage[group.id] = max(stage[group.id], before_it + later)
         if stage == before:
             break
     free = [group for group in order if not group.placement.at]
@@ -176,7 +174,7 @@ class _Phase:
         self._keep_routes_open(peopled)
         self._keep_hosts(peopled)
         for group in peopled:
-            for tie in self._relations(group):
+            for tie in placed_relations(self.simspec, group, self.standing):
                 if set(tie.of) & self.pools.keys():
                     self._require_relation(group, tie)
             self._require_mean(group)
@@ -209,26 +207,13 @@ class _Phase:
             chosen = np.array([leader, *chosen[chosen != leader]])
         return self.pools[group.id][chosen]
 
-    def _relations(self, group: ActorGroup) -> list[GroupRelation]:
-        looks = group.placement.hidden_from or group.placement.visible_from
-        return group_relations(
-            self.simspec, group, placed_solids(self.simspec, self.standing) if looks else None
-        )
-
     def _pool(self, group: ActorGroup, groups: int) -> Footprints:
         """Places that keep every relation not involving other groups of this phase."""
         count = member_count(self.simspec, group)
         wanted = int(min(max(8 * count, 160), max(900, 1.5 * count), max(MAX_PLACES / groups, 1.2 * count)))
-        relations = [*ground_relations(self.simspec, group), *route_clearances(self.simspec, group)]
-        for tie in self._relations(group):
-            if not set(tie.of) & {group_in_phase.id for group_in_phase in self.groups}:
-                others = (
-                    tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
-                )
-                relations.append(tie.bound(others))
+        phase = [member.id for member in self.groups]
+        relations = kept_relations(self.simspec, group, self.standing, phase)
         relations.append(clearance(self.simspec, group, self.standing))
-        relations += [way.bound(self.standing.__getitem__) for way in between_relations(self.simspec, group)]
-        relations += access_relations(self.simspec, group, self.standing)
         room = areal_parts(
             shapely.intersection(
                 self.remaining[group.id], lone_member_ground(self.simspec, group, self.standing)
@@ -291,25 +276,22 @@ class _Phase:
         for host in _hosts(group):
             outlines = shapely.polygons(self.standing[host].corners())
             return [item for outline in outlines[:MAX_LATTICE_HOSTS] for item in lattices(group, outline)]
-        counted = [named_area(self.simspec, count.area) for count in group.placement.counts if count.low]
-        return [item for area in counted for item in lattices(group, area)] + self._wide_lattices(group)
-
-    def _wide_lattices(self, group: ActorGroup) -> list[Footprints]:
         inside = group.placement.inside
-        area = next((item for item in self.simspec.world.areas if inside and item.id == inside.area), None)
-        return lattices(group, polygon_ground(area or region_of(self.simspec, group)))
+        areas = [named_area(self.simspec, count.area) for count in group.placement.counts if count.low]
+        areas.append(
+            named_area(self.simspec, inside.area)
+            if inside and inside.area
+            else polygon_ground(region_of(self.simspec, group))
+        )
+        return [item for area in areas for item in lattices(group, area)]
 
     def _random(self, group: ActorGroup, room: Geometry, count: int) -> Footprints:
         if shapely.area(room) == 0.0:
             return empty_footprints()
         centre_m = np.round(uniform_places(room, count, self.rng), 3)
-        return footprints(
-            ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m
-        )
-
-    def _headings_deg(self, group: ActorGroup, centre_m: Floats) -> Floats:
         target = facing_target(self.simspec, group, self.standing)
-        return sampled_headings_deg(self.simspec, group, centre_m, target, self.rng)
+        heading_deg = sampled_headings_deg(self.simspec, group, centre_m, target, self.rng)
+        return footprints(ASSETS[group.asset], centre_m, heading_deg, group.placement.separation_m)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
         """One Boolean for each place, as many of them true as the group has members, and one for the first
@@ -318,7 +300,7 @@ class _Phase:
         led = {
             name
             for group in groups
-            for tie in self._relations(group)
+            for tie in placed_relations(self.simspec, group, self.standing)
             if tie.quantifier == "first"
             for name in tie.of
         }
@@ -370,10 +352,8 @@ class _Phase:
                 if count and host.id in _hosts(guest):
                     outlines = shapely.polygons(self.pools[host.id].corners())
                     useful = shapely.area(shapely.intersection(outlines, self._known_ground(guest))) > 0.0
-                    asset = ASSETS[guest.asset]
-                    grown_m2 = (asset.length_m + guest.placement.separation_m) * (
-                        asset.width_m + guest.placement.separation_m
-                    )
+                    asset, gap_m = ASSETS[guest.asset], guest.placement.separation_m
+                    grown_m2 = (asset.length_m + gap_m) * (asset.width_m + gap_m)
                     least = ceil(count * grown_m2 / (HOST_FILL * float(shapely.area(outlines[0]))))
                     taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]
                     self.model.add(sum(taken) >= min(least, member_count(self.simspec, host)))
@@ -381,12 +361,7 @@ class _Phase:
     def _known_ground(self, group: ActorGroup) -> Geometry:
         """The ground of members as far as it is known; of groups not yet placed, only their ground is."""
         known = [tie for tie in group_relations(self.simspec, group) if set(tie.of) <= self.standing.keys()]
-        bound = [
-            tie.bound(
-                tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
-            )
-            for tie in known
-        ]
+        bound = [tie.bound_to(self.standing) for tie in known]
         return shapely.intersection(self.remaining[group.id], common_ground(bound))
 
     def _exclude(self, literal: Literal, others: Sequence[Literal]) -> None:
@@ -401,7 +376,8 @@ class _Phase:
             other_literals = (self.first if tie.quantifier == "first" else self.taken).get(name)
             if other_literals is None:
                 valid = matrix[:, 0] if tie.quantifier == "first" else matrix.all(axis=1)
-                self._forbid(literals, np.logical_not(valid))
+                for row in np.flatnonzero(~valid).tolist():
+                    self.model.add_bool_and([literals[row].negated()])
                 continue
             for column, other in enumerate(other_literals):
                 self._exclude(other, [literals[row] for row in np.flatnonzero(~matrix[:, column]).tolist()])
@@ -421,10 +397,6 @@ class _Phase:
                 met |= tie.pairs(pool, self.standing[name]).any(axis=1)
         for row in np.flatnonzero(~met).tolist():
             self.model.add_bool_or([literals[row].negated(), *helpers[row]])
-
-    def _forbid(self, literals: Sequence[Literal], which: NDArray[np.bool_]) -> None:
-        for row in np.flatnonzero(which).tolist():
-            self.model.add_bool_and([literals[row].negated()])
 
     def _require_counts(self, group: ActorGroup) -> None:
         """The wanted numbers of members inside areas."""
@@ -453,11 +425,8 @@ class _Phase:
 
 def _has_dependent_heading(group: ActorGroup) -> bool:
     """Whether headings follow from relations, so that no lattice of one heading will do."""
-    along = group.placement.along
-    facing = group.placement.facing
-    return (facing is not None and facing.heading_deg is None) or (
-        along is not None and along.parallel_deg is not None
-    )
+    along, facing = group.placement.along, group.placement.facing
+    return bool((facing and facing.heading_deg is None) or (along and along.parallel_deg is not None))
 
 
 def _conflicts(
