@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign as Campaign
+    from bench.campaign import Collaborators as Collaborators
+    from bench.campaign import RunOptions as RunOptions
     from bench.campaign import fly_realization as fly_realization
     from bench.campaign import load_campaign as load_campaign
     from bench.campaign import run_campaign as run_campaign
@@ -41,10 +43,12 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Campaign": "bench.campaign",
+    "Collaborators": "bench.campaign",
     "Decomposition": "decompositions",
     "Observation": "bench.contracts",
     "Outcome": "bench.contracts",
     "RebarError": "bench.errors",
+    "RunOptions": "bench.campaign",
     "SessionResult": "bench.contracts",
     "SetupError": "bench.errors",
     "SimSpec": "bench.simspec",
