@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,7 +86,7 @@ class Collaborators:
     finish: Finish | None = None
     open_executor: OpenExecutor = open_local_pool
     gate: StartGate = no_gate
-    clock: HostClock = MonotonicClock()  # noqa: RUF009 - it has no state
+    clock: HostClock = field(default_factory=MonotonicClock)
     jobs: Jobs = FLIGHTS
     memory_kills: Callable[[], int] | None = None
 

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from bench.errors import Fault, SetupError
 
@@ -24,11 +26,30 @@ PASSWORD_VARIABLE = "REBAR_MQTT_PASSWORD"
 class LaboratoryOptions:
     """What `rebar run` was given: a broker, and the topics of a test stand."""
 
-    mqtt: str | None = None
-    mqtt_ca: Path | None = None
-    stand_ready: str | None = None
-    stand_announce: str | None = None
-    stand_release: str | None = None
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="REBAR_MQTT",
+            help="Broker to tell events, status and scores: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]",
+        ),
+    ] = None
+    mqtt_ca: Annotated[
+        Path | None,
+        typer.Option("--mqtt-ca", metavar="FILE", help="Certificates that vouch for the broker (PEM)"),
+    ] = None
+    stand_ready: Annotated[
+        str | None,
+        typer.Option("--stand-ready", metavar="TOPIC", help="Before each session, wait for a message here"),
+    ] = None
+    stand_announce: Annotated[
+        str | None,
+        typer.Option("--stand-announce", metavar="TOPIC", help="Send a message here before each session"),
+    ] = None
+    stand_release: Annotated[
+        str | None,
+        typer.Option("--stand-release", metavar="TOPIC", help="Send a message here after each session"),
+    ] = None
 
 
 @contextmanager
