@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,9 +15,9 @@ from bench.errors import Fault, SetupError
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
 from ._examples import shipped
-from ._executors import ExecutorOptions, Workers
+from ._executors import ExecutorOptions, Workers, warn
 from ._fault_paths import file_in_faults
-from ._laboratory import gate_of, open_laboratory, tell_end
+from ._laboratory import open_laboratory, tell_end
 from ._missing_runs import (
     INCOMPLETE_EXIT_CODE,
     exit_if_incomplete,
@@ -216,6 +215,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> None:
     from bench.campaign import (
         Collaborators,
         RunOptions,
+        no_gate,
         parse_accepted_outcomes,
         parse_rerun_outcomes,
         run_campaign_sync,
@@ -253,7 +253,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> None:
                     [observer for observer in observers if observer],
                     end.finish,
                     open_executor,
-                    gate_of(bus),
+                    bus.is_open if bus else no_gate,
                 ),
             )
         finally:
@@ -263,7 +263,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> None:
                 campaign_report(folder).model_dump_json(exclude_none=True) if bus and end.finished else None,
             )
     if summary.events_dropped:
-        print(f"WARNING: {summary.events_dropped} events were not shown or sent in time", file=sys.stderr)
+        warn(f"{summary.events_dropped} events were not shown or sent in time")
     scores = end.finished
     if scores is None:
         print(

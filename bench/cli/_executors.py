@@ -65,9 +65,10 @@ class ExecutorOptions:
         # A cluster has as many sessions at once as it has threads, unless --workers says less; this machine's cores
         # say nothing about it.
         return partial(
-            open_dask, address=address or None, at_most=self.workers, recordings=self.recordings, warn=_warn
+            open_dask, address=address or None, at_most=self.workers, recordings=self.recordings, warn=warn
         )
 
 
-def _warn(warning: str) -> None:
+def warn(warning: str) -> None:
+    """Print a warning, to stderr."""
     print(f"WARNING: {warning}", file=sys.stderr, flush=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._detectors import open_detector as open_detector
@@ -20,17 +20,5 @@ if TYPE_CHECKING:
     from ._tracker import ground_homography as ground_homography
     from ._tracker import ground_warp as ground_warp
 
-_MODULES = {
-    "open_detector": "_detectors",
-    "open_detectors": "_detectors",
-    "seeds_of_camera": "_draws",
-    "Clarity": "_odds",
-    "DetectionOdds": "_odds",
-    "PictureDetector": "_picture_detector",
-    "KalmanTracker": "_tracker",
-    "TrackerSettings": "_tracker",
-    "ground_homography": "_tracker",
-    "ground_warp": "_tracker",
-}
-
+_MODULES = declared_names(__name__)
 __getattr__ = lazy_names(__name__, _MODULES)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._configuration import configuration_of as configuration_of
@@ -59,50 +59,5 @@ if TYPE_CHECKING:
     from ._table_file import read_score_table as read_score_table
 
 # The module of each name: difficulty, which planning needs, takes neither summaries nor their statistics.
-_MODULES = {
-    "configuration_of": "_configuration",
-    "configuration_tension": "_configuration",
-    "studied_key_attributes": "_configuration",
-    "Difficulty": "_difficulty",
-    "Standing": "_difficulty",
-    "absence_of": "_difficulty",
-    "difficulty_of": "_difficulty",
-    "difficulty_of_values": "_difficulty",
-    "rate": "_difficulty",
-    "stated_difficulty": "_difficulty",
-    "tension_of": "_difficulty",
-    "AgentExplanation": "_explain",
-    "Explanation": "_explain",
-    "ObservableExplanation": "_explain",
-    "RunExplanation": "_explain",
-    "Sources": "_explain",
-    "explain": "_explain",
-    "read_table": "_external",
-    "score_external": "_external",
-    "NodeFloor": "_floor",
-    "node_floors": "_floor",
-    "worst_first": "_floor",
-    "DifficultyGoal": "_increase",
-    "DifficultyIncrease": "_increase",
-    "FactorChange": "_increase",
-    "difficulty_increase": "_increase",
-    "hardest_value": "_increase",
-    "value_for_rating": "_increase",
-    "CompletenessReport": "_report",
-    "RunReport": "_report",
-    "ScoreReport": "_report",
-    "node_reports": "_report",
-    "run_reports": "_report",
-    "score_report": "_report",
-    "score_run": "_scores",
-    "summary_frame": "_summary",
-    "EXCLUDED_OUTCOMES": "_table",
-    "SCORE_COLUMNS": "_table",
-    "ScoredRun": "_table",
-    "absent_pairs": "_table",
-    "score_table": "_table",
-    "ScoreTableWriter": "_table_file",
-    "read_score_table": "_table_file",
-}
-
+_MODULES = declared_names(__name__)
 __getattr__ = lazy_names(__name__, _MODULES)

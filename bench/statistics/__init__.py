@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
@@ -69,62 +69,5 @@ if TYPE_CHECKING:
     from ._terms import factor_columns as factor_columns
 
 # The module of each name. scipy's distributions take a CPU second to import: what only rates difficulty needs none.
-_MODULES = {
-    "anova": "_anova",
-    "bootstrap_means": "_bootstrap",
-    "claim": "_claims",
-    "SIGNIFICANCE": "_comparison",
-    "NodeComparison": "_comparison",
-    "UnpairedNodeComparison": "_comparison",
-    "compare_nodes": "_comparison",
-    "compare_unpaired_nodes": "_comparison",
-    "COMPETENCE_SHARES": "_competence",
-    "DIFFICULTY_DECIMALS": "_rounding",
-    "TrialCounts": "_competence",
-    "Trials": "_competence",
-    "competence": "_competence",
-    "competence_of": "_competence",
-    "count_design_points": "_competence",
-    "count_trials": "_competence",
-    "Curve": "_curve",
-    "CurveState": "_curve",
-    "difficulty_response": "_curve",
-    "AgentAbility": "_difficulty_slope",
-    "DifficultySlope": "_difficulty_slope",
-    "Direction": "_difficulty_slope",
-    "SlopeState": "_difficulty_slope",
-    "difficulty_slope": "_difficulty_slope",
-    "difference_bounds": "_equivalence",
-    "bounded_mean": "_intervals",
-    "clopper_pearson": "_intervals",
-    "effective_size": "_intervals",
-    "mcnemar_power": "_power",
-    "pairs_for_difference": "_power",
-    "runs_for_claim": "_power",
-    "runs_for_half_width": "_power",
-    "RankAssociation": "_rank_association",
-    "rank_association": "_rank_association",
-    "OddsRatio": "_regression",
-    "correlation": "_regression",
-    "logistic": "_regression",
-    "FACTOR_COLUMNS": "_screening",
-    "NodeFactorAnalysis": "_screening",
-    "factor_frame": "_screening",
-    "node_factors": "_screening",
-    "StoppingRule": "_sequential",
-    "confidence_sequence": "_sequential",
-    "mean_bounds": "_sequential",
-    "pass_rate_bounds": "_sequential",
-    "ColumnRate": "_table_refit",
-    "RefittedTable": "_table_refit",
-    "column_rates": "_table_refit",
-    "isotonic_rates": "_table_refit",
-    "nearest_column": "_table_refit",
-    "refit_table": "_table_refit",
-    "FactorColumn": "_terms",
-    "FactorIndependence": "_terms",
-    "FactorLevel": "_terms",
-    "factor_columns": "_terms",
-}
-
+_MODULES = declared_names(__name__)
 __getattr__ = lazy_names(__name__, _MODULES)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._cdr import decode as decode
@@ -94,81 +94,5 @@ if TYPE_CHECKING:
     from ._types import type_hash as type_hash
     from ._types import type_name_of as type_name_of
 
-_MODULES = {
-    "decode": "_cdr",
-    "encode": "_cdr",
-    "json_schema": "_json",
-    "json_value": "_json",
-    "CLOCK_QOS": "_keys",
-    "RELIABLE_10": "_keys",
-    "SENSOR_DATA": "_keys",
-    "TF_QOS": "_keys",
-    "QoS": "_keys",
-    "data_key": "_keys",
-    "AirAccess": "_node",
-    "Publisher": "_node",
-    "RosNode": "_node",
-    "Sample": "_node",
-    "Subscription": "_node",
-    "open_client": "_node",
-    "decode_pose_array": "_poses",
-    "encode_pose_array": "_poses",
-    "MAX_DOCUMENT_BYTES": "_router",
-    "AirPlan": "_router",
-    "Router": "_router",
-    "Topic": "_router",
-    "open_router": "_router",
-    "MESSAGES": "_types",
-    "BoundingBox2D": "_types",
-    "BoundingBox3D": "_types",
-    "CameraInfo": "_types",
-    "Clock": "_types",
-    "CompressedImage": "_types",
-    "Detection2D": "_types",
-    "Detection2DArray": "_types",
-    "Detection3D": "_types",
-    "Detection3DArray": "_types",
-    "Header": "_types",
-    "Image": "_types",
-    "Imu": "_types",
-    "Int32": "_types",
-    "MultiArrayDimension": "_types",
-    "MultiArrayLayout": "_types",
-    "NavSatFix": "_types",
-    "NavSatStatus": "_types",
-    "ObjectHypothesis": "_types",
-    "ObjectHypothesisWithPose": "_types",
-    "Octets": "_types",
-    "Odometry": "_types",
-    "Point": "_types",
-    "Point2D": "_types",
-    "Pose": "_types",
-    "Pose2D": "_types",
-    "PoseArray": "_types",
-    "PoseStamped": "_types",
-    "PoseWithCovariance": "_types",
-    "PoseWithCovarianceStamped": "_types",
-    "Quaternion": "_types",
-    "RegionOfInterest": "_types",
-    "RosMessage": "_types",
-    "String": "_types",
-    "TFMessage": "_types",
-    "Time": "_types",
-    "Transform": "_types",
-    "TransformStamped": "_types",
-    "Twist": "_types",
-    "TwistWithCovariance": "_types",
-    "TwistWithCovarianceStamped": "_types",
-    "UInt8": "_types",
-    "UInt8MultiArray": "_types",
-    "UInt32": "_types",
-    "UInt32s": "_types",
-    "Vector3": "_types",
-    "message_class": "_types",
-    "schema_text": "_types",
-    "schema_text_of": "_types",
-    "type_hash": "_types",
-    "type_name_of": "_types",
-}
-
+_MODULES = declared_names(__name__)
 __getattr__ = lazy_names(__name__, _MODULES)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._covering_arrays import CoveringArray as CoveringArray
@@ -34,31 +34,5 @@ if TYPE_CHECKING:
     from ._stratified import Difficulties as Difficulties
     from ._stratified import Stratified as Stratified
 
-_MODULES = {
-    "CoveringArray": "_covering_arrays",
-    "Design": "_design",
-    "DesignPoint": "_design",
-    "Method": "_design",
-    "FullFactorial": "_factorial",
-    "OneByOne": "_factorial",
-    "BASE": "_factors",
-    "INACTIVE": "_factors",
-    "DesignFactor": "_factors",
-    "FactorLevel": "_factors",
-    "FactorRange": "_factors",
-    "FractionalFactorial": "_fractional_factorial",
-    "Nested": "_nested_hypercubes",
-    "NearlyOrthogonalLatinHypercube": "_orthogonal_hypercubes",
-    "OrthogonalLatinHypercube": "_orthogonal_hypercubes",
-    "DesignQuality": "_quality",
-    "design_quality": "_quality",
-    "DefinitiveScreening": "_screening",
-    "PlackettBurman": "_screening",
-    "Halton": "_space_filling",
-    "LatinHypercube": "_space_filling",
-    "Sobol": "_space_filling",
-    "Difficulties": "_stratified",
-    "Stratified": "_stratified",
-}
-
+_MODULES = declared_names(__name__)
 __getattr__ = lazy_names(__name__, _MODULES)
