@@ -112,12 +112,8 @@ class Dispatcher:
         self.stopped: str | None = None
         entries = self._journal.entries()
         self.done = sum(entry.state is RealizationState.DONE for entry in entries)
-        self._waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
-
-    @property
-    def waiting(self) -> deque[str]:
-        """Realizations to start, in the order of the plan."""
-        return self._waiting
+        # Realizations to start, in the order of the plan.
+        self.waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
 
     async def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
         """Fly realizations until all are done, a stop is requested, or the total budget is spent.
@@ -127,7 +123,7 @@ class Dispatcher:
         with stop.scope:
             async with anyio.create_task_group() as flights:
                 await self._start_all(executor, flights, deadline)
-        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
+        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self.waiting else None)
         if self.stopped is not None:
             self._observers.notify(CampaignStopping(self.stopped))
 
@@ -143,9 +139,9 @@ class Dispatcher:
                 flights.start_soon(self._fly_one, executor, realization)
             # Without room a pause that is over starts nothing; the end of a session does, or another worker.
             pause_s = self._pause_s(now) if self._has_room(executor) else CAPACITY_S
-            if not self._running and (pause_s is None or not self._waiting):
+            if not self._running and (pause_s is None or not self.waiting):
                 return
-            spans_s = [pause_s if self._waiting else None, None if deadline is None else deadline.left_s]
+            spans_s = [pause_s if self.waiting else None, None if deadline is None else deadline.left_s]
             await self._wait(min((span_s for span_s in spans_s if span_s is not None), default=None))
 
     def _has_room(self, executor: Executor) -> bool:
@@ -184,15 +180,15 @@ class Dispatcher:
         missing = reset_for_rerun(self._folder, self._journal)
         for realization in missing:
             self._early_stopping.forget(realization)
-        self._waiting.extend(missing)
+        self.waiting.extend(missing)
         self.done -= len(missing)
-        self._attempts.retries.restart(self._waiting)
+        self._attempts.retries.restart(self.waiting)
         self._observers.notify(MissingRunsRetried(tuple(missing), done=self.done, total=self.total))
 
     def _pause_s(self, now: float) -> float | None:
         """Host seconds until something may be startable that is not now; None if only the end of a session helps."""
         pauses_s = [
-            self._attempts.retries.next_due_s(self._waiting, now),
+            self._attempts.retries.next_due_s(self.waiting, now),
             GATE_S if self._gate_is_closed else None,
         ]
         return min((pause_s for pause_s in pauses_s if pause_s is not None), default=None)
@@ -202,8 +198,8 @@ class Dispatcher:
         self._early_stopping.record(result)
         self.done += 1
         self.flown += result.outcome is not Outcome.SETTLED
-        if result.realization in self._waiting:
-            self._waiting.remove(result.realization)
+        if result.realization in self.waiting:
+            self.waiting.remove(result.realization)
         self._observers.notify(
             RealizationFinished(
                 result.realization,
@@ -222,9 +218,9 @@ class Dispatcher:
 
     def _decide(self, key: PointKey) -> None:
         reopened = self._early_stopping.reopen(key)
-        self._waiting.extend(reopened)
+        self.waiting.extend(reopened)
         self.done -= len(reopened)
-        for result in self._early_stopping.stop(key, self._waiting):
+        for result in self._early_stopping.stop(key, self.waiting):
             self.finish(result)
 
     def _next_realization(self, now: float) -> str | None:
@@ -234,14 +230,14 @@ class Dispatcher:
         one that is most surely needed.
         """
         running = {key for key in self._running.values() if key is not None}
-        due = [name for name in self._waiting if self._attempts.retries.is_due(name, now)]
+        due = [name for name in self.waiting if self._attempts.retries.is_due(name, now)]
         startable = (name for name in due if self._early_stopping.may_start(name))
         idle = (name for name in due if self._early_stopping.key(name) not in running)
         realization = next(filter(self._early_stopping.may_start, idle), None) or next(startable, None)
         self._gate_is_closed = realization is not None and not self._gate(realization)
         if realization is None or self._gate_is_closed:
             return None
-        self._waiting.remove(realization)
+        self.waiting.remove(realization)
         return realization
 
     def _task(self, realization: str) -> Task:
@@ -270,7 +266,7 @@ class Dispatcher:
         pause_s = self._attempts.pause_s(result, self._clock())
         if pause_s is not None:
             self._journal.retry(result.realization, result.outcome, result.reason)
-            self._waiting.append(result.realization)
+            self.waiting.append(result.realization)
             self._observers.notify(
                 RealizationRetried(result.realization, result.outcome, result.reason, pause_s)
             )
