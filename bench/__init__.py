@@ -24,6 +24,8 @@ from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign as Campaign
+    from bench.campaign import Collaborators as Collaborators
+    from bench.campaign import RunOptions as RunOptions
     from bench.campaign import fly_realization as fly_realization
     from bench.campaign import load_campaign as load_campaign
     from bench.campaign import run_campaign as run_campaign

@@ -1,9 +1,8 @@
 """Campaigns: a folder in which every realization is flown once, however often the run is interrupted.
 
-from bench.campaign import load_campaign, load_measurable_decomposition, run_campaign_sync
+from bench.campaign import RunOptions, load_campaign, run_campaign_sync
 campaign = load_campaign("campaigns/demo.yaml")
-decomposition = load_measurable_decomposition(campaign.decomposition)
-summary = run_campaign_sync(campaign, Path("out/demo"), decomposition, workers=2)
+summary = run_campaign_sync(campaign, Path("out/demo"), RunOptions(workers=2))
 
 In a notebook, or any other coroutine: `summary = await run_campaign(...)`.
 
@@ -18,7 +17,6 @@ from typing import TYPE_CHECKING
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from ._digest import question_sha256 as question_sha256
     from ._document import Campaign as Campaign
     from ._document import CampaignBudgets as CampaignBudgets
     from ._document import FloorPlan as FloorPlan
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
     from ._document import Stopping as Stopping
     from ._document import load_campaign as load_campaign
     from ._document import parse_shard as parse_shard
+    from ._document import question_sha256 as question_sha256
     from ._document import with_floor as with_floor
     from ._events import CampaignEvent as CampaignEvent
     from ._events import CampaignPaused as CampaignPaused
@@ -42,7 +41,9 @@ if TYPE_CHECKING:
     from ._parallel import OnDone as OnDone
     from ._parallel import WorkersUnusable as WorkersUnusable
     from ._runner import CampaignSummary as CampaignSummary
+    from ._runner import Collaborators as Collaborators
     from ._runner import Finish as Finish
+    from ._runner import RunOptions as RunOptions
     from ._runner import run_campaign as run_campaign
     from ._runner import run_campaign_sync as run_campaign_sync
     from ._versions import versions as versions
@@ -51,16 +52,17 @@ if TYPE_CHECKING:
     from .execution._dask import open_dask as open_dask
     from .execution._dispatcher import StartGate as StartGate
     from .execution._dispatcher import no_gate as no_gate
+    from .execution._event_loop import HostClock as HostClock
+    from .execution._executor import BenchBroken as BenchBroken
     from .execution._executor import Executor as Executor
+    from .execution._executor import Job as Job
+    from .execution._executor import Jobs as Jobs
     from .execution._executor import OnStart as OnStart
     from .execution._executor import OpenExecutor as OpenExecutor
-    from .execution._pool import open_local_pool as open_local_pool
-    from .execution._run_clock import HostClock as HostClock
-    from .execution._single_flight import fly_realization as fly_realization
-    from .execution._task import BenchBroken as BenchBroken
-    from .execution._task import Job as Job
-    from .execution._task import Task as Task
-    from .execution._task import WorkerPlan as WorkerPlan
+    from .execution._executor import Task as Task
+    from .execution._executor import WorkerPlan as WorkerPlan
+    from .execution._local_pool import fly_realization as fly_realization
+    from .execution._local_pool import open_local_pool as open_local_pool
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._estimate import CampaignEstimate as CampaignEstimate

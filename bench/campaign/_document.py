@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections import Counter
 from pathlib import Path
@@ -426,3 +428,21 @@ def _resolved(parent: Path, name: str) -> str:
     A name without such a file is a plug-in's and stays.
     """
     return str(parent / name) if (parent / name).is_file() else name
+
+
+# Whose agents fly, within which time of the host, and what the campaign is called changes no scene, nor does where it is
+# flown; a honeypot changes nothing that is seen or measured.
+NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots", "keep", "shard"}
+SITUATIONS = {"base", "situations"}
+
+
+def question_sha256(campaign: Campaign) -> str:
+    """SHA-256, in hexadecimal, over situations in full, design, decomposition, study and stopping.
+
+    The same for a campaign file and for the `campaign.yaml` of a folder that was flown from it.
+    """
+    # Situations in full: a changed default of a SimSpec changes what is flown. Of the rest only what is stated, so
+    # that a new option of campaigns leaves the digests of those without it alone.
+    question: dict[str, Any] = campaign.model_dump(mode="json", include=SITUATIONS)
+    question |= campaign.model_dump(mode="json", exclude=NOT_ASKED | SITUATIONS, exclude_defaults=True)
+    return hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()

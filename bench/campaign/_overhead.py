@@ -102,11 +102,6 @@ def _result(name: str, simspec: SimSpec, prediction: Prediction) -> SessionResul
     )
 
 
-def job_at(fidelity: str, job: str) -> str:
-    """The job of workers that fly what was not flown in batches, because it was taken up again later."""
-    return "bench.campaign._overhead:fly_one" if fidelity == OVERHEAD else job
-
-
 def fly_one(simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
     """One realization by surrogate, as a worker's job."""
     (result,) = fly_overhead([simspec], [realization], decomposition)

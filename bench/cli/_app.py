@@ -103,6 +103,45 @@ def _check_utf8(name: str) -> None:
         raise SetupError(Fault(name, "is not UTF-8", "rename it")) from None
 
 
+def _journal_failed(error: sqlite3.DatabaseError) -> int:
+    if not isinstance(error, sqlite3.OperationalError):
+        print(
+            f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",
+            file=sys.stderr,
+        )
+        return 1
+    # The first byte is the kind of error.
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    remedy = (
+        "Another program holds it: close that, then run again."
+        if code in _LOCK_CODES
+        else "Free some space or correct the file's permissions, then run again."
+    )
+    print(f"rebar: cannot write the journal: {error}. {remedy}", file=sys.stderr)
+    return 2 if code in _PATH_CODES else 1
+
+
+def _host_failed(error: OSError) -> int:
+    """Raises what is no fault of the host either."""
+    if error.errno in _SHORTAGES:
+        print(
+            f"rebar: the host has no more of something that this needs: {error.strerror}. "
+            "End other programs or raise the limits (ulimit -a), then run again: no result is lost.",
+            file=sys.stderr,
+        )
+        return 1
+    if (wrong_path := path_fault(error)) is not None:
+        print(f"rebar: {wrong_path}", file=sys.stderr)
+        return 2
+    if error.errno not in _DISK_ERRORS:
+        raise error
+    print(
+        f"rebar: {error.filename or 'writing'}: {error.strerror}. Free some space or check the disk, then run again.",
+        file=sys.stderr,
+    )
+    return 1
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
     try:
@@ -121,45 +160,15 @@ def run(arguments: Sequence[str]) -> int:
         print(f"rebar: {error}", file=sys.stderr)
         return 1
     # SQLite reports a full or read-only disk by an exception of its own, which is no OSError.
-    except sqlite3.OperationalError as error:
-        # The first byte is the kind of error.
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        remedy = (
-            "Another program holds it: close that, then run again."
-            if code in _LOCK_CODES
-            else "Free some space or correct the file's permissions, then run again."
-        )
-        print(f"rebar: cannot write the journal: {error}. {remedy}", file=sys.stderr)
-        return 2 if code in _PATH_CODES else 1
     except sqlite3.DatabaseError as error:
-        print(
-            f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",
-            file=sys.stderr,
-        )
-        return 1
+        return _journal_failed(error)
     except BrokenPipeError:
         # The reader of the output, such as `head`, has seen enough. Python would complain again at its exit when it
         # flushes what nobody reads.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as error:
-        if error.errno in _SHORTAGES:
-            print(
-                f"rebar: the host has no more of something that this needs: {error.strerror}. "
-                "End other programs or raise the limits (ulimit -a), then run again: no result is lost.",
-                file=sys.stderr,
-            )
-            return 1
-        if (wrong_path := path_fault(error)) is not None:
-            print(f"rebar: {wrong_path}", file=sys.stderr)
-            return 2
-        if error.errno not in _DISK_ERRORS:
-            raise
-        print(
-            f"rebar: {error.filename or 'writing'}: {error.strerror}. Free some space or check the disk, then run again.",
-            file=sys.stderr,
-        )
-        return 1
+        return _host_failed(error)
     except RuntimeError as error:
         # How pathlib puts ELOOP before Python 3.13.
         if not str(error).startswith("Symlink loop"):

@@ -1,9 +1,11 @@
-"""The end of a campaign: scores and report, and what they need loaded while the last sessions fly."""
+"""The end of a campaign: scores and report, what they need loaded while the last sessions fly, and what is printed."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -14,9 +16,12 @@ from bench.campaign import (
     RealizationFinished,
     RealizationStarted,
 )
+from bench.errors import SetupError, command_line
+
+from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
-    from bench.campaign import CampaignFolder, FinishedCampaign
+    from bench.campaign import Campaign, CampaignFolder, CampaignSummary, FinishedCampaign
 
 
 class CampaignEnd:
@@ -67,3 +72,57 @@ def _load_parts() -> None:
     from bench.reporting import load_page_parts
 
     load_page_parts()
+
+
+def given_the_truth(campaign: Campaign) -> list[str]:
+    """The labels of a campaign's agents, those of its floor included, whose manifests ask for the truth."""
+    from bench.agents import load_manifest
+
+    if campaign.fidelity == "overhead":
+        return []
+    specs = (*campaign.agents, *(campaign.floor.specs if campaign.floor else ()))
+    labels = []
+    for agent in specs:
+        # A manifest that is missing is told with everything else that is wrong before take-off.
+        with suppress(SetupError):
+            labels += [agent.label] if load_manifest(agent.manifest)[0].truth else []
+    return labels
+
+
+def show_scores(
+    campaign: Campaign,
+    folder: Path,
+    summary: CampaignSummary,
+    scores: FinishedCampaign,
+    informed: Sequence[str],
+) -> None:
+    from bench.campaign import CampaignFolder, digest_of
+    from bench.reporting import score_tables
+
+    if scores.saw_truth:
+        print(f"SAW THE TRUTH: a honeypot was reported in {', '.join(scores.saw_truth)}; see the report")
+    for label in informed:
+        print(f"{label} is given the truth: its results are no agent's")
+    console = plain_console()
+    for table in score_tables(scores.summary, scores.study, scores.floors):
+        # Nobody is to mistake predictions for flights, also where only one table is copied.
+        if campaign.fidelity == "overhead":
+            table.title = (
+                f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+            )
+        console.print(table)
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
+    print_lines(
+        console,
+        [f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}"],
+    )
+    if scores.floors:
+        flat = [node.id for node in scores.floors.values() if node.flaw]
+        print(
+            f"{len(flat)} observables do not discriminate: "
+            + command_line("rebar", "decomposition", "check", Path(campaign.decomposition), "--floor", folder)
+        )
+    print(f"report: {scores.report}")
+    digest = digest_of(CampaignFolder(folder).manifest)
+    print(f"manifest SHA-256: {digest}")
+    print(f"publish it, and check it with: {command_line('rebar', 'verify', folder, '--digest', digest)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,6 +15,8 @@ import typer
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 from bench.simspec import DEFAULT_VEHICLE, MAX_LATITUDE_DEG
+
+from ._option_groups import grouped
 
 if TYPE_CHECKING:
     from bench.simspec import BoardAutopilot
@@ -29,93 +31,110 @@ KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command()(fly)
+    app.command()(grouped(fly))
 
 
-def fly(
-    autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
+@dataclass(frozen=True, slots=True)
+class FlyOptions:
+    """The options of `rebar fly`."""
+
+    autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4"
     vehicle: Annotated[
         str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")
-    ] = DEFAULT_VEHICLE,
+    ] = DEFAULT_VEHICLE
     mavlink: Annotated[
         list[str] | None,
         typer.Option(
             help="A link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, serial:PATH or serial:auto. Repeatable"
         ),
-    ] = None,
+    ] = None
     serial: Annotated[
         list[str] | None,
         typer.Option(
             help="A serial device with a companion computer, DEVICE or DEVICE:BAUD (921600). Repeatable; in real time"
         ),
-    ] = None,
+    ] = None
     interface: Annotated[
         str,
         typer.Option(help="Listen on this network interface, such as eth0, for a companion computer"),
-    ] = "",
-    speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0,
-    home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
-    signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = "",
-    signing: Annotated[
-        str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")
-    ] = "require",
-    params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None,
+    ] = ""
+    speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0
+    home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0"
+    signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = ""
+    signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = (
+        "require"
+    )
+    params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None
     camera: Annotated[
         bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")
-    ] = False,
+    ] = False
     firmware: Annotated[
         str,
         typer.Option(help="Fly a real autopilot: PX4's folder with bin/px4 and etc/, or ArduPilot's program"),
-    ] = "",
+    ] = ""
     board: Annotated[
         str,
         typer.Option(
             help="Fly a PX4 board in hardware-in-the-loop mode, DEVICE or DEVICE:BAUD. PROPELLERS OFF; docs/hardware.md"
         ),
-    ] = "",
-    duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None,
-) -> None:
+    ] = ""
+    duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None
+
+    def check(self) -> None:
+        """Raises SetupError for options that cannot be, or not together."""
+        if self.autopilot not in ("px4", "ardupilot"):
+            raise SetupError(
+                Fault("--autopilot", f"unknown autopilot {self.autopilot!r}", "give px4 or ardupilot")
+            )
+        outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
+        if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
+            raise SetupError(
+                Fault(
+                    "--speed",
+                    f"another computer keeps real time, and {self.speed:g} is not",
+                    f"leave it out with {option}",
+                )
+            )
+        if self.firmware and self.board:
+            raise SetupError(Fault("--board", "a board brings its own firmware", "leave out --firmware"))
+        if (self.firmware or self.board) and self.params is not None:
+            raise SetupError(
+                Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
+            )
+
+    def links(self) -> list[LinkSpec]:
+        """The links that were asked for, signed; those of the autopilot's SITL if none was."""
+        from bench.simulation import DEFAULT_LINKS, interface_links
+
+        links = [parse_link(text, index) for index, text in enumerate(self.mavlink or ())]
+        links += [parse_serial(text, len(links) + index) for index, text in enumerate(self.serial or ())]
+        if self.interface:
+            links += interface_links(self.autopilot, self.interface)
+        return signed(links or DEFAULT_LINKS[self.autopilot], self.signing_key, self.signing)
+
+
+def fly(options: FlyOptions) -> None:
     """Run a simulated flight controller by itself, in place of a SITL.
 
     Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
     """
-    from bench.simulation import DEFAULT_LINKS, interface_links, run_standalone
+    from bench.simulation import run_standalone
 
-    if autopilot not in ("px4", "ardupilot"):
-        raise SetupError(Fault("--autopilot", f"unknown autopilot {autopilot!r}", "give px4 or ardupilot"))
-    links: list[LinkSpec] = [parse_link(text, index) for index, text in enumerate(mavlink or ())]
-    links += [parse_serial(text, len(links) + index) for index, text in enumerate(serial or ())]
-    if interface:
-        links += interface_links(autopilot, interface)
-    options = {"--serial": serial, "--interface": interface, "--board": board}
-    if speed != 1.0 and (option := next((name for name, is_given in options.items() if is_given), None)):
-        raise SetupError(
-            Fault(
-                "--speed",
-                f"another computer keeps real time, and {speed:g} is not",
-                f"leave it out with {option}",
-            )
-        )
-    if firmware and board:
-        raise SetupError(Fault("--board", "a board brings its own firmware", "leave out --firmware"))
-    if (firmware or board) and params is not None:
-        raise SetupError(
-            Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
-        )
+    options.check()
     with terminated_as_interrupted():
         run_standalone(
-            autopilot,
-            links=signed(links or DEFAULT_LINKS[autopilot], signing_key, signing),
-            home=parse_home(home),
-            speed=speed,
-            duration_s=duration,
-            camera=camera,
-            parameter_file=params,
+            options.autopilot,
+            links=options.links(),
+            home=parse_home(options.home),
+            speed=options.speed,
+            duration_s=options.duration,
+            camera=options.camera,
+            parameter_file=options.params,
             # Flushed: a program that reads the output through a pipe waits for the first line.
             say=partial(print, flush=True),
-            model=vehicle,
-            firmware=firmware,
-            board=parse_board(board, autopilot) if board else None,
+            model=options.vehicle,
+            firmware=options.firmware,
+            board=parse_board(options.board, options.autopilot) if options.board else None,
         )
 
 

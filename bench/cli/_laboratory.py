@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from bench.errors import Fault, SetupError
 
+from ._executors import warn
+
 if TYPE_CHECKING:
-    from bench.campaign import Completeness, StartGate
+    from bench.campaign import Completeness
     from bench.laboratory import LaboratoryBus
 
 # From the environment, not by an option: command lines are visible to other users of the machine.
@@ -24,20 +27,40 @@ PASSWORD_VARIABLE = "REBAR_MQTT_PASSWORD"
 class LaboratoryOptions:
     """What `rebar run` was given: a broker, and the topics of a test stand."""
 
-    mqtt: str | None = None
-    mqtt_ca: Path | None = None
-    stand_ready: str | None = None
-    stand_announce: str | None = None
-    stand_release: str | None = None
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="REBAR_MQTT",
+            help="Broker to tell events, status and scores: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]",
+        ),
+    ] = None
+    mqtt_ca: Annotated[
+        Path | None,
+        typer.Option("--mqtt-ca", metavar="FILE", help="Certificates that vouch for the broker (PEM)"),
+    ] = None
+    stand_ready: Annotated[
+        str | None,
+        typer.Option("--stand-ready", metavar="TOPIC", help="Before each session, wait for a message here"),
+    ] = None
+    stand_announce: Annotated[
+        str | None,
+        typer.Option("--stand-announce", metavar="TOPIC", help="Send a message here before each session"),
+    ] = None
+    stand_release: Annotated[
+        str | None,
+        typer.Option("--stand-release", metavar="TOPIC", help="Send a message here after each session"),
+    ] = None
 
 
 @contextmanager
 def open_laboratory(options: LaboratoryOptions, campaign: str) -> Iterator[LaboratoryBus | None]:
     """Yield the bus of the options; None where no broker was named. Raises SetupError for options that cannot be."""
     if options.mqtt is None:
-        stray = [name for name, value in _others(options) if value is not None]
-        if stray:
-            raise SetupError(Fault(stray[0], "needs a broker", "give --mqtt too"))
+        for name in ("mqtt_ca", "stand_ready", "stand_announce", "stand_release"):
+            if getattr(options, name) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise SetupError(Fault(option, "needs a broker", "give --mqtt too"))
         yield None
         return
     # Imported here: the client and asyncio take 60 ms that a run without a broker does without.
@@ -45,15 +68,8 @@ def open_laboratory(options: LaboratoryOptions, campaign: str) -> Iterator[Labor
 
     broker = parse_broker(options.mqtt, os.environ.get(PASSWORD_VARIABLE), options.mqtt_ca)
     stand = Stand(options.stand_ready, options.stand_announce, options.stand_release)
-    with open_bus(broker, campaign, stand=stand, warn=_warn) as bus:
+    with open_bus(broker, campaign, stand=stand, warn=warn) as bus:
         yield bus
-
-
-def gate_of(bus: LaboratoryBus | None) -> StartGate:
-    """What a run asks before each session."""
-    from bench.campaign import no_gate
-
-    return no_gate if bus is None else bus.is_open
 
 
 def tell_end(bus: LaboratoryBus | None, completeness: Completeness | None, report_json: str | None) -> None:
@@ -63,16 +79,3 @@ def tell_end(bus: LaboratoryBus | None, completeness: Completeness | None, repor
     if report_json is not None:
         bus.send_scores(report_json)
     bus.end("complete" if completeness is not None and completeness.complete else "incomplete")
-
-
-def _others(options: LaboratoryOptions) -> list[tuple[str, object]]:
-    return [
-        ("--mqtt-ca", options.mqtt_ca),
-        ("--stand-ready", options.stand_ready),
-        ("--stand-announce", options.stand_announce),
-        ("--stand-release", options.stand_release),
-    ]
-
-
-def _warn(warning: str) -> None:
-    print(f"WARNING: {warning}", file=sys.stderr, flush=True)

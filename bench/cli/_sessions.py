@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.padding import Padding
@@ -12,13 +12,13 @@ from rich.text import Text
 
 from bench.errors import command_line
 
-from ._campaigns import IsolationOption
+from ._run_request import IsolationOption, Pace
 from ._tables import plain_console
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bench.contracts import Observation
+    from bench.contracts import Observation, SessionResult
     from decompositions import Decomposition
 
 
@@ -36,15 +36,13 @@ def simulate(
     decomposition: Annotated[
         str, typer.Option(help="Name or file of a decomposition")
     ] = DEFAULT_DECOMPOSITION,
-    pace: Annotated[
-        Literal["lockstep", "realtime", "warp"] | None, typer.Option(help="Pace, in place of the SimSpec's")
-    ] = None,
+    pace: Annotated[Pace | None, typer.Option(help="Pace, in place of the SimSpec's")] = None,
     isolation: IsolationOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
     from bench.campaign import check_file_system, fly_realization, load_measurable_decomposition, write_result
-    from bench.contracts import Outcome, services_of
+    from bench.contracts import Outcome
     from bench.simspec import load_simspec
 
     situation = load_simspec(simspec)
@@ -63,35 +61,44 @@ def simulate(
     if as_json:
         print(result.model_dump_json(indent=1, ensure_ascii=True))
     else:
-        console = plain_console()
-        if "truth" in result.details:
-            console.print(f"the truth was {result.details['truth']}: its results are no agent's")
-        if "isolation" in result.details:
-            console.print(_confinement_line(result.details), soft_wrap=True)
-        for use in services_of(result.details):
-            console.print(f"let in from outside: {use}", soft_wrap=True)
-        ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
-        if strangers := result.counters.get("tick_strangers", 0):
-            console.print(f"connections of strangers to the tick socket, refused: {strangers}")
-        # Nothing was flown, so the reason is about the file.
-        if not result.simulated_s:
-            ended = f"{simspec}: {ended}"
-        # Indented: no line of what an agent printed is to be taken for one of ours.
-        console.print(ended.replace("\n", "\n    "), soft_wrap=True)
-        if result.observations:
-            first = _show_observations(console, nodes, result.observations)
-        if (out / "recording.mcap").is_file():
-            console.print(f"recording: {out / 'recording.mcap'}", soft_wrap=True)
-        if result.observations:
-            named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", Path(decomposition))
-            # Quoted, because people copy these lines into a shell.
-            explain = command_line("rebar", "score", out, *named, "--explain", str(first))
-            difficulty = command_line("rebar", "difficulty", simspec, *named)
-            for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
-                console.print(line, soft_wrap=True)
+        _print_result(result, simspec, out, decomposition, nodes)
     if not result.outcome.counts:
         # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.
         raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)
+
+
+def _print_result(
+    result: SessionResult, simspec: Path, out: Path, decomposition: str, nodes: Decomposition
+) -> None:
+    """Print how the session was confined and ended, what it achieved, and what to ask next."""
+    from bench.contracts import services_of
+
+    console = plain_console()
+    if "truth" in result.details:
+        console.print(f"the truth was {result.details['truth']}: its results are no agent's")
+    if "isolation" in result.details:
+        console.print(_confinement_line(result.details), soft_wrap=True)
+    for use in services_of(result.details):
+        console.print(f"let in from outside: {use}", soft_wrap=True)
+    ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+    if strangers := result.counters.get("tick_strangers", 0):
+        console.print(f"connections of strangers to the tick socket, refused: {strangers}")
+    # Nothing was flown, so the reason is about the file.
+    if not result.simulated_s:
+        ended = f"{simspec}: {ended}"
+    # Indented: no line of what an agent printed is to be taken for one of ours.
+    console.print(ended.replace("\n", "\n    "), soft_wrap=True)
+    if result.observations:
+        first = _show_observations(console, nodes, result.observations)
+    if (out / "recording.mcap").is_file():
+        console.print(f"recording: {out / 'recording.mcap'}", soft_wrap=True)
+    if result.observations:
+        named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", Path(decomposition))
+        # Quoted, because people copy these lines into a shell.
+        explain = command_line("rebar", "score", out, *named, "--explain", str(first))
+        difficulty = command_line("rebar", "difficulty", simspec, *named)
+        for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
+            console.print(line, soft_wrap=True)
 
 
 def _confinement_line(details: Mapping[str, object]) -> str:

@@ -6,7 +6,7 @@ import json
 import os
 import secrets
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,44 +66,27 @@ def verify(
 
     Example: rebar verify out/demo --refly 5
     """
-    from bench.campaign import (
-        CampaignFolder,
-        digest_of,
-        load_campaign,
-        question_sha256,
-        runs_elsewhere,
-        store_faults,
-        verify_folder,
-    )
-
     if refly is None and (seed is not None or workers is not None):
         raise SetupError(
             Fault("--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too")
         )
-    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
-    stored = runs_elsewhere(folder)
-    if recordings and not faults:
-        faults = [str(fault) for fault in store_faults(stored)]
-    manifest = CampaignFolder(folder).manifest
-    actual = digest_of(manifest) if manifest.is_file() else None
-    # Of a folder that was changed it would say nothing.
-    question = None if faults else question_sha256(load_campaign(CampaignFolder(folder).campaign))
+    check = _check(folder, digest, signed_by, read_stored=recordings)
     if not as_json:
-        if faults:
-            print("\n".join(faults))
-        else:
-            _print_verified(folder, actual, str(question), signed_by)
-            _print_stored(len(stored), checked=recordings)
+        _print_check(folder, check, signed_by)
     # A repetition of what is not what was flown would prove nothing.
-    sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
+    sample = (
+        None if refly is None or check.faults else _reflown(folder, refly, seed, workers, as_json=as_json)
+    )
     if as_json:
-        document = {"manifest_sha256": actual, "faults": faults, "question_sha256": question}
-        print(
-            json.dumps(
-                {"folder": str(folder), **document, "refly": None if sample is None else asdict(sample)}
-            )
-        )
-    if faults:
+        document = {
+            "folder": str(folder),
+            "manifest_sha256": check.manifest_sha256,
+            "faults": check.faults,
+            "question_sha256": check.question_sha256,
+            "refly": sample and asdict(sample),
+        }
+        print(json.dumps(document))
+    if check.faults:
         raise typer.Exit(1)
     if sample is not None:
         _exit_for(sample)
@@ -132,33 +115,68 @@ def sign(
     print(f"signed with the key {signer}: {paths.signature}")
 
 
-def _print_verified(folder: Path, manifest_sha256: str | None, question: str, signed_by: Path | None) -> None:
+@dataclass(frozen=True, slots=True)
+class _FolderCheck:
+    """What is wrong with a folder, and what it proves if nothing is. `stored` counts the recordings at a URL."""
+
+    faults: list[str]
+    manifest_sha256: str | None
+    question_sha256: str | None
+    stored: int
+    read_stored: bool
+
+
+def _check(folder: Path, digest: str | None, signed_by: Path | None, *, read_stored: bool) -> _FolderCheck:
+    from bench.campaign import (
+        CampaignFolder,
+        digest_of,
+        load_campaign,
+        question_sha256,
+        runs_elsewhere,
+        store_faults,
+        verify_folder,
+    )
+
+    paths = CampaignFolder(folder)
+    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
+    stored = runs_elsewhere(folder)
+    if read_stored and not faults:
+        faults = [str(fault) for fault in store_faults(stored)]
+    return _FolderCheck(
+        faults,
+        digest_of(paths.manifest) if paths.manifest.is_file() else None,
+        # Of a folder that was changed it would say nothing.
+        None if faults else question_sha256(load_campaign(paths.campaign)),
+        len(stored),
+        read_stored,
+    )
+
+
+def _print_check(folder: Path, check: _FolderCheck, signed_by: Path | None) -> None:
     from bench.campaign import CampaignFolder, can_check_signatures, fingerprint_of, read_signature
 
+    if check.faults:
+        print("\n".join(check.faults))
+        return
     has_chain = CampaignFolder(folder).evidence.is_file()
     chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
-    if manifest_sha256 is None:
+    if check.manifest_sha256 is None:
         print(f"{folder}: all results match {chain} and the journal; there is no manifest yet")
     else:
         print(f"{folder}: all files match the manifest, {chain} and the journal")
-        print(f"manifest SHA-256: {manifest_sha256}")
+        print(f"manifest SHA-256: {check.manifest_sha256}")
     if (signature := read_signature(folder)) is not None:
         signer = fingerprint_of(signature.public_key)
         whose = f"that of {signed_by}" if signed_by else "--signed-by KEY checks whose it is"
         if not can_check_signatures():
             whose = "not checked: pip install 'rebar-bench[sign]'"
         print(f"signed with the key {signer} ({whose})")
-    print(f"situations and design: {question}")
-
-
-def _print_stored(count: int, *, checked: bool) -> None:
-    if count:
-        what = (
-            "and have the digests of their sessions"
-            if checked
-            else "not read: --recordings compares them too"
-        )
-        print(f"{count} recordings are kept at a URL ({what})")
+    print(f"situations and design: {check.question_sha256}")
+    if check.stored:
+        what = "not read: --recordings compares them too"
+        if check.read_stored:
+            what = "and have the digests of their sessions"
+        print(f"{check.stored} recordings are kept at a URL ({what})")
 
 
 def _reflown(

@@ -2,7 +2,7 @@
 
 from bench.laboratory import open_bus, parse_broker
 with open_bus(parse_broker("mqtts://rig@broker.lab:8883/bay-2", password), campaign.name, warn=print) as bus:
-    run_campaign_sync(campaign, folder, decomposition, observers=[bus.notify)]
+    run_campaign_sync(campaign, folder, collaborators=Collaborators([bus.notify]))
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from bench.agents import load_manifest
 from bench.agents.confinement import rungs
 from bench.agents.confinement._landlock import namespaces_fault
 from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open_local_pool
-from bench.campaign.execution._task import FLIGHT_JOB
+from bench.campaign.execution._executor import FLIGHTS
 from bench.contracts import Observation, Outcome, SessionResult
 from bench.documents import dump_json
 from bench.simspec import (
@@ -173,7 +173,7 @@ class Range:
         self._neighbour.mkdir()
         for name in ("journal.sqlite", "scores.json", "manifest.json", "simspec.json"):
             (self._neighbour / name).write_text('{"realized": {"actors": [{"east_m": 1.0, "north_m": 2.0}]}}')
-        plan = WorkerPlan(FLIGHT_JOB, load_measurable_decomposition(DECOMPOSITION))
+        plan = WorkerPlan(FLIGHTS.flight, load_measurable_decomposition(DECOMPOSITION))
         self._pool_context = open_local_pool(plan, 1, folder)
         self._stack = ExitStack()
 

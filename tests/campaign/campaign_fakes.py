@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -200,14 +201,19 @@ def fly(
     campaign: Campaign | None = None,
     script: Script | None = None,
     workers: int = 1,
-    **options: Any,
+    rerun: Collection[Outcome] = (),
+    accept: Collection[Outcome] = (),
+    forfeit: str | None = None,
+    confined: str | None = None,
+    **collaborators: Any,
 ) -> CampaignSummary:
     """Run a campaign of fakes. A worker takes a second of CPU to start: two where a test is about two."""
-    from bench.campaign import run_campaign_sync
+    from bench.campaign import Collaborators, Jobs, RunOptions, run_campaign_sync
 
-    decomposition = cast(Any, script or Script())
+    options = RunOptions(cast(Any, script or Script()), workers, rerun, accept)
+    jobs = Jobs(JOB, forfeit, confined)
     return run_campaign_sync(
-        campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options
+        campaign or small_campaign(), folder, options, Collaborators(jobs=jobs, **collaborators)
     )
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from subprocess import PIPE
 
-from bench.campaign.execution._processes import descendants
+from bench.campaign.execution._worker import descendants
 
 KINDS = ("runner", "worker", "agent")
 

@@ -106,17 +106,16 @@ def stopping_campaign(
     return small_campaign(points, replicates).model_copy(update=update)
 
 
-def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
+def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **collaborators: Any) -> CampaignSummary:
     """Run such a campaign, by default to its scores and in this process: a worker takes a second to start."""
     from in_process_executor import open_in_process
 
-    from bench.campaign import finish_campaign, load_measurable_decomposition, run_campaign_sync
+    from bench.campaign import Collaborators, Jobs, RunOptions, finish_campaign, run_campaign_sync
 
-    finish = options.pop("finish", lambda paths: finish_campaign(paths.path) and None)
-    decomposition = load_measurable_decomposition(campaign.decomposition)
-    options.setdefault("open_executor", open_in_process())
+    collaborators.setdefault("finish", lambda paths: finish_campaign(paths.path) and None)
+    collaborators.setdefault("open_executor", open_in_process())
     return run_campaign_sync(
-        campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options
+        campaign, folder, RunOptions(workers=workers), Collaborators(jobs=Jobs(JOB), **collaborators)
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from anyio.lowlevel import checkpoint
 
 from bench.campaign import OnStart, OpenExecutor, Task, WorkerPlan, digest_of
-from bench.campaign.execution._task import load_job, with_progress
+from bench.campaign.execution._executor import load_job, with_progress
 from bench.contracts import OnProgress, SessionFailure, SessionResult, ignore_progress
 from bench.documents import load_document
 from bench.simspec import SimSpec

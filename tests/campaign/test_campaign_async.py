@@ -16,10 +16,13 @@ from bench.campaign import (
     CampaignEvent,
     CampaignPlanned,
     CampaignSummary,
+    Collaborators,
     Executor,
+    Jobs,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    RunOptions,
     SessionProgressed,
     Task,
     WorkerPlan,
@@ -44,7 +47,10 @@ def test_two_campaigns_at_once_in_one_event_loop(tmp_path: Path) -> None:
         async def one_of_them(name: str) -> None:
             summaries.append(
                 await run_campaign(
-                    small_campaign(), tmp_path / name, SCRIPT, job=JOB, open_executor=open_in_process(3)
+                    small_campaign(),
+                    tmp_path / name,
+                    RunOptions(SCRIPT),
+                    Collaborators(jobs=Jobs(JOB), open_executor=open_in_process(3)),
                 )
             )
 
@@ -80,11 +86,8 @@ def test_a_cancelled_campaign_is_resumed(tmp_path: Path, finished: int) -> None:
             await run_campaign(
                 small_campaign(),
                 tmp_path,
-                SCRIPT,
-                workers=1,
-                job=JOB,
-                gate=cancel,
-                open_executor=open_in_process(),
+                RunOptions(SCRIPT, workers=1),
+                Collaborators(jobs=Jobs(JOB), gate=cancel, open_executor=open_in_process()),
             )
         assert scope.cancelled_caught
 

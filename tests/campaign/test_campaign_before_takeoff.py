@@ -6,9 +6,18 @@ import json
 from pathlib import Path
 
 import pytest
-from campaign_fakes import Script, small_campaign
+from campaign_fakes import JOB, Script, small_campaign
+from in_process_executor import open_in_process
 
-from bench.campaign import Campaign, CampaignFolder, run_campaign_sync, takeoff_faults
+from bench.campaign import (
+    Campaign,
+    CampaignFolder,
+    Collaborators,
+    Jobs,
+    RunOptions,
+    run_campaign_sync,
+    takeoff_faults,
+)
 from bench.campaign.planning._realizations import realizations
 from bench.errors import SetupError
 from bench.realization import DesignFactor
@@ -37,8 +46,11 @@ def campaign(*agents: AgentSpec, **base: object) -> Campaign:
     return made.model_copy(update={"agents": agents, "base": situation})
 
 
+OPTIONS = RunOptions(Script(), workers=1)  # type: ignore[arg-type]
+
+
 def fly(folder: Path, document: Campaign) -> None:
-    run_campaign_sync(document, folder, Script(), workers=1)  # type: ignore[arg-type]
+    run_campaign_sync(document, folder, OPTIONS)
 
 
 def test_all_faults_of_all_agents_come_at_once_and_nothing_is_placed(tmp_path: Path) -> None:
@@ -119,7 +131,6 @@ def test_a_pace_for_all_runs_lets_a_realtime_agent_join(tmp_path: Path) -> None:
 
 
 def fly_fakes(folder: Path, document: Campaign) -> None:
-    from campaign_fakes import JOB
-    from in_process_executor import open_in_process
-
-    run_campaign_sync(document, folder, Script(), workers=1, job=JOB, open_executor=open_in_process())  # type: ignore[arg-type]
+    run_campaign_sync(
+        document, folder, OPTIONS, Collaborators(jobs=Jobs(JOB), open_executor=open_in_process())
+    )

@@ -20,19 +20,20 @@ from test_campaign_retention import some_scenes
 from bench.campaign import (
     CampaignEvent,
     CampaignSummary,
+    Collaborators,
+    Jobs,
     JournalEntry,
     Observer,
     OpenExecutor,
     RealizationRetried,
     RealizationStarted,
     WorkersUnusable,
-    load_measurable_decomposition,
     open_dask,
     open_journal,
     run_campaign_sync,
     verify_folder,
 )
-from bench.campaign.execution._dask_task import version_faults
+from bench.campaign.execution._dask_worker import version_faults
 from bench.contracts import Outcome
 from bench.errors import SetupError
 
@@ -45,10 +46,8 @@ def fly(
 ) -> CampaignSummary:
     campaign = some_scenes(None, count=2)
     campaign = campaign.model_copy(update={"budgets": campaign.budgets.model_copy(update={"retry_s": 0.0})})
-    decomposition = load_measurable_decomposition(campaign.decomposition)
-    return run_campaign_sync(
-        campaign, folder, decomposition, job=job, open_executor=open_executor, observers=observers
-    )
+    collaborators = Collaborators(observers, open_executor=open_executor, jobs=Jobs(job))
+    return run_campaign_sync(campaign, folder, collaborators=collaborators)
 
 
 def entries(folder: Path) -> dict[str, JournalEntry]:

@@ -11,7 +11,10 @@ from in_process_executor import open_in_process
 from test_campaign_retention import some_scenes
 
 from bench.campaign import (
+    Collaborators,
+    Jobs,
     OpenExecutor,
+    RunOptions,
     check_store,
     digest_of,
     load_measurable_decomposition,
@@ -25,10 +28,10 @@ from bench.campaign import (
     verify_folder,
     write_result,
 )
-from bench.campaign.execution._cluster_task import ClusterTask
-from bench.campaign.execution._dask_task import _stored
+from bench.campaign.execution._dask import ClusterTask
+from bench.campaign.execution._dask_worker import _stored
+from bench.campaign.execution._executor import FLIGHTS
 from bench.campaign.execution._flight import fly_here
-from bench.campaign.execution._task import FORFEIT_JOB
 from bench.campaign.storage._dropped import (
     DroppedRecording,
     dropped_recording,
@@ -43,6 +46,9 @@ from bench.simspec import load_simspec
 
 fsspec = pytest.importorskip("fsspec", reason="the extra `dask` is not installed")
 DECOMPOSITION = load_measurable_decomposition("search-and-report")
+ONE_WORKER = RunOptions(DECOMPOSITION, workers=1)
+# No agent starts.
+JOBS = Jobs(str(FLIGHTS.forfeit))
 
 
 @pytest.fixture
@@ -83,7 +89,7 @@ def test_recordings_of_a_cluster_go_to_a_url_and_the_folder_vouches_for_them(
     executors: tuple[OpenExecutor, OpenExecutor] = (open_in_process(), partial(open_dask, recordings=url))
     for path, executor in zip((local, folder), executors, strict=True):
         summary = run_campaign_sync(
-            campaign, path, DECOMPOSITION, workers=1, job=FORFEIT_JOB, open_executor=executor
+            campaign, path, ONE_WORKER, Collaborators(jobs=JOBS, open_executor=executor)
         )
         assert summary.outcomes == {Outcome.AGENT_BROKE_BENCH: 2}
 
@@ -98,7 +104,7 @@ def test_recordings_of_a_cluster_go_to_a_url_and_the_folder_vouches_for_them(
         assert note.kept_at.startswith(url)
         assert Path(note.kept_at.removeprefix("file://")).read_bytes() == recording.read_bytes()
     assert (verify_folder(folder), store_faults(stored)) == ([], [])
-    summary = run_campaign_sync(campaign, folder, DECOMPOSITION, workers=1, job=FORFEIT_JOB)
+    summary = run_campaign_sync(campaign, folder, ONE_WORKER, Collaborators(jobs=JOBS))
     assert summary.flown == 0
 
     scores = rescore_campaign(folder, workers=1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.campaign.results._heap import frozen_heap
+from bench.campaign.results._finish import frozen_heap
 from bench.campaign.storage._files import MIN_KEPT_BYTES, FileDigests, digest_of, write_whole
 
 

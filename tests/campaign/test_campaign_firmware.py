@@ -11,7 +11,7 @@ from in_process_executor import open_in_process
 from test_campaign_suspects import attempts, flown
 
 from bench.campaign import CampaignSummary, open_journal, read_result, request_retry
-from bench.campaign.execution._firmware_watch import FirmwareWatch, failed_in_flight
+from bench.campaign.execution._attempts import FirmwareWatch, failed_in_flight
 from bench.campaign.storage._firmware_ends import (
     add_firmware_ends,
     drawn_out_realizations,

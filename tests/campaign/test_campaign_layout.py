@@ -10,8 +10,8 @@ from test_campaign_overhead import overhead
 
 from bench.campaign import (
     CampaignFolder,
+    Collaborators,
     finish_campaign,
-    load_measurable_decomposition,
     merge_shards,
     read_runs,
     run_campaign_sync,
@@ -57,23 +57,22 @@ def test_a_large_campaign_is_a_campaign_like_any_other(
 ) -> None:
     """Flown, resumed, verified, scored and joined from shards: the same results, in other places."""
     campaign = overhead()
-    decomposition = load_measurable_decomposition(campaign.decomposition)
 
     def finish(paths: CampaignFolder) -> None:
         finish_campaign(paths.path)
 
     def fly(name: str, shard: str | None = None) -> Path:
         part = campaign.model_copy(update={"shard": shard})
-        run_campaign_sync(part, tmp_path / name, decomposition, finish=finish)
+        run_campaign_sync(part, tmp_path / name, collaborators=Collaborators(finish=finish))
         return tmp_path / name
 
     flat = fly("flat")
     half = fly("first", "1/2")
     monkeypatch.setattr(folder_module, "FLAT_RUNS", 1)
     split, other = fly("split"), fly("second", "2/2")
-    assert run_campaign_sync(campaign, split, decomposition).flown == 0
+    assert run_campaign_sync(campaign, split).flown == 0
     # What was flown before is taken up, and its runs stay where they are.
-    assert run_campaign_sync(campaign, flat, decomposition).flown == 0
+    assert run_campaign_sync(campaign, flat).flown == 0
     joined = tmp_path / "joined"
     merge_shards([half, other], joined, finish)
     results = {path.parent.name: path.read_bytes() for path in flat.glob("runs/*/result.json")}

@@ -12,7 +12,7 @@ from campaign_fakes import Script, fly, small_campaign
 from in_process_executor import open_in_process
 
 from bench.campaign import CampaignFolder, Completeness, RealizationRetried, open_journal
-from bench.campaign.execution._bench_faults import is_worth_a_retry
+from bench.campaign.execution._attempts import is_worth_a_retry
 from bench.campaign.execution._dispatcher import _is_full
 from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult
 from bench.errors import SetupError

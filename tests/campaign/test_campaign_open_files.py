@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from campaign_fakes import Script, fly, small_campaign
 
-from bench.campaign.execution import _pool
-from bench.campaign.execution._pool import FILES_OF_A_SESSION
+from bench.campaign.execution import _local_pool
+from bench.campaign.execution._local_pool import FILES_OF_A_SESSION
 from bench.cli._app import run
 from bench.errors import SetupError
 
@@ -68,9 +68,9 @@ def test_a_soft_limit_is_raised_as_far_as_the_workers_need(
     now = Limit(monkeypatch, *limit)
     if expected is None:
         with pytest.raises(SetupError, match="open files are allowed") as error:
-            _pool._allow_open_files(workers)
+            _local_pool._allow_open_files(workers)
         assert ("--workers" in str(error.value)) is (workers > 1)
         assert now.value == limit
     else:
-        _pool._allow_open_files(workers)
+        _local_pool._allow_open_files(workers)
         assert now.value == expected

@@ -12,6 +12,7 @@ import pytest
 from bench.campaign import (
     Campaign,
     CampaignFolder,
+    Collaborators,
     estimate_campaign,
     finish_campaign,
     load_campaign,
@@ -28,6 +29,9 @@ from bench.simspec import AgentSpec, Role
 DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
+WITH_SCORES = Collaborators(finish=lambda paths: finish_campaign(paths.path) and None)
+
+
 def overhead(**changes: Any) -> Campaign:
     """Two scenes of the demo, at the overhead fidelity."""
     demo = load_campaign(DEMO)
@@ -40,9 +44,7 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     campaign, folder = overhead(), CampaignFolder(tmp_path)
     decomposition = load_measurable_decomposition(campaign.decomposition)
 
-    summary = run_campaign_sync(
-        campaign, tmp_path, decomposition, finish=lambda paths: finish_campaign(paths.path) and None
-    )
+    summary = run_campaign_sync(campaign, tmp_path, collaborators=WITH_SCORES)
 
     assert summary.outcomes == {Outcome.COMPLETED: 4}
     for realization in tmp_path.joinpath("runs").iterdir():
@@ -59,23 +61,22 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     notices = body.count("Overhead fidelity: surrogates on a ground plan")
     # Each table, the head, and the paragraph to quote of each agent.
     assert notices == body.count("<table") + 1 + len(campaign.agents) > 10
-    assert run_campaign_sync(campaign, tmp_path, decomposition).flown == 0
+    assert run_campaign_sync(campaign, tmp_path).flown == 0
 
 
 def test_a_folder_holds_results_of_one_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
-    decomposition = load_measurable_decomposition(campaign.decomposition)
-    run_campaign_sync(campaign, tmp_path, decomposition)
+    run_campaign_sync(campaign, tmp_path)
 
     with pytest.raises(SetupError, match="the folder's results are overhead"):
-        run_campaign_sync(campaign.model_copy(update={"fidelity": "full"}), tmp_path, decomposition)
+        run_campaign_sync(campaign.model_copy(update={"fidelity": "full"}), tmp_path)
 
 
 def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     campaign = overhead(agents=(AgentSpec(manifest="mine.yaml"), AgentSpec(manifest="reference-naive")))
 
     with pytest.raises(SetupError, match="'mine' has no surrogate"):
-        run_campaign_sync(campaign, tmp_path, load_measurable_decomposition(campaign.decomposition))
+        run_campaign_sync(campaign, tmp_path)
 
     assert not (tmp_path / "campaign.yaml").exists()
 
@@ -90,7 +91,7 @@ def test_a_situation_with_somebody_sought_is_refused(tmp_path: Path) -> None:
     changed = campaign.model_copy(update={"base": campaign.base.model_copy(update={"actors": groups})})
 
     with pytest.raises(SetupError, match="role: sought: is beyond the overhead simulation"):
-        run_campaign_sync(changed, tmp_path, load_measurable_decomposition(campaign.decomposition))
+        run_campaign_sync(changed, tmp_path)
 
 
 def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -103,21 +104,14 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
     with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
-        run_campaign_sync(
-            changed_campaign, tmp_path, load_measurable_decomposition(changed_campaign.decomposition)
-        )
+        run_campaign_sync(changed_campaign, tmp_path)
 
     assert not (tmp_path / "simspecs").exists()
 
 
 def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
-    run_campaign_sync(
-        campaign,
-        tmp_path,
-        load_measurable_decomposition(campaign.decomposition),
-        finish=lambda paths: finish_campaign(paths.path) and None,
-    )
+    run_campaign_sync(campaign, tmp_path, collaborators=WITH_SCORES)
 
     assert campaign_report(tmp_path).fidelity == "overhead"
     assert read_runs(tmp_path).fidelity == "overhead"

@@ -15,10 +15,11 @@ from bench.campaign import (
     Campaign,
     CampaignFolder,
     CampaignSummary,
+    Collaborators,
+    Jobs,
     Keep,
     ReflownStatus,
     digest_of,
-    load_measurable_decomposition,
     merge_shards,
     question_sha256,
     refly,
@@ -38,8 +39,8 @@ def some_scenes(keep: Keep | None, count: int = 3) -> Campaign:
 
 
 def flown(folder: Path, campaign: Campaign) -> CampaignSummary:
-    decomposition = load_measurable_decomposition(campaign.decomposition)
-    return run_campaign_sync(campaign, folder, decomposition, job=MIXED_ENDS, open_executor=open_in_process())
+    collaborators = Collaborators(jobs=Jobs(MIXED_ENDS), open_executor=open_in_process())
+    return run_campaign_sync(campaign, folder, collaborators=collaborators)
 
 
 def kept_runs(folder: Path) -> set[str]:

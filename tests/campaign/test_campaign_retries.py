@@ -15,7 +15,7 @@ from bench.campaign import (
     RealizationRetried,
     open_journal,
 )
-from bench.campaign.execution._retries import FIRST_PAUSE_S, JITTER, MAX_PAUSE_S, Retries
+from bench.campaign.execution._attempts import FIRST_PAUSE_S, JITTER, MAX_PAUSE_S, Retries
 from bench.contracts import Outcome, SessionResult
 
 FAULTY = ("p001-r1-fake", "p002-r2-fake")

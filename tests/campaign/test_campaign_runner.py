@@ -21,15 +21,17 @@ from campaign_fakes import JOB, Script, fly, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
+    Collaborators,
+    Jobs,
     JournalEntry,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    RunOptions,
     Task,
     WorkerPlan,
     WorkersUnusable,
     digest_of,
-    load_measurable_decomposition,
     open_journal,
     open_local_pool,
     read_result,
@@ -128,9 +130,7 @@ def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
     with pytest.raises(
         SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"
     ):
-        run_campaign_sync(
-            small_campaign(), tmp_path, load_measurable_decomposition("search-and-report"), job=JOB
-        )
+        run_campaign_sync(small_campaign(), tmp_path, collaborators=Collaborators(jobs=Jobs(JOB)))
 
     assert not list(tmp_path.glob("simspecs/*"))
 
@@ -259,7 +259,12 @@ def test_two_workers_lost_at_once(tmp_path: Path) -> None:
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
     """When no worker can work the campaign says so and decides nothing about any realization."""
     with pytest.raises(WorkersUnusable, match="no_such_module"):
-        run_campaign_sync(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
+        run_campaign_sync(
+            small_campaign(),
+            tmp_path,
+            RunOptions(Script()),  # type: ignore[arg-type]
+            Collaborators(jobs=Jobs("no_such_module:fly")),
+        )
 
     assert set(outcomes(tmp_path).values()) == {None}
     assert fly(tmp_path).complete

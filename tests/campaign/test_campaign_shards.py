@@ -15,11 +15,12 @@ from test_campaign_overhead import overhead
 from bench.campaign import (
     Campaign,
     CampaignFolder,
+    Collaborators,
+    Jobs,
     Stopping,
     campaign_state,
     digest_of,
     finish_campaign,
-    load_measurable_decomposition,
     merge_shards,
     open_journal,
     question_sha256,
@@ -52,16 +53,12 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`whole`, `1` and `2`: the campaign in one run, and in two shards, each run to its end."""
     root = tmp_path_factory.mktemp("shards")
     campaign = three_scenes()
-    decomposition = load_measurable_decomposition(campaign.decomposition)
     for name, flown in (("whole", campaign), ("1", part(campaign, "1/2")), ("2", part(campaign, "2/2"))):
         # The scores of the shards are of no use here, and their reports take seconds.
-        run_campaign_sync(
-            flown,
-            root / name,
-            decomposition,
-            finish=finish if name == "whole" else None,
-            open_executor=open_in_process(),
+        collaborators = Collaborators(
+            finish=finish if name == "whole" else None, open_executor=open_in_process()
         )
+        run_campaign_sync(flown, root / name, collaborators=collaborators)
     return root
 
 
@@ -87,23 +84,16 @@ def test_joined_shards_have_the_results_and_scores_of_one_run(folders: Path, tmp
         assert digest_of(out / "shards" / name / "manifest.json") == before[name]
     # The same command on the joined folder has nothing to fly.
     campaign = three_scenes()
-    decomposition = load_measurable_decomposition(campaign.decomposition)
-    assert run_campaign_sync(campaign, out, decomposition).flown == 0
+    assert run_campaign_sync(campaign, out).flown == 0
 
 
 def test_attempts_and_recordings_come_along(tmp_path: Path) -> None:
     """Of sessions that were flown, each at its second attempt."""
     campaign = three_scenes().model_copy(update={"fidelity": "full"})
     campaign = campaign.model_copy(update={"budgets": campaign.budgets.model_copy(update={"retry_s": 0.0})})
-    decomposition = load_measurable_decomposition(campaign.decomposition)
+    collaborators = Collaborators(jobs=Jobs(SECOND_TRY), open_executor=open_in_process())
     for number in "12":
-        run_campaign_sync(
-            part(campaign, f"{number}/2"),
-            tmp_path / number,
-            decomposition,
-            job=SECOND_TRY,
-            open_executor=open_in_process(),
-        )
+        run_campaign_sync(part(campaign, f"{number}/2"), tmp_path / number, collaborators=collaborators)
     out = tmp_path / "out"
     assert merge_shards([tmp_path / "1", tmp_path / "2"], out, lambda paths: None).complete
     with open_journal(out / "journal.sqlite") as journal:
@@ -136,13 +126,12 @@ def test_every_scene_is_in_one_shard_with_all_its_agents(count: int) -> None:
 def test_a_shard_asks_the_same_question_and_stays_what_it_is(folders: Path) -> None:
     """Resumed without --shard it flies no more than its part; another shard does not fit into its folder."""
     campaign = three_scenes()
-    decomposition = load_measurable_decomposition(campaign.decomposition)
     assert question_sha256(part(campaign, "2/7")) == question_sha256(campaign)
-    again = run_campaign_sync(campaign, folders / "1", decomposition)
+    again = run_campaign_sync(campaign, folders / "1")
     assert (again.total, again.flown) == (4, 0)
     assert campaign_state(folders / "2").total == 2
     with pytest.raises(SetupError, match="holds realizations that are not in this campaign"):
-        run_campaign_sync(part(campaign, "2/2"), folders / "1", decomposition)
+        run_campaign_sync(part(campaign, "2/2"), folders / "1")
 
 
 def test_what_does_not_make_a_whole_is_refused_by_name(folders: Path, tmp_path: Path) -> None:
@@ -161,9 +150,9 @@ def test_what_does_not_make_a_whole_is_refused_by_name(folders: Path, tmp_path: 
     next(changed.glob("runs/*/result.json")).write_text("{}")
     with pytest.raises(SetupError, match="result"):
         merge_shards([one, changed], out, finish)
-    decomposition = load_measurable_decomposition("search-and-report")
     other = overhead().model_copy(update={"name": "other"})
-    run_campaign_sync(part(other, "2/2"), tmp_path / "other", decomposition, open_executor=open_in_process())
+    collaborators = Collaborators(open_executor=open_in_process())
+    run_campaign_sync(part(other, "2/2"), tmp_path / "other", collaborators=collaborators)
     with pytest.raises(SetupError, match="is of another campaign"):
         merge_shards([one, tmp_path / "other"], out, finish)
     assert not out.exists()

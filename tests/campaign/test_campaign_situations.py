@@ -12,9 +12,9 @@ from campaign_fakes import fly, small_campaign
 
 from bench.campaign import (
     Campaign,
+    Collaborators,
     finish_campaign,
     load_campaign,
-    load_measurable_decomposition,
     open_journal,
     propose_next,
     read_runs,
@@ -195,11 +195,9 @@ def test_scores_report_comparison_and_the_next_campaign(tmp_path: Path, capsys: 
     campaign = Campaign.model_validate(
         json.loads(json.dumps(document, default=lambda x: x.model_dump(mode="json")))
     )
-    decomposition = load_measurable_decomposition(campaign.decomposition)
     folder = tmp_path / "out"
-    run_campaign_sync(
-        campaign, folder, decomposition, finish=lambda paths: finish_campaign(paths.path) and None
-    )
+    collaborators = Collaborators(finish=lambda paths: finish_campaign(paths.path) and None)
+    run_campaign_sync(campaign, folder, collaborators=collaborators)
 
     assert verify_folder(folder) == []
     assert len(read_runs(folder).runs) == 12

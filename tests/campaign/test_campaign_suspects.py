@@ -38,7 +38,7 @@ def flown(
         folder,
         script=Script(acts),
         open_executor=open_in_process(),
-        forfeit_job=FORFEIT,
+        forfeit=FORFEIT,
         memory_kills=memory_kills,
     )
     results = {path.name: read_result(path, path.name) for path in (folder / "runs").iterdir()}
@@ -73,8 +73,8 @@ def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -
         tmp_path,
         script=Script({FIRST: "rob", SECOND: "rob"}),
         open_executor=open_in_process(),
-        forfeit_job=FORFEIT,
-        confined_job=CONFINED,
+        forfeit=FORFEIT,
+        confined=CONFINED,
     )
     assert summary.outcomes == {Outcome.COMPLETED: 6}
     for name, suspect in ((FIRST, True), (SECOND, True), (THIRD, False)):
@@ -120,7 +120,7 @@ def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Pa
     acts = {"p001-r1-first": act, "p001-r1-second": act, "p001-r2-second": act}
     agents = tuple(AgentSpec(manifest=name) for name in ("first", "second"))
     campaign = small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
-    summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit_job=FORFEIT)
+    summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit=FORFEIT)
     results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]
     assert summary.outcomes[Outcome.AGENT_BROKE_BENCH] == 1
     assert [len(suspicions_of(result.details)) for result in results if result] == [2, 2, 2]
@@ -141,9 +141,7 @@ def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
 
 def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
     """Real processes and SIGKILL: one realization each time, one once."""
-    summary = fly(
-        tmp_path, script=Script({FIRST: "kill", SECOND: "kill-once"}), workers=2, forfeit_job=FORFEIT
-    )
+    summary = fly(tmp_path, script=Script({FIRST: "kill", SECOND: "kill-once"}), workers=2, forfeit=FORFEIT)
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_BROKE_BENCH: 1}
     result = read_result(CampaignFolder(tmp_path).run(SECOND), SECOND)
     assert result is not None

@@ -1,1 +1,3 @@
-"""Sessions run by worker processes: tasks, the local pool, the worker, and how a run is asked to stop."""
+"""Sessions of a campaign flown somewhere. The dispatcher hands realizations to an executor: the pool of worker processes on
+this machine, or a Dask cluster. A worker flies them one after another; `_flight` flies one, in the worker's own process.
+"""

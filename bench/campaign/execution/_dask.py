@@ -14,21 +14,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import anyio
+from pydantic import BaseModel, ConfigDict
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
 from bench.visible_text import visible
+from decompositions import DecompositionDocument
 
 from .._parallel import WorkersUnusable
 from .._versions import versions
 from ..storage._dropped import DroppedRecording, note_pending
-from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
-from ._executor import OnStart
-from ._pool import open_scratch
-from ._task import Task, WorkerPlan
+from ._executor import OnStart, Task, WorkerPlan
+from ._local_pool import open_scratch
 
 if TYPE_CHECKING:
     from distributed import Client
+
+# Fields of the message that a worker has started a task. Not `worker`: the scheduler sets that to the address.
+STARTED = "session_started"
+"""The task's key."""
+NAME = "name"
+"""The worker's name: its machine and its address."""
 
 CONNECT_S = 20.0
 """Host seconds in which a scheduler must answer. Chosen."""
@@ -43,7 +49,37 @@ WORKER = "dask"
 
 # Evaluated on the worker. A function of ours would be pickled by its name, and the scheduler, which unpickles tasks,
 # would have to import it.
-_FLY = "__import__('bench.campaign.execution._dask_task', fromlist=['fly_document']).fly_document(document)"
+_FLY = "__import__('bench.campaign.execution._dask_worker', fromlist=['fly_document']).fly_document(document)"
+
+
+class ClusterTask(BaseModel):
+    """A task with everything that it needs: a cluster's machines share no disk with the runner.
+
+    `runner` is the topic on the scheduler where the runner learns which worker has started the task, `recordings` the URL
+    below which the recording is kept; None sends it back.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    realization: str
+    simspec: str
+    decomposition: DecompositionDocument
+    job: str
+    wall_s: float
+    own_network: bool
+    versions: dict[str, str]
+    runner: str
+    recordings: str | None = None
+
+
+class StoredRecording(BaseModel):
+    """Where a worker has put a recording; or why it could not, so that the recording comes back instead."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    url: str
+    bytes: int
+    fault: str = ""
 
 
 @dataclass(slots=True)

@@ -25,25 +25,17 @@ from .._events import (
     RealizationStarted,
     SessionProgressed,
 )
-from .._versions import versions
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
 from ..storage._completeness import PROVISIONAL_OUTCOMES
-from ..storage._dropped import drop_recording, pending_note, settle_note
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._pause import take_retry_request
 from ..storage._recovery import reset_for_rerun
-from ..storage._results import write_result
-from ._bench_faults import BenchFaultWatch
-from ._executor import Executor
-from ._firmware_watch import FirmwareWatch
-from ._retention import Retention
-from ._retries import Retries
-from ._run_clock import HostClock
-from ._stop_request import StopRequest
-from ._suspects import SuspectWatch
-from ._task import Task
+from ..storage._results import ResultStore
+from ._attempts import Attempts
+from ._event_loop import HostClock, StopRequest
+from ._executor import Executor, Task
 
 MIN_FREE_BYTES = 1024 * 1024
 """With less free space on the disk a failed session is taken for one that a full disk stopped."""
@@ -84,35 +76,32 @@ class Deadline:
         return self.at - self.clock()
 
 
+@dataclass(frozen=True, slots=True)
+class OpenCampaign:
+    """A campaign's folder and journal while they are open, and what its events go to."""
+
+    folder: CampaignFolder
+    journal: Journal
+    observers: Observers
+
+
 class Dispatcher:
     """One run over the realizations of a campaign that have no result yet."""
 
     def __init__(
         self,
-        folder: CampaignFolder,
-        journal: Journal,
-        observers: Observers,
-        early_stopping: EarlyStopping,
+        campaign: OpenCampaign,
         plans: Sequence[RealizationPlan],
-        retries: Retries,
+        early_stopping: EarlyStopping,
+        attempts: Attempts,
+        results: ResultStore,
         clock: HostClock,
-        suspects: SuspectWatch,
-        forfeit_job: str | None,
         gate: StartGate = no_gate,
-        retention: Retention | None = None,
     ) -> None:
-        self._folder, self._journal, self._observers, self._early_stopping = (
-            folder,
-            journal,
-            observers,
-            early_stopping,
-        )
-        self._bench_faults = BenchFaultWatch()
-        self._retries, self._clock = retries, clock
-        self._suspects, self._forfeit_job = suspects, forfeit_job
-        self._firmware = FirmwareWatch(journal)
-        self._gate, self._gate_is_closed = gate, False
-        self._retention = retention
+        self._folder, self._journal = campaign.folder, campaign.journal
+        self._observers, self._early_stopping = campaign.observers, early_stopping
+        self._attempts, self._results = attempts, results
+        self._clock, self._gate, self._gate_is_closed = clock, gate, False
         self._running: dict[str, PointKey | None] = {}
         self._session_ended = anyio.Event()
         self.total = len(plans)
@@ -121,14 +110,10 @@ class Dispatcher:
         self._wall_s = {plan.id: plan.situation.budgets.wall_s for plan in plans}
         self.flown = 0
         self.stopped: str | None = None
-        entries = journal.entries()
+        entries = self._journal.entries()
         self.done = sum(entry.state is RealizationState.DONE for entry in entries)
-        self._waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
-
-    @property
-    def waiting(self) -> deque[str]:
-        """Realizations to start, in the order of the plan."""
-        return self._waiting
+        # Realizations to start, in the order of the plan.
+        self.waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
 
     async def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
         """Fly realizations until all are done, a stop is requested, or the total budget is spent.
@@ -138,7 +123,7 @@ class Dispatcher:
         with stop.scope:
             async with anyio.create_task_group() as flights:
                 await self._start_all(executor, flights, deadline)
-        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
+        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self.waiting else None)
         if self.stopped is not None:
             self._observers.notify(CampaignStopping(self.stopped))
 
@@ -154,9 +139,9 @@ class Dispatcher:
                 flights.start_soon(self._fly_one, executor, realization)
             # Without room a pause that is over starts nothing; the end of a session does, or another worker.
             pause_s = self._pause_s(now) if self._has_room(executor) else CAPACITY_S
-            if not self._running and (pause_s is None or not self._waiting):
+            if not self._running and (pause_s is None or not self.waiting):
                 return
-            spans_s = [pause_s if self._waiting else None, None if deadline is None else deadline.left_s]
+            spans_s = [pause_s if self.waiting else None, None if deadline is None else deadline.left_s]
             await self._wait(min((span_s for span_s in spans_s if span_s is not None), default=None))
 
     def _has_room(self, executor: Executor) -> bool:
@@ -195,14 +180,17 @@ class Dispatcher:
         missing = reset_for_rerun(self._folder, self._journal)
         for realization in missing:
             self._early_stopping.forget(realization)
-        self._waiting.extend(missing)
+        self.waiting.extend(missing)
         self.done -= len(missing)
-        self._retries.restart(self._waiting)
+        self._attempts.retries.restart(self.waiting)
         self._observers.notify(MissingRunsRetried(tuple(missing), done=self.done, total=self.total))
 
     def _pause_s(self, now: float) -> float | None:
         """Host seconds until something may be startable that is not now; None if only the end of a session helps."""
-        pauses_s = [self._retries.next_due_s(self._waiting, now), GATE_S if self._gate_is_closed else None]
+        pauses_s = [
+            self._attempts.retries.next_due_s(self.waiting, now),
+            GATE_S if self._gate_is_closed else None,
+        ]
         return min((pause_s for pause_s in pauses_s if pause_s is not None), default=None)
 
     def finish(self, result: SessionResult) -> None:
@@ -210,8 +198,8 @@ class Dispatcher:
         self._early_stopping.record(result)
         self.done += 1
         self.flown += result.outcome is not Outcome.SETTLED
-        if result.realization in self._waiting:
-            self._waiting.remove(result.realization)
+        if result.realization in self.waiting:
+            self.waiting.remove(result.realization)
         self._observers.notify(
             RealizationFinished(
                 result.realization,
@@ -230,9 +218,9 @@ class Dispatcher:
 
     def _decide(self, key: PointKey) -> None:
         reopened = self._early_stopping.reopen(key)
-        self._waiting.extend(reopened)
+        self.waiting.extend(reopened)
         self.done -= len(reopened)
-        for result in self._early_stopping.stop(key, self._waiting):
+        for result in self._early_stopping.stop(key, self.waiting):
             self.finish(result)
 
     def _next_realization(self, now: float) -> str | None:
@@ -242,25 +230,23 @@ class Dispatcher:
         one that is most surely needed.
         """
         running = {key for key in self._running.values() if key is not None}
-        due = [name for name in self._waiting if self._retries.is_due(name, now)]
+        due = [name for name in self.waiting if self._attempts.retries.is_due(name, now)]
         startable = (name for name in due if self._early_stopping.may_start(name))
         idle = (name for name in due if self._early_stopping.key(name) not in running)
         realization = next(filter(self._early_stopping.may_start, idle), None) or next(startable, None)
         self._gate_is_closed = realization is not None and not self._gate(realization)
         if realization is None or self._gate_is_closed:
             return None
-        self._waiting.remove(realization)
+        self.waiting.remove(realization)
         return realization
 
     def _task(self, realization: str) -> Task:
         simspec = self._folder.simspec(realization)
-        forfeited = self._suspects.is_forfeited(realization)
-        job = self._forfeit_job if forfeited else self._suspects.confined_job(realization)
         run = self._folder.fresh_run(realization)
-        return Task(realization, simspec, run, self._wall_s[realization], job)
+        return Task(realization, simspec, run, self._wall_s[realization], self._attempts.job(realization))
 
     def _note_start(self, realization: str, worker: str) -> None:
-        self._suspects.start(realization)
+        self._attempts.start(realization)
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
 
@@ -277,39 +263,20 @@ class Dispatcher:
                     "free some space and run again; no result is lost",
                 )
             )
-        self._suspects.record(result)
-        self._firmware.record(result)
-        pause_s = self._retries.pause_s(result, self._clock())
-        if self._firmware.is_exhausted(result):
-            pause_s = None
-        if (
-            pause_s is None
-            and self._forfeit_job
-            and self._suspects.forfeits(result, self._bench_faults.succeeded)
-        ):
-            pause_s = 0.0
+        pause_s = self._attempts.pause_s(result, self._clock())
         if pause_s is not None:
             self._journal.retry(result.realization, result.outcome, result.reason)
-            self._waiting.append(result.realization)
+            self.waiting.append(result.realization)
             self._observers.notify(
                 RealizationRetried(result.realization, result.outcome, result.reason, pause_s)
             )
         else:
-            result = self._firmware.marked(self._suspects.marked(result))
-            run = self._folder.run(result.realization)
-            self._journal.finish(result, write_result(run, result))
-            if (note := pending_note(run)) is not None:
-                self._journal.drop(result.realization, note.policy)
-                settle_note(run)
-            elif self._retention is not None and self._retention.drops(
-                result, self._folder.simspec(result.realization)
-            ):
-                self._journal.drop(result.realization, self._retention.policy)
-                drop_recording(run, str(result.recording_sha256), self._retention.policy, versions())
+            result = self._attempts.marked(result)
+            self._results.add(result)
             self.finish(result)
         if key is not None:
             self._decide(key)
-        self._bench_faults.record(result)
+        self._attempts.check_bench(result)
 
 
 def _is_full(folder: Path) -> bool:

@@ -47,9 +47,9 @@ from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
 from .._versions import arithmetic, versions
+from ..planning._honeypots import truth_details
 from ..planning._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
-from ._honeypots import truth_details
 
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"

@@ -4,13 +4,13 @@ again to it and to no neighbour. docs/running-campaigns.md states the rule and w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from bench.contracts import FIRMWARE_FAILED, LEAVES_OPEN, SUSPECT, Outcome, SessionResult
 from bench.errors import SetupError
 from bench.realization import RealizationPlan
 
-from ._task import CONFINED_JOB
+from ._executor import FLIGHTS, Jobs
 
 UNCONFINED = "none"
 ISOLATION = "isolation"
@@ -118,27 +118,19 @@ def _kind(result: SessionResult) -> str:
     return result.reason.partition(":")[0]
 
 
-def watch_for_agents(
-    plans: Iterable[RealizationPlan], memory_kills: Callable[[], int] | None = None
+def watch_suspects(
+    plans: Sequence[RealizationPlan], jobs: Jobs, memory_kills: Callable[[], int] | None
 ) -> SuspectWatch:
-    """The watch of a campaign whose sessions start agents, with what this host knows of memory and confinement."""
+    """The watch of a campaign: over its flights with what this host knows of memory and confinement, over jobs that start
+    no agent with what is handed in.
+    """
+    scenes = {plan.id: f"{plan.design_point} {plan.replicate}" for plan in plans}
+    if jobs != FLIGHTS:
+        return SuspectWatch(memory_kills or (lambda: 0), lambda: jobs.confined, scenes=scenes)
     # Here, because importing the simulation takes half a second.
     from bench.simulation import count_memory_kills
 
-    plans = list(plans)
-    return SuspectWatch(
-        memory_kills or count_memory_kills, _confined_job, _is_unconfined(plans), scenes_of(plans)
-    )
-
-
-def scenes_of(plans: Iterable[RealizationPlan]) -> dict[str, str]:
-    """The scene of each realization."""
-    return {plan.id: f"{plan.design_point} {plan.replicate}" for plan in plans}
-
-
-def no_memory_kills() -> int:
-    """For sessions that use no memory worth counting."""
-    return 0
+    return SuspectWatch(memory_kills or count_memory_kills, _confined_job, _is_unconfined(plans), scenes)
 
 
 def _confined_job() -> str | None:
@@ -146,7 +138,7 @@ def _confined_job() -> str | None:
     from bench.agents.confinement import rungs
 
     names = ("bwrap", "landlock")
-    return CONFINED_JOB if any(rungs()[name].trial() is None for name in names) else None
+    return FLIGHTS.confined if any(rungs()[name].trial() is None for name in names) else None
 
 
 def _is_unconfined(plans: Iterable[RealizationPlan]) -> Callable[[str], bool]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -47,7 +49,6 @@ from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import write_result
 from ._campaign_results import CampaignResults
-from ._heap import frozen_heap
 from ._rescore import pack_rescored, recording_faults, rescore, unpack_rescored
 
 RATED_SITUATIONS = 256
@@ -90,6 +91,23 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
         load_page_parts()
         with frozen_heap():
             return _finish_campaign(path, other_decomposition)
+
+
+@contextmanager
+def frozen_heap() -> Iterator[None]:
+    """Keep the garbage collector from what is there now: it looks only at what is made in the block.
+
+    With statistics, figures and their libraries loaded, collections took 0.8 of the 4.1 s that scores and report of 215 runs
+    took (with the collector off: 3.3 s). Does nothing where the caller froze objects: `gc` cannot tell them apart.
+    """
+    if gc.get_freeze_count():
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCampaign:

@@ -13,7 +13,7 @@ from decompositions import Decomposition
 
 from .._document import Campaign, parse_shard
 from .._overhead import check_fidelity
-from .._runner import CampaignSummary, Finish, run_campaign_sync
+from .._runner import CampaignSummary, Collaborators, Finish, RunOptions, run_campaign_sync
 from ..planning._evidence_check import verify_folder
 from ..planning._plan import plan_campaign
 from ..storage._completeness import accepted_realizations, adopt_accepted
@@ -71,7 +71,7 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
             _keep_evidence(shard, paths)
         journal.set_stops(stops)
     # Nothing is left to fly: this writes scores, report and manifest, as it does at the end of any run.
-    return run_campaign_sync(campaign, out, decomposition, finish=finish)
+    return run_campaign_sync(campaign, out, RunOptions(decomposition), Collaborators(finish=finish))
 
 
 def _whole(shard: _Shard) -> Campaign:

@@ -37,11 +37,9 @@ from decompositions import Decomposition
 
 from .._versions import versions
 from ..early_stopping._decisions import is_after_stop
-from ..execution._blocking import blocking, first_error_alone
-from ..execution._executor import Executor, OpenExecutor
-from ..execution._pool import open_local_pool
-from ..execution._stop_request import open_stop_request
-from ..execution._task import FLIGHT_JOB, Task, WorkerPlan
+from ..execution._event_loop import blocking, first_error_alone, open_stop_request
+from ..execution._executor import FLIGHTS, Executor, OpenExecutor, Task, WorkerPlan
+from ..execution._local_pool import open_local_pool
 from ..storage._dropped import DroppedRecording, dropped_recording
 from ..storage._folder import RECORDING, CampaignFolder
 from ..storage._journal import open_journal_to_read
@@ -94,7 +92,7 @@ def refly(
     seed: int,
     workers: int = 1,
     *,
-    job: str = FLIGHT_JOB,
+    job: str = FLIGHTS.flight,
     open_executor: OpenExecutor = open_local_pool,
 ) -> ReflownSample:
     """Draw up to `count` counted lockstep runs of a campaign folder, fly each again in a temporary folder, and compare.

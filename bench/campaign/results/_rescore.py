@@ -11,7 +11,7 @@ from bench.errors import Fault, SetupError
 from bench.recording import check_whole, read_simspec, read_tape
 from decompositions import Decomposition
 
-from ..execution._honeypots import truth_details
+from ..planning._honeypots import truth_details
 from ..planning._measures import measure_all, measures_of
 from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of

@@ -12,8 +12,7 @@ from bench.contracts import Outcome
 from bench.documents import Document, load_document
 
 from .._document import Campaign
-from ..storage._completeness import accepted_realizations, completeness_of
-from ..storage._firmware_ends import drawn_out_realizations
+from ..storage._completeness import noted_completeness
 from ..storage._folder import existing_campaign, writing_process
 from ..storage._journal import RealizationState, open_journal_to_read
 from ..storage._pause import is_paused
@@ -54,11 +53,7 @@ def campaign_state(folder: Path) -> CampaignState:
     process = writing_process(folder)
     with open_journal_to_read(paths.journal) as journal:
         entries = journal.entries()
-        completeness = completeness_of(
-            ((entry, entry.outcome) for entry in entries),
-            accepted_realizations(journal),
-            drawn_out_realizations(journal),
-        )
+        completeness = noted_completeness(journal)
     # A runner that was killed leaves what it flew as running.
     running = [entry.id for entry in entries if process and entry.state is RealizationState.RUNNING]
     waiting = sum(entry.state is RealizationState.PLANNED for entry in entries)

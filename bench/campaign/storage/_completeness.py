@@ -11,6 +11,7 @@ from pathlib import Path
 from bench.contracts import Outcome
 from bench.errors import Fault, SetupError, command_line
 
+from ._firmware_ends import drawn_out_realizations
 from ._journal import Journal, JournalEntry
 
 PROVISIONAL_OUTCOMES = frozenset(
@@ -120,6 +121,15 @@ def completeness_of(
             reason = next(reversed(entry.reason.strip().splitlines()), "")
             example = f"{entry.id}: {reason[:_REASON_CHARACTERS]}"
     return Completeness(total, dict(missing), example, tuple(accepted_ids), drawn_out_count)
+
+
+def noted_completeness(journal: Journal) -> Completeness:
+    """The same by what the journal notes."""
+    return completeness_of(
+        ((entry, entry.outcome) for entry in journal.entries()),
+        accepted_realizations(journal),
+        drawn_out_realizations(journal),
+    )
 
 
 def accepted_realizations(journal: Journal) -> frozenset[str]:

@@ -11,7 +11,7 @@ import pytest
 from made_run import at_s, tape
 
 from bench.campaign import load_measurable_decomposition
-from bench.campaign.execution._honeypots import NEAR_M, chance_of_a_hit, truth_details
+from bench.campaign.planning._honeypots import NEAR_M, chance_of_a_hit, truth_details
 from bench.contracts import TargetReport, Timed, cast_of, truth_sightings_of
 from bench.documents import dump_json, load_json_document
 from bench.realization import check_placement, place

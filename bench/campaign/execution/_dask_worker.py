@@ -18,10 +18,10 @@ from .._parallel import WorkersUnusable
 from .._versions import versions
 from ..storage._elsewhere import store_recording
 from ..storage._folder import RECORDING
-from ._blocking import first_error_alone
-from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
-from ._pool import open_local_pool
-from ._task import Task, WorkerPlan
+from ._dask import NAME, STARTED, ClusterTask, StoredRecording
+from ._event_loop import first_error_alone
+from ._executor import Task, WorkerPlan
+from ._local_pool import open_local_pool
 
 STORE_LIMIT_S = 300.0
 """Host seconds that a recording may take to its store. Chosen: one of 10 MB needs 270 kbit/s."""

@@ -22,20 +22,26 @@ from typing import Any
 import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
+from bench.documents import dump_json
 from bench.errors import Fault, SetupError
 from bench.removal import remove_tree
+from bench.simspec import SimSpec
+from bench.temporary_folders import temporary_folder
+from decompositions import Decomposition
 
 from .._parallel import WorkersUnusable
-from ._executor import OnStart
-from ._processes import await_exit, kill_tree, processes_marked
-from ._task import (
+from ._event_loop import blocking
+from ._executor import (
+    FLIGHTS,
     JobNotImportable,
+    OnStart,
     Task,
     TaskEnded,
     TaskProgress,
     WorkerPlan,
     WorkerReady,
 )
+from ._worker import await_exit, kill_tree, processes_marked
 
 # The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short
 # costs a session.
@@ -95,6 +101,27 @@ async def open_local_pool(
             yield pool
         finally:
             pool.close()
+
+
+@blocking
+async def fly_realization(
+    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str, own_network: bool = True
+) -> SessionResult:
+    """Fly one realization into `folder`, created if it does not exist, and return its result without writing it.
+
+    In a process of its own, as a campaign does: with `own_network` in a network of its own where the host gives one, which
+    this process, having threads, can no longer enter. Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in
+    the folder. A session that fails is a result, never an exception. Positions that come with the SimSpec are checked before
+    the flight: SETUP_INVALID if they break what the SimSpec asks for. Raises WorkersUnusable when no worker process can be
+    started.
+    """
+    plan = WorkerPlan(FLIGHTS.flight, decomposition, own_network)
+    with temporary_folder("worker") as temporary:
+        document = temporary / "simspec.json"
+        document.write_text(dump_json(simspec), encoding="utf-8")
+        task = Task(realization, document, folder.resolve(), simspec.budgets.wall_s)
+        async with open_local_pool(plan, 1, temporary) as pool:
+            return await pool.fly(task, on_start=lambda worker: None)
 
 
 # Measured: a session with the shipped agents has up to 50 open files, a runner 18 and then 2 for each worker. Cameras,

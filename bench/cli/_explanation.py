@@ -1,0 +1,144 @@
+"""`rebar score --explain`: why a node has its score, as a tree."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+from rich.tree import Tree
+
+from ._tables import plain_console
+
+if TYPE_CHECKING:
+    from bench.scoring import AgentExplanation, Explanation, ObservableExplanation, RunExplanation
+
+# Characters; more than any sentence or path has.
+WHOLE_LINE = 10_000
+
+
+def show_explanation(explanation: Explanation) -> None:
+    """Print it."""
+    # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
+    console = plain_console()
+    if not console.is_terminal:
+        console = plain_console(width=WHOLE_LINE)
+    for agent in explanation.agents:
+        console.print(_tree_of_agent(explanation, agent))
+    if not explanation.agents:
+        print(f"{explanation.source}: no runs yet")
+
+
+def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
+    summary = agent.summary
+    tree = Tree(Text(f"{explanation.id} {explanation.title}, {summary.agent}: {explanation.asks}"))
+    if summary.considered:
+        tree.add(
+            Text(
+                f"passed {summary.passed} of {summary.considered} considered runs "
+                f"({summary.passed / summary.considered:.1%}, 95 % [{summary.passed_low:.1%}, {summary.passed_high:.1%}])"
+            )
+        )
+    if summary.score is None:
+        tree.add(Text(f"not scored in any of {summary.considered} considered runs"))
+    else:
+        made_of = ", ".join(agent.scored_runs) + (", ..." if summary.scored > len(agent.scored_runs) else "")
+        ends = (
+            "" if summary.score_low is None else f", 95 % [{summary.score_low:.2f}, {summary.score_high:.2f}]"
+        )
+        tree.add(
+            Text(
+                f"score {summary.score:.2f}{ends}: the mean of the {summary.scored} runs that have one ({made_of})"
+            )
+        )
+    if summary.raised_by_failure:
+        tree.add(Text("failures raised this score: it would be lower if every failed observable had passed"))
+    if summary.confidence is not None:
+        interval = f"95 % [{summary.confidence_low:.1%}, {summary.confidence_high:.1%}] {summary.method}"
+        tree.add(
+            Text(
+                f"confidence {summary.confidence:.1%}, {interval}: the mean over {summary.considered} considered runs"
+            )
+        )
+    if summary.competence_50 is not None:
+        prefix = "at least " if summary.competence_50_at_least else ""
+        bound = (
+            ""
+            if summary.competence_50_low is None
+            else f", at least {summary.competence_50_low:.2f} with 95 % confidence"
+        )
+        tree.add(
+            Text(
+                f"competence {prefix}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"
+            )
+        )
+    tree.add(
+        Text(
+            f"{summary.runs} runs count: {summary.considered} considered, "
+            f"{summary.runs - summary.considered} not considered; {summary.excluded} more are excluded"
+        )
+    )
+    for run in agent.runs:
+        _add_run(tree, run)
+    if agent.runs_left_out:
+        rest = ", ".join(f"{count} {state}" for state, count in agent.runs_left_out.items())
+        tree.add(Text(f"... and {rest} (--limit 0 shows all)"))
+    return tree
+
+
+def _add_run(tree: Tree, run: RunExplanation) -> None:
+    scored = "not scored" if run.score is None else f"score {run.score:.2f}"
+    hard = "" if run.difficulty is None else f" at difficulty {run.difficulty:.2f}"
+    counts = f"{run.achieved} of {run.considered} observables achieved"
+    branch = tree.add(Text(f"{run.run}: {run.state.upper()}, {scored}{hard}, {counts}"))
+    if run.recording or run.reason:
+        branch.add(Text(f"ended: {run.outcome}{f' ({_brief(run.reason)})' if run.reason else ''}"))
+    if run.recording:
+        branch.add(Text(f"recording: {run.recording}"))
+    if run.ruled_by:
+        branch.add(Text(f"ruled by: {' -> '.join(run.ruled_by)}"))
+    for leaf in run.observables:
+        _add_observable(branch, leaf)
+    if run.observables_left_out:
+        branch.add(Text(f"... and {run.observables_left_out} more observables"))
+
+
+def _brief(reason: str) -> str:
+    """First and last line of a reason.
+
+    A traceback of an agent can be long, and the recording has all of it.
+    """
+    lines = [line.strip() for line in reason.splitlines() if line.strip(" )")]
+    # A traceback says what went wrong in its last line, and what it is in its first.
+    return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"
+
+
+def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
+    if leaf.state in ("not considered", "not exercisable"):
+        branch = tree.add(Text(f"{leaf.id} {leaf.title}: {leaf.state}; {leaf.reason}"))
+    else:
+        sign = ">=" if leaf.state == "achieved" else "<"
+        branch = tree.add(
+            Text(
+                f"{leaf.id} {leaf.title}: {leaf.state}, x {leaf.x:.4g} {sign} {leaf.threshold:g}{_points(leaf)}"
+            )
+        )
+        if leaf.standing == "configured sensor":
+            branch.add(Text("it describes the configured sensor, and enters no other node"))
+        if leaf.factors:
+            ratings = (
+                f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors
+            )
+            branch.add(Text("; ".join(ratings)))
+    if leaf.row:
+        branch.add(Text(f"row: {leaf.row}"))
+    for moment in leaf.evidence:
+        branch.add(Text(f"at {moment.time_s:.1f} s: {moment.text}"))
+    if leaf.evidence_left_out:
+        branch.add(Text(f"... and {leaf.evidence_left_out} more moments"))
+
+
+def _points(leaf: ObservableExplanation) -> str:
+    if leaf.score is None:
+        return "" if leaf.difficulty is None else f"; difficulty {leaf.difficulty:.2f}, no score"
+    credit = f" {'+' if leaf.credit >= 0 else '-'} {abs(leaf.credit):.2f} credit" if leaf.credit else ""
+    return f"; score {leaf.score:.2f} = difficulty {leaf.difficulty:.2f}{credit}"

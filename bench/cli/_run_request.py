@@ -1,0 +1,114 @@
+"""What `rebar run` is asked, and the changes that its options make to a campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bench.errors import Fault, SetupError
+
+from ._executors import ExecutorOptions
+from ._laboratory import LaboratoryOptions
+
+if TYPE_CHECKING:
+    from bench.campaign import Campaign
+
+Pace = Literal["lockstep", "realtime", "warp"]
+IsolationOption = Annotated[
+    Literal["auto", "bwrap", "landlock", "none"] | None,
+    typer.Option(help="How every agent must be confined, in place of what its manifest says (rebar doctor)"),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignChanges:
+    """What options say in place of the campaign file."""
+
+    floor: Annotated[
+        bool,
+        typer.Option(
+            "--floor",
+            help="Fly null agents and an oracle on a share of the scenes as well, to see what needs no merit",
+        ),
+    ] = False
+    pace: Annotated[
+        Pace | None,
+        typer.Option(
+            help="Pace of all runs, in place of the situation's. A folder keeps the pace it was flown at"
+        ),
+    ] = None
+    isolation: IsolationOption = None
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Fly the I-th of N parts of the campaign, in a folder of its own; `rebar merge` joins them",
+        ),
+    ] = None
+
+    def load(self, path: Path) -> Campaign:
+        """The campaign of a file, changed. Raises SetupError for a shard that cannot be."""
+        from bench.campaign import load_campaign, parse_shard, with_floor
+
+        campaign = load_campaign(path)
+        if self.shard is not None:
+            try:
+                parse_shard(self.shard)
+            except ValueError as error:
+                raise SetupError(Fault("--shard", str(error), "number the shards from 1")) from None
+        options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
+        campaign = campaign.model_copy(
+            update={name: value for name, value in options.items() if value is not None}
+        )
+        return with_floor(campaign) if self.floor else campaign
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """The options of `rebar run`."""
+
+    out: Annotated[Path | None, typer.Option(help="Folder of the campaign. Default: out/NAME")] = None
+    sessions: ExecutorOptions = field(default_factory=ExecutorOptions)
+    again: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="OUTCOME",
+            help="Take back --accept: fly realizations with this outcome again. Repeatable",
+        ),
+    ] = None
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="OUTCOME",
+            help="Go without the runs that have this outcome now, for example bench_error. Repeatable",
+        ),
+    ] = None
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="Fly nothing. Print what would be flown, and what surrogates expect of it"
+        ),
+    ] = False
+    changes: CampaignChanges = field(default_factory=CampaignChanges)
+    session_s: Annotated[
+        float | None,
+        typer.Option(
+            "--session-s",
+            min=0.001,
+            help="Host seconds of a core for one session, to estimate the cost with --dry-run",
+        ),
+    ] = None
+    events: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Append every event to this file as a line of JSON"),
+    ] = None
+    laboratory: LaboratoryOptions = field(default_factory=LaboratoryOptions)
+    as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON")] = False
+
+    def folder(self, campaign: str) -> Path:
+        """The folder of the campaign of this name."""
+        shard = self.changes.shard
+        return self.out or Path("out") / (campaign + (f"-{shard.replace('/', '-of-')}" if shard else ""))
