@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from agent_adapters.client.documents import (
+from bench.contracts import (
     AgentStatus,
     AgentTrack,
     AgentTracks,
@@ -12,9 +12,9 @@ from agent_adapters.client.documents import (
     Decision,
     OrderAnswer,
     TargetReport,
+    VehicleTopics,
     document_text,
 )
-from bench.contracts import VehicleTopics
 
 from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 

@@ -46,7 +46,12 @@ if TYPE_CHECKING:
     from ._documents import OperatorLinkDocument as OperatorLinkDocument
     from ._documents import OrderAnswer as OrderAnswer
     from ._documents import OrderDocument as OrderDocument
+    from ._documents import Origin as Origin
+    from ._documents import Point as Point
     from ._documents import TargetReport as TargetReport
+    from ._documents import TimeWindow as TimeWindow
+    from ._documents import document_schema as document_schema
+    from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
     from ._escort import escort_document as escort_document
     from ._measure import ChecksOptions as ChecksOptions
@@ -219,9 +224,14 @@ _MODULES = {
     "OperatorLinkDocument": "_documents",
     "OrderAnswer": "_documents",
     "OrderDocument": "_documents",
+    "Origin": "_documents",
+    "Point": "_documents",
     "PictureDocument": "_truth_documents",
     "SightingDocument": "_truth_documents",
     "TargetReport": "_documents",
+    "TimeWindow": "_documents",
+    "document_schema": "_documents",
+    "document_text": "_documents",
     "TruthDocument": "_truth_documents",
     "VehicleDocument": "_truth_documents",
     "ViewDocument": "_truth_documents",

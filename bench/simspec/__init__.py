@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from ._ground import World as World
     from ._load import load_simspec as load_simspec
     from ._orders import Order as Order
-    from ._orders import OrderKind as OrderKind
     from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
@@ -103,6 +102,8 @@ if TYPE_CHECKING:
     from ._vehicle_spec import VehicleSpec as VehicleSpec
     from ._weather import Environment as Environment
     from ._weather import Wind as Wind
+    from ._words import IDENTIFIER as IDENTIFIER
+    from ._words import OrderKind as OrderKind
 
 _MODULES = {
     "ActorGroup": "_actors",
@@ -142,7 +143,6 @@ _MODULES = {
     "World": "_ground",
     "load_simspec": "_load",
     "Order": "_orders",
-    "OrderKind": "_orders",
     "CLASS_LABELS": "_perception",
     "DUST_EXTINCTION_PER_M": "_perception",
     "FALSE_SCORE_MEAN": "_perception",
@@ -196,6 +196,8 @@ _MODULES = {
     "DEFAULT_BAUD": "_vehicle_spec",
     "Environment": "_weather",
     "Wind": "_weather",
+    "IDENTIFIER": "_words",
+    "OrderKind": "_words",
 }
 
 __getattr__ = lazy_names(__name__, _MODULES)

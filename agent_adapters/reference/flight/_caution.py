@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ..perception._bystanders import may_be_bystander

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 
 from .._log import Log
 from .._orders import Orders

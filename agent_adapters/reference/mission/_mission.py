@@ -8,12 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from agent_adapters.client.documents import (
-    ConsentAnswer,
-    IntelligenceDocument,
-    MissionOrder,
-    OrderDocument,
-)
+from bench.contracts import ConsentAnswer, IntelligenceDocument, MissionOrder, OrderDocument
 
 from .._log import Log
 from .._orders import Ordered, Orders, Situation
