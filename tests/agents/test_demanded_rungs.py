@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from bench.agents import load_manifest
 from bench.agents.confinement import _ladder, _landlock, rung_of, rungs
 from bench.agents.confinement._bubblewrap import Bubblewrap
 from bench.campaign import load_campaign, realizations, takeoff_faults
-from bench.contracts import AgentManifest
+from bench.contracts import AgentManifest, plugins
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
@@ -54,6 +55,12 @@ def test_auto_is_the_rung_that_forks_where_it_holds_as_much(monkeypatch: pytest.
         chosen += [rung_of(kind, AgentSpec()).name for kind in (forked, manifest())]
     assert chosen == ["landlock", "bwrap", "bwrap", "bwrap"]
     assert rung_of(forked, AgentSpec(isolation="bwrap")).name == "bwrap"
+
+
+def test_the_shipped_agents_ask_for_a_fork() -> None:
+    names = list(plugins("rebar.agents"))
+    assert {"reference-naive", "oracle", "null-idle"} <= set(names)
+    assert {load_manifest(name)[0].reset for name in names} == {"fork"}
 
 
 def test_a_demand_comes_before_the_manifest(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -157,6 +157,12 @@ def test_a_process_that_starts_one_agent_starts_no_interpreter(tmp_path: Path) -
     assert len(set(children_of(os.getpid())) - begun) == 1
 
 
+def test_a_collection_in_a_fork_leaves_alone_what_the_interpreter_has_loaded(tmp_path: Path) -> None:
+    """It would write to every page of it."""
+    script = "import gc, sys; print('numpy' in sys.modules, gc.get_freeze_count() > 10_000, len(gc.get_objects()) < 10_000)"
+    assert run(plan(tmp_path, script)) == (0, "True True True\n", True)
+
+
 def test_only_python_programs_can_be_forked() -> None:
     for command in (("./agent",), ("{python}",), ("{python}", "-m"), ("{python}", "-O", "agent.py")):
         with pytest.raises(ValidationError, match="reset: fork needs a command of the bench's Python"):
