@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
@@ -37,24 +37,25 @@ def _reader(kind: Any) -> _Reader:
         return _document_reader(kind)
     if kind is float:
         return _number
-    match get_origin(kind):
-        case origin if origin is Annotated:
-            plain: Any = kind.__origin__
-            return _reader(plain)
-        case origin if origin is tuple:
-            element = _reader(get_args(kind)[0])
-            return lambda value: tuple(map(element, _checked(value, list)))
-        case origin if origin is Literal:
-            return lambda value: _chosen(value, get_args(kind))
-        case origin if origin in (Union, UnionType):
-            (present,) = (_reader(part) for part in get_args(kind) if part is not NoneType)
-            return lambda value: None if value is None else present(value)
+    origin: Any = get_origin(kind)
+    parts: tuple[Any, ...] = get_args(kind)
+    if origin is Annotated:
+        return _reader(parts[0])
+    if origin is tuple:
+        element = _reader(parts[0])
+        return lambda value: tuple(map(element, _checked(value, list)))
+    if origin is Literal:
+        return lambda value: _chosen(value, parts)
+    if origin in (Union, UnionType):
+        (present,) = (_reader(part) for part in parts if part is not NoneType)
+        return lambda value: None if value is None else present(value)
     return lambda value: _checked(value, kind)
 
 
 def _document_reader(kind: Any) -> _Reader:
-    readers = {field.name: _reader(field.type) for field in fields(kind)}
-    required = {field.name for field in fields(kind) if not _has_default(field)}
+    types: dict[str, Any] = {field.name: field.type for field in fields(kind)}
+    readers = {name: _reader(part) for name, part in types.items()}
+    required = {field.name for field in fields(kind) if field.default is MISSING}
 
     def read(value: Any) -> Any:
         document = _checked(value, dict)
@@ -63,10 +64,6 @@ def _document_reader(kind: Any) -> _Reader:
         return kind(**{name: readers[name](part) for name, part in document.items()})
 
     return read
-
-
-def _has_default(field: Field[Any]) -> bool:
-    return field.default is not MISSING
 
 
 def _checked(value: Any, kind: type) -> Any:

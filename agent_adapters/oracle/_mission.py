@@ -7,7 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import accumulate, combinations, pairwise, permutations
 
-from bench.contracts import MissionOrder, OrderDocument
+from bench.contracts import (
+    AgentPhase,
+    MissionOrder,
+    OrderDocument,
+)
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, endangered_roles
 
 from ..client import ARDUPILOT, PX4
@@ -88,7 +92,7 @@ class OracleMission(SearchMission):
         self._has_looked_far = False
         self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there
 
-    def _whole(self) -> Steps[str]:
+    def _whole(self) -> Steps[AgentPhase]:
         yield from self._prepare()
         for name, value in _CLIMB[self._vehicle.kind].items():
             yield from self._vehicle.set_parameter(name, value)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ._detection import LEAST_DOUBT as LEAST_DOUBT
     from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
     from ._detection import light_of as light_of
+    from ._documents import AgentPhase as AgentPhase
     from ._documents import AgentStatus as AgentStatus
     from ._documents import AgentTrack as AgentTrack
     from ._documents import AgentTracks as AgentTracks
@@ -208,6 +209,7 @@ _MODULES = {
     "THRESHOLD_CONTRAST": "_detection",
     "light_of": "_detection",
     "ActorPixelsDocument": "_truth_documents",
+    "AgentPhase": "_documents",
     "AgentStatus": "_documents",
     "AgentTrack": "_documents",
     "AgentTracks": "_documents",

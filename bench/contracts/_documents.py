@@ -53,6 +53,18 @@ Fraction = Annotated[float, Limits(ge=0.0, le=1.0)]
 Evidence = Annotated[tuple[float, ...], Limits(max_length=256)]
 BystandersSeen = Annotated[int | None, Limits(ge=0, le=10_000)]
 PeopleExpected = Annotated[float | None, Limits(ge=0.0, le=10_000.0)]
+AgentPhase = Literal[
+    "starting",
+    "taking_off",
+    "transit",
+    "searching",
+    "inspecting",
+    "holding",
+    "returning",
+    "landing",
+    "complete",
+    "aborted",
+]
 
 
 @value_class(frozen=True, slots=True)
@@ -292,18 +304,7 @@ class AgentStatus:
     """Agent to bench: where it is in its mission."""
 
     time_s: Seconds
-    phase: Literal[
-        "starting",
-        "taking_off",
-        "transit",
-        "searching",
-        "inspecting",
-        "holding",
-        "returning",
-        "landing",
-        "complete",
-        "aborted",
-    ]
+    phase: AgentPhase
     text: Text = ""
 
 

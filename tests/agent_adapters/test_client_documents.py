@@ -130,7 +130,8 @@ def test_a_value_out_of_its_choices_is_refused() -> None:
 # What the bench takes of an agent: by field the least and the greatest, or the lengths of a text or a list.
 TIME, PLACE, SHARE, FREE = (0.0, 1e6), (-1e6, 1e6), (0.0, 1.0), ("", 0, 2000)
 LABEL, NAME = ("id", 0, 64), ("id", 1, 64)
-EVIDENCE, PEOPLE, OPTIONAL_M = ([], 0, 256), (0, 10_000), (0.0, 1e6)
+EVIDENCE: tuple[Any, ...] = ([], 0, 256)
+PEOPLE, OPTIONAL_M = (0, 10_000), (0.0, 1e6)
 CLAIM = {"class_label": LABEL, "east_m": PLACE, "north_m": PLACE, "confidence": SHARE}
 LIMITS: dict[Any, dict[str, tuple[Any, ...]]] = {
     OrderAnswer: {"time_s": TIME, "order": LABEL, "reason": FREE},
