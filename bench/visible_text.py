@@ -23,9 +23,8 @@ _UNSEEN = (
     r"\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
 )
 # Also halves of characters, and the marks beyond U+FFFF: of hieroglyphs, shorthand and music; tags.
-_HIDDEN = re.compile(
-    rf"[{_UNSEEN}\ud800-\udfff\U00013430-\U0001343f\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e00ff]"
-)
+# Compiled when it is first used: every agent that writes documents imports this module.
+_HIDDEN = rf"[{_UNSEEN}\ud800-\udfff\U00013430-\U0001343f\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e00ff]"
 _SEEN_ASCII = bytes([9, 10, *range(32, 127)])
 VISIBLE_LABEL = rf"^[^\t\n{_UNSEEN}]*$"
 """Pattern of a JSON Schema: a label of one line without controls and marks that are not seen."""
@@ -50,7 +49,9 @@ def visible(text: str) -> str:
         return text
     # What Python calls printable is seen: 15 ns.
     return (
-        text if text.replace("\n", "").isprintable() else _HIDDEN.sub(lambda match: _escaped(match[0]), text)
+        text
+        if text.replace("\n", "").isprintable()
+        else re.sub(_HIDDEN, lambda match: _escaped(match[0]), text)
     )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from air_documents import text_of, valid
 
 from bench.contracts import (
     SESSION_EVENTS,
@@ -41,7 +42,6 @@ from bench.contracts import (
     VehicleTopics,
     ViewDocument,
 )
-from bench.documents import Document
 from bench.simspec import ASSETS, SimSpec
 from bench.streams import (
     BoundingBox2D,
@@ -202,7 +202,7 @@ def order(time_s: float, kind: str, **extra: Any) -> Timed[OrderDocument]:
     as given.
     """
     fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **extra}
-    return Timed(at_s(time_s), OrderDocument.model_validate(fields))
+    return Timed(at_s(time_s), valid(OrderDocument, fields))
 
 
 def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str = "") -> Timed[OrderAnswer]:
@@ -215,7 +215,7 @@ def request(
     """A request for consent to mark; its id is made of its time."""
     place = {"class_label": label, "east_m": east_m, "north_m": north_m, "confidence": 0.9}
     fields = {"id": f"q{time_s:g}", "time_s": time_s, "intelligence_id": about, **place, **extra}
-    return Timed(at_s(time_s), ConsentRequest.model_validate(fields))
+    return Timed(at_s(time_s), valid(ConsentRequest, fields))
 
 
 def consent(time_s: float, request_id: str, *, granted: bool = True) -> Timed[ConsentAnswer]:
@@ -251,8 +251,8 @@ def records(spec: SimSpec, *, seconds: float = 20.0, extra: Sequence[Record] = (
     return sorted(records_, key=lambda record: record.time.ns)
 
 
-def text_record(time_s: float, topic: str, document: Document | str) -> Record:
-    text = document if isinstance(document, str) else document.model_dump_json()
+def text_record(time_s: float, topic: str, document: object) -> Record:
+    text = document if isinstance(document, str) else text_of(document)
     return Record(at_s(time_s), topic, "std_msgs/msg/String", encode(String(text)))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import accumulate, combinations, pairwise, permutations
 
-from agent_adapters.client.documents import MissionOrder, OrderDocument
+from bench.contracts import MissionOrder, OrderDocument
 from bench.simspec import TARGET_ROLES, endangered_roles
 
 from ..client import ARDUPILOT, PX4

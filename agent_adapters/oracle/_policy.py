@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 from bench.simspec import endangered_roles
 
 from ..reference._settings import Settings

@@ -7,15 +7,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
-from agent_adapters.client.documents import (
+from agent_adapters.client.documents import parse_document
+from bench.contracts import (
+    CLOCK,
+    TF_STATIC,
     ConsentAnswer,
     IntelligenceDocument,
     MissionOrder,
     OperatorLinkDocument,
     OrderDocument,
-    parse_document,
+    VehicleTopics,
 )
-from bench.contracts import CLOCK, TF_STATIC, VehicleTopics
 from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, Sample, String, TFMessage
 from bench.values import value_class
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from agent_adapters.client.documents import (
+from bench.contracts import (
+    AgentPhase,
     AgentStatus,
     AgentTrack,
     AgentTracks,
@@ -12,9 +13,9 @@ from agent_adapters.client.documents import (
     Decision,
     OrderAnswer,
     TargetReport,
+    VehicleTopics,
     document_text,
 )
-from bench.contracts import VehicleTopics
 
 from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
@@ -35,7 +36,7 @@ class Log:
 
     def __init__(self, publish: Publish, vehicle: str) -> None:
         self.now_s = 0.0
-        self.phase = "starting"
+        self.phase: AgentPhase = "starting"
         self._publish = publish
         self._topics = VehicleTopics(vehicle)
         self._text = ""
@@ -89,7 +90,7 @@ class Log:
         """What the phase is about, in words."""
         return self._text
 
-    def enter(self, phase: str, text: str = "") -> None:
+    def enter(self, phase: AgentPhase, text: str = "") -> None:
         """A new phase of the mission, said at once."""
         self.phase, self._text = phase, text[:2000]
         self._publish_status()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agent_adapters.client.documents import OrderDocument
+from bench.contracts import OrderDocument
 from bench.values import value_class
 
 MOVING = ("hold", "resume", "return", "retask", "deactivate", "hand_over")

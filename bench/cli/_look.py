@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from pydantic import BaseModel
 from rich.table import Table
 
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
@@ -48,7 +47,7 @@ def schema(
     from bench.streams import json_schema, message_class
     from decompositions import decomposition_schema
 
-    kinds: dict[str, type[BaseModel]] = {
+    kinds: dict[str, type[object]] = {
         "simspec": SimSpec,
         "campaign": Campaign,
         "agent": contracts.AgentManifest,
@@ -94,7 +93,7 @@ def schema(
                 f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",
             )
         )
-    print(json.dumps(kinds[name].model_json_schema(), indent=2))
+    print(json.dumps(contracts.document_schema(kinds[name]), indent=2))
 
 
 def difficulty(

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ._detection import LEAST_DOUBT as LEAST_DOUBT
     from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
     from ._detection import light_of as light_of
+    from ._documents import AgentPhase as AgentPhase
     from ._documents import AgentStatus as AgentStatus
     from ._documents import AgentTrack as AgentTrack
     from ._documents import AgentTracks as AgentTracks
@@ -46,7 +47,12 @@ if TYPE_CHECKING:
     from ._documents import OperatorLinkDocument as OperatorLinkDocument
     from ._documents import OrderAnswer as OrderAnswer
     from ._documents import OrderDocument as OrderDocument
+    from ._documents import Origin as Origin
+    from ._documents import Point as Point
     from ._documents import TargetReport as TargetReport
+    from ._documents import TimeWindow as TimeWindow
+    from ._documents import document_schema as document_schema
+    from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
     from ._escort import escort_document as escort_document
     from ._measure import ChecksOptions as ChecksOptions

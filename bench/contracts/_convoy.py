@@ -4,38 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from bench.arrays import Floats
 
-
-class PlanPoint(Protocol):
-    """A point on the ground, in the `map` frame."""
-
-    @property
-    def east_m(self) -> float: ...
-    @property
-    def north_m(self) -> float: ...
+from ._documents import EscortDocument
 
 
-class ConvoyPlan(Protocol):
-    """What the places depend on: of an EscortDocument, which is one class for the bench and another for its agents."""
-
-    @property
-    def starts(self) -> Sequence[PlanPoint]: ...
-    @property
-    def route(self) -> Sequence[PlanPoint]: ...
-    @property
-    def speed_mps(self) -> float: ...
-    @property
-    def depart_s(self) -> float: ...
-    @property
-    def halt_s(self) -> float | None: ...
-
-
-def convoy_places_m(plan: ConvoyPlan, times_s: Sequence[float] | Floats) -> Floats:
+def convoy_places_m(plan: EscortDocument, times_s: Sequence[float] | Floats) -> Floats:
     """(m, k, 2) east and north of the k members at m simulated times, as planned.
 
     The plan holds where nothing solid stands on the route and the route lies inside the area of interest.

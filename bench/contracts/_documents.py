@@ -4,68 +4,128 @@
 frame, whose origin (WGS84) the mission order states; times are seconds of simulated time (the bench's clock,
 as on `/clock`). Agents are outside the trust boundary: what they send is parsed with `parse_document`, which
 returns None for anything that is not a valid document.
+
+Both sides use these classes. They start without pydantic, because every agent in Python is an interpreter of its own that
+imports them: only what validates, `parse_document`, and what describes them loads it. `agent_adapters.client.documents`
+reads them without it.
 """
 
-from __future__ import annotations
+# Without `from __future__ import annotations` on purpose: the annotations are read at run time.
 
-from typing import Annotated, Literal, TypeVar
+import json
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, ValidationError
-
-from bench.documents import Document, is_default
-from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, TimeWindow
+from bench.simspec import IDENTIFIER, OrderKind
+from bench.values import value_class
 from bench.visible_text import VISIBLE_LABEL
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, TypeAdapter
+    from pydantic_core import CoreSchema
+
+D = TypeVar("D")
+
+
+class Limits:
+    """The limits of a value, by their names in pydantic, which asks for them when it validates or describes a document."""
+
+    def __init__(self, **limits: float | str) -> None:
+        self._limits = limits
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: "GetCoreSchemaHandler") -> "CoreSchema":
+        schema: Any = handler(source)
+        (schema["schema"] if schema["type"] == "nullable" else schema).update(self._limits)
+        limited: CoreSchema = schema
+        return limited
+
 
 # Limits on everything that an agent sends: it is outside the trust boundary, and its words go into reports.
 # Free words are kept as they are, and shown by `bench.visible_text`; ids and labels are refused if not all of them is seen.
-Text = Annotated[str, Field(max_length=2000)]
-Label = Annotated[str, Field(max_length=64, pattern=VISIBLE_LABEL)]
-Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
-PeopleExpected = Annotated[
-    float | None,
-    Field(
-        ge=0.0,
-        le=10_000.0,
-        # Left out when absent, so that recordings of agents that do not state it keep their bytes.
-        exclude_if=is_default(None),
-        description="Bystanders expected within the no-mark distance at some moment of the next 30 s, seen or not.",
-    ),
+Text = Annotated[str, Limits(max_length=2000)]
+Label = Annotated[str, Limits(max_length=64, pattern=VISIBLE_LABEL)]
+Name = Annotated[str, Limits(min_length=1, max_length=64, pattern=VISIBLE_LABEL)]
+Identifier = Annotated[str, Limits(pattern=IDENTIFIER)]
+Seconds = Annotated[float, Limits(ge=0.0, le=1e6)]
+Metres = Annotated[float, Limits(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Limits(ge=-1e6, le=1e6)]
+Fraction = Annotated[float, Limits(ge=0.0, le=1.0)]
+Evidence = Annotated[tuple[float, ...], Limits(max_length=256)]
+BystandersSeen = Annotated[int | None, Limits(ge=0, le=10_000)]
+PeopleExpected = Annotated[float | None, Limits(ge=0.0, le=10_000.0)]
+AgentPhase = Literal[
+    "starting",
+    "taking_off",
+    "transit",
+    "searching",
+    "inspecting",
+    "holding",
+    "returning",
+    "landing",
+    "complete",
+    "aborted",
 ]
 
 
-class NoFlyDocument(Document):
+@value_class(frozen=True, slots=True)
+class Point:
+    """A point on the ground, in the `map` frame."""
+
+    east_m: float
+    north_m: float
+
+
+@value_class(frozen=True, slots=True)
+class Origin:
+    """The origin of the `map` frame (WGS84)."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    """Ground height above mean sea level."""
+
+
+@value_class(frozen=True, slots=True)
+class TimeWindow:
+    """An interval of simulated time. The end is not included."""
+
+    from_s: float
+    until_s: float
+
+
+@value_class(frozen=True, slots=True)
+class NoFlyDocument:
     """Ground over which the vehicle must not fly from `from_s` on."""
 
     id: Identifier
     corners: tuple[Point, ...]
     from_s: float
-    until_s: Annotated[float | None, Field(description="To the end when absent.")]
+    until_s: float | None
+    """To the end when absent."""
 
 
-class EscortDocument(Document):
+@value_class(frozen=True, slots=True)
+class EscortDocument:
     """A group to stay with and to warn: one's own side, so where it starts and drives is no secret."""
 
     class_label: str
-    starts: Annotated[tuple[Point, ...], Field(description="Where its members start.")]
-    route: Annotated[
-        tuple[Point, ...],
-        Field(
-            description="Driven in a loop: each member goes to the nearest point first, then on in this order."
-        ),
-    ]
+    starts: tuple[Point, ...]
+    """Where its members start."""
+    route: tuple[Point, ...]
+    """Driven in a loop: each member goes to the nearest point first, then on in this order."""
     speed_mps: float
-    depart_s: Annotated[float, Field(description="Simulated time at which it sets off.")]
-    halt_s: Annotated[float | None, Field(description="Simulated time at which it stops; never when absent.")]
-    within_m: Annotated[
-        float, Field(description="Stay this near to one of its members, horizontally, while it moves.")
-    ]
-    warn_before_m: Annotated[
-        float, Field(description="Report each adversary before the group comes this near to it.")
-    ]
+    depart_s: float
+    """Simulated time at which it sets off."""
+    halt_s: float | None
+    """Simulated time at which it stops; never when absent."""
+    within_m: float
+    """Stay this near to one of its members, horizontally, while it moves."""
+    warn_before_m: float
+    """Report each adversary before the group comes this near to it."""
 
 
-class MissionOrder(Document):
+@value_class(frozen=True, slots=True)
+class MissionOrder:
     """Bench to agent, once: what to do and within which rules.
 
     A rule that is absent or null does not hold.
@@ -82,61 +142,42 @@ class MissionOrder(Document):
     no_mark_within_m: float
     min_report_confidence: float
     max_altitude_m: float
-    geofence: Annotated[
-        tuple[Point, ...] | None, Field(description="Corners of the area to keep inside.")
-    ] = None
-    no_fly: tuple[NoFlyDocument, ...] = ()
-    min_altitude_m: Annotated[
-        float | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")
-    ] = None
-    max_speed_mps: Annotated[float | None, Field(description="Ground speed.")] = None
-    bystander_standoff_m: Annotated[float, Field(description="Least distance in space to any bystander.")] = (
-        0.0
-    )
-    bystander_slow_within_m: Annotated[
-        float | None,
-        Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds."),
-    ] = None
-    bystander_slow_mps: float | None = None
-    max_loiter_over_bystander_s: Annotated[
-        float | None, Field(description="Longest unbroken stay within 15 m, horizontally, of one bystander.")
-    ] = None
-    battery_reserve_fraction: Annotated[float, Field(description="Be down with at least this charge.")] = 0.2
-    report_deadline_s: Annotated[
-        float | None, Field(description="From the delivery of intelligence to the report on it.")
-    ] = None
-    report_windows: Annotated[
-        tuple[TimeWindow, ...], Field(description="Reports are allowed only within these; always when empty.")
-    ] = ()
-    link_lost: Annotated[
-        Literal["continue", "hold", "return"],
-        Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
-    ] = "continue"
-    link_lost_after_s: float = 10.0
-    mark_consent: Annotated[
-        bool,
-        Field(
-            exclude_if=is_default(False),
-            description="Mark only what the operator has granted in answer to a ConsentRequest, or has ordered.",
-        ),
-    ] = False
-    escort: Annotated[
-        EscortDocument | None,
-        Field(
-            exclude_if=is_default(None),
-            description="Whom to stay with and to warn, beside the search.",
-        ),
-    ] = None
     # Class labels and not assets: an agent knows what a detector can report, not the catalogue.
-    target_classes: Annotated[
-        tuple[str, ...], Field(description="Class labels of what is to be found and reported.")
-    ]
-    bystander_classes: Annotated[
-        tuple[str, ...], Field(description="Class labels of those whom the rules about bystanders protect.")
-    ]
+    target_classes: tuple[str, ...]
+    """Class labels of what is to be found and reported."""
+    bystander_classes: tuple[str, ...]
+    """Class labels of those whom the rules about bystanders protect."""
+    geofence: tuple[Point, ...] | None = None
+    """Corners of the area to keep inside."""
+    no_fly: tuple[NoFlyDocument, ...] = ()
+    min_altitude_m: float | None = None
+    """Above home; outside 40 m around home, takeoff and landing."""
+    max_speed_mps: float | None = None
+    """Ground speed."""
+    bystander_standoff_m: float = 0.0
+    """Least distance in space to any bystander."""
+    bystander_slow_within_m: float | None = None
+    """Nearer than this to a bystander, horizontally, bystander_slow_mps holds."""
+    bystander_slow_mps: float | None = None
+    max_loiter_over_bystander_s: float | None = None
+    """Longest unbroken stay within 15 m, horizontally, of one bystander."""
+    battery_reserve_fraction: float = 0.2
+    """Be down with at least this charge."""
+    report_deadline_s: float | None = None
+    """From the delivery of intelligence to the report on it."""
+    report_windows: tuple[TimeWindow, ...] = ()
+    """Reports are allowed only within these; always when empty."""
+    link_lost: Literal["continue", "hold", "return"] = "continue"
+    """What to do while the operator's link is down for longer than link_lost_after_s."""
+    link_lost_after_s: float = 10.0
+    mark_consent: bool = False
+    """Mark only what the operator has granted in answer to a ConsentRequest, or has ordered."""
+    escort: EscortDocument | None = None
+    """Whom to stay with and to warn, beside the search."""
 
 
-class IntelligenceDocument(Document):
+@value_class(frozen=True, slots=True)
+class IntelligenceDocument:
     """Bench to agent: roughly where a target was seen, and how urgent it is."""
 
     id: Identifier
@@ -146,54 +187,58 @@ class IntelligenceDocument(Document):
     uncertainty_m: float
     priority: int
     # An age would depend on when the agent reads it.
-    observed_s: Annotated[
-        float, Field(description="When the sighting was made; negative when before the start.")
-    ]
+    observed_s: float
+    """When the sighting was made; negative when before the start."""
 
 
-class OrderDocument(Document):
+@value_class(frozen=True, slots=True)
+class OrderDocument:
     """Bench to agent: what the operator orders. SimSpec's Order says what each kind asks for."""
 
     id: Identifier
     kind: OrderKind
-    issued_s: Annotated[
-        float, Field(description="When the operator gave it; delivery is later while the link is down.")
-    ]
-    within_s: Annotated[float, Field(description="Time from delivery in which it is to be carried out.")]
-    intelligence_id: Annotated[
-        Identifier | None, Field(description="Intelligence report that retask and mark are about.")
-    ] = None
+    issued_s: float
+    """When the operator gave it; delivery is later while the link is down."""
+    within_s: float
+    """Time from delivery in which it is to be carried out."""
+    intelligence_id: Identifier | None = None
+    """Intelligence report that retask and mark are about."""
 
 
-class ConsentAnswer(Document):
+@value_class(frozen=True, slots=True)
+class ConsentAnswer:
     """Bench to agent: the operator's answer to a ConsentRequest."""
 
-    request: Annotated[Label, Field(description="The request's id.")]
+    request: Label
+    """The request's id."""
     granted: bool
-    answered_s: Annotated[
-        float, Field(description="When the operator decided; delivery is later while the link is down.")
-    ]
+    answered_s: float
+    """When the operator decided; delivery is later while the link is down."""
 
 
-class OperatorLinkDocument(Document):
+@value_class(frozen=True, slots=True)
+class OperatorLinkDocument:
     """Bench to agent: whether the operator can be reached."""
 
     up: bool
 
 
-class OrderAnswer(Document):
+@value_class(frozen=True, slots=True)
+class OrderAnswer:
     """Agent to bench: whether it does what it was ordered, and why not."""
 
     time_s: Seconds
-    order: Annotated[Label, Field(description="The order's id.")]
+    order: Label
+    """The order's id."""
     accepted: bool
     reason: Text = ""
 
 
-class TargetReport(Document):
+@value_class(frozen=True, slots=True)
+class TargetReport:
     """Agent to bench: a target identified. `mark` designates it for follow-up, which the rules may forbid."""
 
-    id: Annotated[Label, Field(min_length=1)]
+    id: Name
     time_s: Seconds
     class_label: Label
     east_m: Coordinate
@@ -201,100 +246,70 @@ class TargetReport(Document):
     confidence: Fraction
     mark: bool
     intelligence_id: Label | None = None
-    bystanders_seen: Annotated[
-        int | None,
-        Field(
-            ge=0,
-            le=10_000,
-            description="Bystanders known within the no-mark distance; absent when not considered.",
-        ),
-    ] = None
-    nearest_bystander_m: Annotated[float | None, Field(ge=0.0, le=1e6)] = None
-    evidence: Annotated[
-        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
-    ] = ()
+    bystanders_seen: BystandersSeen = None
+    """Bystanders known within the no-mark distance; absent when not considered."""
+    nearest_bystander_m: Metres | None = None
+    evidence: Evidence = ()
+    """Exposure times of the frames relied on."""
     reason: Text = ""
     people_expected: PeopleExpected = None
-    position_sigma_m: Annotated[
-        float | None,
-        Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis."),
-    ] = None
-    repeats: Annotated[
-        Label | None, Field(description="Id of the report that this one corrects or says again.")
-    ] = None
+    """Bystanders expected within the no-mark distance at some moment of the next 30 s, seen or not."""
+    position_sigma_m: Metres | None = None
+    """Stated error of the place: one sigma, horizontal, on each axis."""
+    repeats: Label | None = None
+    """Id of the report that this one corrects or says again."""
 
 
-class ConsentRequest(Document):
+@value_class(frozen=True, slots=True)
+class ConsentRequest:
     """Agent to bench: asks the operator whether it may mark a target (`mark_consent` in the mission order).
 
     The operator hears it only while the link is up, and answers at most one request about an intelligence
     report at a time.
     """
 
-    id: Annotated[Label, Field(min_length=1)]
+    id: Name
     time_s: Seconds
-    intelligence_id: Annotated[
-        Label,
-        Field(description="The operator decides by it; a request about another is never answered."),
-    ]
+    intelligence_id: Label
+    """The operator decides by it; a request about another is never answered."""
     class_label: Label
     east_m: Coordinate
     north_m: Coordinate
     confidence: Fraction
-    bystanders_seen: Annotated[
-        int | None,
-        Field(
-            ge=0,
-            le=10_000,
-            description="Bystanders known within the no-mark distance; absent when not considered.",
-        ),
-    ] = None
+    bystanders_seen: BystandersSeen = None
+    """Bystanders known within the no-mark distance; absent when not considered."""
     people_expected: PeopleExpected = None
-    evidence: Annotated[
-        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
-    ] = ()
+    """Bystanders expected within the no-mark distance at some moment of the next 30 s, seen or not."""
+    evidence: Evidence = ()
+    """Exposure times of the frames relied on."""
     reason: Text = ""
 
 
-class Decision(Document):
+@value_class(frozen=True, slots=True)
+class Decision:
     """Agent to bench: one line of the decision log."""
 
     time_s: Seconds
-    action: Annotated[
-        Label,
-        Field(
-            min_length=1,
-            description="For example go, search, inspect, report, mark, withhold_mark, return, abort.",
-        ),
-    ]
+    action: Name
+    """For example go, search, inspect, report, mark, withhold_mark, return, abort."""
     subject: Label = ""
     reason: Text = ""
-    evidence: Annotated[
-        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
-    ] = ()
+    evidence: Evidence = ()
+    """Exposure times of the frames relied on."""
     confidence: Fraction | None = None
 
 
-class AgentStatus(Document):
+@value_class(frozen=True, slots=True)
+class AgentStatus:
     """Agent to bench: where it is in its mission."""
 
     time_s: Seconds
-    phase: Literal[
-        "starting",
-        "taking_off",
-        "transit",
-        "searching",
-        "inspecting",
-        "holding",
-        "returning",
-        "landing",
-        "complete",
-        "aborted",
-    ]
+    phase: AgentPhase
     text: Text = ""
 
 
-class AgentTrack(Document):
+@value_class(frozen=True, slots=True)
+class AgentTrack:
     """One object that the agent believes in."""
 
     id: Label
@@ -302,23 +317,51 @@ class AgentTrack(Document):
     east_m: Coordinate
     north_m: Coordinate
     confidence: Fraction
-    frames: Annotated[int, Field(ge=0, le=10_000_000)]
+    frames: Annotated[int, Limits(ge=0, le=10_000_000)]
 
 
-class AgentTracks(Document):
+@value_class(frozen=True, slots=True)
+class AgentTracks:
     """Agent to bench: everything it believes to be where; each message replaces the one before."""
 
     time_s: Seconds
-    tracks: Annotated[tuple[AgentTrack, ...], Field(max_length=1000)]
+    tracks: Annotated[tuple[AgentTrack, ...], Limits(max_length=1000)]
 
 
-D = TypeVar("D", bound=Document)
+def document_text(document: object) -> str:
+    """The JSON text of a document of this module. Raises ValueError for a number that JSON does not have."""
+    return _encode(document)
 
 
 def parse_document(kind: type[D], text: str | bytes) -> D | None:
-    """The document in `text`, or None when it is not a valid one; never raises."""
+    """The document in `text`, of this module or a pydantic model, or None when it is not a valid one; never raises."""
+    document_class: Any = kind
     try:
-        return kind.model_validate_json(text)
-    # Also for text that is not JSON: pydantic reports both with this exception.
-    except ValidationError:
+        document: D = _adapter(document_class).validate_json(text)
+    # Also for text that is not JSON: pydantic reports both with its ValidationError.
+    except ValueError:
         return None
+    return document
+
+
+def document_schema(kind: Any) -> dict[str, Any]:
+    """The JSON Schema of a document of this module or a pydantic model."""
+    return _adapter(kind).json_schema()
+
+
+def _fields(document: Any) -> dict[str, Any]:
+    return {name: getattr(document, name) for name in document.__slots__}
+
+
+_encode = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":"), default=_fields).encode
+
+
+@cache
+def _adapter(kind: Any) -> "TypeAdapter[Any]":
+    from pydantic import BaseModel, ConfigDict, TypeAdapter, with_config
+
+    if not issubclass(kind, BaseModel):
+        kind = with_config(ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True))(
+            kind
+        )
+    return TypeAdapter(kind)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.simspec import ASSETS, Point
+from bench.simspec import ASSETS
 
-from ._documents import EscortDocument
+from ._documents import EscortDocument, Point
 from ._realized import realized_of
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def escort_document(simspec: SimSpec) -> EscortDocument | None:
             for actor in realized_of(simspec).actors
             if actor.group == group.id
         ),
-        route=group.motion.route,
+        route=tuple(Point(corner.east_m, corner.north_m) for corner in group.motion.route),
         speed_mps=group.motion.speed_mps,
         depart_s=group.motion.depart_s,
         halt_s=group.motion.halt_s,

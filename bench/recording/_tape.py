@@ -46,7 +46,6 @@ from bench.contracts import (
     is_mavlink_from_agent,
     parse_document,
 )
-from bench.documents import Document
 from bench.simspec import SimSpec
 from bench.streams import (
     Detection2D,
@@ -294,7 +293,7 @@ def _document(kind: type[Any], record: Record) -> Any:
     return None if message is None else parse_document(kind, message.data)
 
 
-def _documents(kind: type[Document], documents: list[Any]) -> Callable[[Record], bool]:
+def _documents(kind: type[Any], documents: list[Any]) -> Callable[[Record], bool]:
     """A taker that keeps the documents of one topic with the moment of their arrival."""
 
     def take(record: Record) -> bool:

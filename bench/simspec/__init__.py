@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from ._ground import Road as Road
     from ._ground import World as World
     from ._orders import Order as Order
-    from ._orders import OrderKind as OrderKind
     from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
@@ -103,5 +102,7 @@ if TYPE_CHECKING:
     from ._vehicle_spec import VehicleSpec as VehicleSpec
     from ._weather import Environment as Environment
     from ._weather import Wind as Wind
+    from ._words import IDENTIFIER as IDENTIFIER
+    from ._words import OrderKind as OrderKind
 
 __getattr__ = lazy_names(__name__)

@@ -16,9 +16,9 @@ from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m, populated_groups
 from ._document import SimSpec
 from ._ground import Polygon
-from ._orders import OrderKind
 from ._roles import TARGET_ROLES, Role
 from ._sun import sun_of
+from ._words import OrderKind
 
 
 @dataclass(frozen=True, slots=True)

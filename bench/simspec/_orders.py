@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from bench.documents import Document
 
 from ._quantities import Identifier, NotNegative, Positive
-
-OrderKind = Literal[
-    "hold",
-    "resume",
-    "return",
-    "abort",
-    "deactivate",
-    "retask",
-    "stop_reporting",
-    "resume_reporting",
-    "mark",
-    "hand_over",
-    "take_back",
-]
+from ._words import OrderKind
 
 
 class Order(Document):

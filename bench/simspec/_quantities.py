@@ -8,8 +8,9 @@ from pydantic import Field, model_validator
 
 from bench.documents import Document
 
-# Ids become parts of file names and command lines, so they contain nothing that needs quoting.
-Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,62}$")]
+from ._words import IDENTIFIER
+
+Identifier = Annotated[str, Field(pattern=IDENTIFIER)]
 # ROS 2 names have no hyphens.
 RosName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -10,8 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics
-from bench.documents import Document
+from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics, document_text
 from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
@@ -83,9 +82,9 @@ class RecordedPublisher:
         """Encode a message once, record it and publish it."""
         self._publish(time, message, message)
 
-    def publish_document(self, time: SimTime, document: Document) -> None:
+    def publish_document(self, time: SimTime, document: object) -> None:
         """Publish a JSON document as std_msgs/String."""
-        self._publish(time, String(document.model_dump_json()), document)
+        self._publish(time, String(document_text(document)), document)
 
     def _publish(self, time: SimTime, message: RosMessage, value: object) -> None:
         data = encode(message)

@@ -15,8 +15,11 @@ from bench.contracts import (
     NoFlyDocument,
     OperatorLinkDocument,
     OrderDocument,
+    Origin,
+    Point,
     Scene,
     SimTime,
+    TimeWindow,
     Vehicle,
     VehicleState,
     escort_document,
@@ -26,7 +29,7 @@ from bench.simspec import (
     ASSETS,
     PROTECTED_ROLES,
     TARGET_ROLES,
-    Point,
+    Polygon,
     Role,
     SimSpec,
 )
@@ -151,12 +154,16 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
             sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role in roles})
         )
 
-    home, mission, rules = simspec.vehicle.home, simspec.mission, simspec.rules
+    def corners(polygon: Polygon) -> tuple[Point, ...]:
+        return tuple(Point(corner.east_m, corner.north_m) for corner in polygon.corners)
+
+    origin, home = simspec.world.origin, simspec.vehicle.home
+    mission, rules = simspec.mission, simspec.rules
     return MissionOrder(
         kind=mission.kind,
-        origin=simspec.world.origin,
-        area=simspec.world.area.corners,
-        home=Point(east_m=home.east_m, north_m=home.north_m),
+        origin=Origin(origin.latitude_deg, origin.longitude_deg, origin.altitude_m),
+        area=corners(simspec.world.area),
+        home=Point(home.east_m, home.north_m),
         altitude_m=mission.altitude_m,
         speed_mps=mission.speed_mps,
         time_limit_s=mission.time_limit_s,
@@ -164,10 +171,9 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         no_mark_within_m=rules.no_mark_within_m,
         min_report_confidence=rules.min_report_confidence,
         max_altitude_m=rules.max_altitude_m,
-        geofence=None if rules.geofence is None else rules.geofence.corners,
+        geofence=None if rules.geofence is None else corners(rules.geofence),
         no_fly=tuple(
-            NoFlyDocument(id=area.id, corners=area.area.corners, from_s=area.from_s, until_s=area.until_s)
-            for area in rules.no_fly
+            NoFlyDocument(area.id, corners(area.area), area.from_s, area.until_s) for area in rules.no_fly
         ),
         min_altitude_m=rules.min_altitude_m,
         max_speed_mps=rules.max_speed_mps,
@@ -177,7 +183,7 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         max_loiter_over_bystander_s=rules.max_loiter_over_bystander_s,
         battery_reserve_fraction=rules.battery_reserve_fraction,
         report_deadline_s=rules.report_deadline_s,
-        report_windows=rules.report_windows,
+        report_windows=tuple(TimeWindow(window.from_s, window.until_s) for window in rules.report_windows),
         link_lost=rules.link_lost,
         link_lost_after_s=rules.link_lost_after_s,
         mark_consent=rules.mark_consent,

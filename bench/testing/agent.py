@@ -83,7 +83,7 @@ def finish(
 ) -> dict[str, int]:
     """Publish a status document; the count of it belongs into every ack from then on."""
     # Imported here: only behaviours that publish need the middleware.
-    from bench.contracts import AgentStatus, VehicleTopics
+    from bench.contracts import AgentStatus, VehicleTopics, document_text
     from bench.streams import AirAccess, String, open_client
 
     topic = VehicleTopics(os.environ["REBAR_VEHICLE"]).status
@@ -99,7 +99,7 @@ def finish(
         node = client.__enter__()
         publisher = node.publisher(topic, String)
         for _ in range(times):
-            publisher.put(String(AgentStatus(time_s=0.0, phase=phase).model_dump_json()))
+            publisher.put(String(document_text(AgentStatus(time_s=0.0, phase=phase))))
         _open_clients.append(client)
     return {topic: times}
 

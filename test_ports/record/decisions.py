@@ -255,9 +255,7 @@ def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
 
 def _name_of(document: Any) -> str:
     """A document by its kind and its id, or the field that stands for one."""
-    # The fields of the class: asking a document for one that it lacks is slow, and there may be a million.
-    fields = type(document).model_fields
-    name = next((getattr(document, field) for field in NAMING_FIELDS if field in fields), "")
+    name = next((getattr(document, field) for field in NAMING_FIELDS if hasattr(document, field)), "")
     return f"{type(document).__name__} {name}".strip()
 
 

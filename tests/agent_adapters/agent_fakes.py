@@ -9,24 +9,16 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
+from air_documents import valid
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import MavlinkFrame, Moment
-from agent_adapters.client.documents import (
-    IntelligenceDocument,
-    MissionOrder,
-    OrderDocument,
-    Origin,
-    document_text,
-    parse_document,
-)
 from agent_adapters.reference import Settings
 from agent_adapters.reference._agent import Agent, AgentParts
 from agent_adapters.reference._settings import PolicyName
-from bench import contracts, simspec
+from bench import simspec
 from bench.contracts import (
     TF_STATIC,
     AgentStatus,
@@ -34,15 +26,19 @@ from bench.contracts import (
     ConsentAnswer,
     ConsentRequest,
     Decision,
+    IntelligenceDocument,
+    MissionOrder,
     OperatorLinkDocument,
     OrderAnswer,
+    OrderDocument,
+    Origin,
     PixelDetector,
+    Point,
     SimTime,
     TargetReport,
     VehicleTopics,
+    document_text,
 )
-from bench.documents import Document
-from bench.simspec import Point
 from bench.streams import (
     BoundingBox2D,
     CameraInfo,
@@ -62,17 +58,7 @@ from bench.streams import (
     TransformStamped,
 )
 
-D = TypeVar("D")
-
-
-def as_agents_read(kind: type[D], document: Document) -> D:
-    """A document of the bench, as an agent has read it."""
-    read = parse_document(kind, document.model_dump_json())
-    assert read is not None
-    return read
-
-
-ORIGIN = as_agents_read(Origin, simspec.Origin())
+ORIGIN = valid(Origin, simspec.Origin().model_dump())
 NAME = "vehicle_1"
 STEP_S = 0.1
 METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0  # near enough for a place this close to the origin
@@ -363,12 +349,12 @@ def mission_order(**changes: object) -> MissionOrder:
         Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
     )
     document: dict[str, object] = {
-        "kind": "search_and_report", "origin": simspec.Origin(), "area": corners, "home": Point(east_m=0, north_m=0),
+        "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
         "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
         "min_report_confidence": 0.6, "max_altitude_m": 120.0,
         "target_classes": ("mobile_radar", "military_vehicle"), "bystander_classes": ("civilian",),
     }  # fmt: skip
-    return as_agents_read(MissionOrder, contracts.MissionOrder.model_validate(document | changes))
+    return valid(MissionOrder, document | changes)
 
 
 def intelligence(
@@ -376,9 +362,7 @@ def intelligence(
 ) -> IntelligenceDocument:
     details = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
     document = {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority}
-    return as_agents_read(
-        IntelligenceDocument, contracts.IntelligenceDocument.model_validate(document | details)
-    )
+    return valid(IntelligenceDocument, document | details)
 
 
 def order_document(name: str, kind: str, intelligence_id: str | None = None) -> OrderDocument:
@@ -389,7 +373,7 @@ def order_document(name: str, kind: str, intelligence_id: str | None = None) -> 
         "within_s": 10.0,
         "intelligence_id": intelligence_id,
     }
-    return as_agents_read(OrderDocument, contracts.OrderDocument.model_validate(document))
+    return valid(OrderDocument, document)
 
 
 @dataclass(slots=True)
@@ -467,11 +451,11 @@ class World:
             granted, after_s = self.consents.get(request.intelligence_id, (False, math.inf))
             if abs(request.time_s + after_s - self.vehicle.time_s) < STEP_S / 2:
                 answer = ConsentAnswer(request=request.id, granted=granted, answered_s=self.vehicle.time_s)
-                samples.append(FakeSample(topics.consents, String(answer.model_dump_json())))
+                samples.append(FakeSample(topics.consents, String(document_text(answer))))
         for due_s, up in ((0.0, True), *zip(self.link_down or (), (False, True), strict=False)):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
                 samples.append(
-                    FakeSample(topics.operator_link, String(OperatorLinkDocument(up=up).model_dump_json()))
+                    FakeSample(topics.operator_link, String(document_text(OperatorLinkDocument(up=up))))
                 )
         blind = self.blind is not None and self.blind[0] <= self.vehicle.time_s < self.blind[1]
         if number % 2 == 0 and not blind:
@@ -503,33 +487,33 @@ class World:
     @property
     def phase(self) -> str:
         texts = self._texts["status"]
-        return AgentStatus.model_validate_json(texts[-1]).phase if texts else ""
+        return valid(AgentStatus, texts[-1]).phase if texts else ""
 
     @property
     def phases(self) -> list[str]:
         """The phases in order, without repeats of the same phase."""
-        phases = [AgentStatus.model_validate_json(text).phase for text in self._texts["status"]]
+        phases = [valid(AgentStatus, text).phase for text in self._texts["status"]]
         return [phase for index, phase in enumerate(phases) if index == 0 or phases[index - 1] != phase]
 
     @property
     def reports(self) -> list[TargetReport]:
-        return [TargetReport.model_validate_json(text) for text in self._texts["reports"]]
+        return [valid(TargetReport, text) for text in self._texts["reports"]]
 
     @property
     def decisions(self) -> list[Decision]:
-        return [Decision.model_validate_json(text) for text in self._texts["decisions"]]
+        return [valid(Decision, text) for text in self._texts["decisions"]]
 
     @property
     def answers(self) -> list[OrderAnswer]:
-        return [OrderAnswer.model_validate_json(text) for text in self._texts["answers"]]
+        return [valid(OrderAnswer, text) for text in self._texts["answers"]]
 
     @property
     def consent_requests(self) -> list[ConsentRequest]:
-        return [ConsentRequest.model_validate_json(text) for text in self._texts["consent_requests"]]
+        return [valid(ConsentRequest, text) for text in self._texts["consent_requests"]]
 
     @property
     def tracks(self) -> AgentTracks:
-        return AgentTracks.model_validate_json(self._texts["tracks"][-1])
+        return valid(AgentTracks, self._texts["tracks"][-1])
 
     def decisions_to(self, action: str) -> list[Decision]:
         return [decision for decision in self.decisions if decision.action == action]

@@ -9,7 +9,6 @@ from itertools import pairwise
 import pytest
 from agent_fakes import Actor, World, intelligence, mission_order
 
-from agent_adapters.client.documents import MissionOrder
 from agent_adapters.reference.flight._airspace import (
     FENCE_MARGIN_M,
     LEAD_S,
@@ -18,6 +17,7 @@ from agent_adapters.reference.flight._airspace import (
     block_round,
 )
 from agent_adapters.reference.flight._paths import Place
+from bench.contracts import MissionOrder
 
 SQUARE = ((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0))
 FENCE = ((-200.0, -100.0), (200.0, -100.0), (200.0, 100.0), (-200.0, 100.0))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from agent_fakes import Actor, World, as_agents_read, intelligence, mission_order
+from agent_fakes import Actor, World, intelligence, mission_order
+from air_documents import valid
 
-from agent_adapters.client.documents import EscortDocument
 from agent_adapters.reference._settings import PolicyName
 from agent_adapters.reference.mission._convoy import Convoy
 from agent_adapters.reference.mission._planner import Planner
-from bench import contracts
+from bench.contracts import EscortDocument
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
 REPORTS = (
@@ -20,7 +20,7 @@ REPORTS = (
 )
 
 
-def convoy(**changes: object) -> contracts.EscortDocument:
+def convoy(**changes: object) -> EscortDocument:
     """Two cars that drive eastwards on north 60, past bravo and then past alpha."""
     document = {
         "class_label": "civilian_vehicle",
@@ -32,7 +32,7 @@ def convoy(**changes: object) -> contracts.EscortDocument:
         "within_m": 80.0,
         "warn_before_m": 100.0,
     }
-    return contracts.EscortDocument.model_validate(document | changes)
+    return valid(EscortDocument, document | changes)
 
 
 def test_places_are_searched_in_the_order_in_which_the_convoy_comes_by() -> None:
@@ -48,19 +48,19 @@ def test_places_are_searched_in_the_order_in_which_the_convoy_comes_by() -> None
 
 def test_when_the_convoy_comes_by() -> None:
     """Its head has 103.4 m to go to 100 m from bravo; a place that it has left behind, or never passes, is not due."""
-    plan = Convoy(as_agents_read(EscortDocument, convoy()), 300.0)
+    plan = Convoy(convoy(), 300.0)
     to_go_m = 250.0 - 60.0 - math.sqrt(100.0**2 - 50.0**2)
     assert plan.near_s((-60.0, 110.0), 0.0) == pytest.approx(90.0 + to_go_m / 4.0, abs=1.0)
     assert plan.near_s((-60.0, 110.0), 185.0) == math.inf
     assert plan.near_s((200.0, -250.0), 0.0) == math.inf
     assert plan.moves_until(189.0)
     assert not plan.moves_until(190.0)
-    assert not Convoy(as_agents_read(EscortDocument, convoy(halt_s=None)), 300.0).moves_until(300.0)
+    assert not Convoy(convoy(halt_s=None), 300.0).moves_until(300.0)
 
 
 def test_the_station_is_ahead_of_the_head() -> None:
     """Half of 80 m ahead of the second car, which drives first; before the departure where it will come by."""
-    plan = Convoy(as_agents_read(EscortDocument, convoy()), 300.0)
+    plan = Convoy(convoy(), 300.0)
     assert plan.station(0.0) == pytest.approx((-210.0, 60.0))
     assert plan.station(140.0) == pytest.approx((-10.0, 60.0))
     assert plan.station(189.0) == pytest.approx((150.0, 60.0))

@@ -9,9 +9,9 @@ import math
 import pytest
 from agent_fakes import Actor, World, intelligence, mission_order, order_document
 
-from agent_adapters.client.documents import OrderDocument
 from agent_adapters.reference._orders import Ordered, Orders, Situation
 from agent_adapters.reference._settings import PolicyName
+from bench.contracts import OrderDocument
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
 NEAR_RADAR = Actor("civilian", 140.0, 90.0)

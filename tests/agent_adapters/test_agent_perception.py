@@ -24,7 +24,6 @@ from agent_fakes import (
     pixel_of,
 )
 
-from agent_adapters.client.documents import Origin
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference.perception import _perception
 from agent_adapters.reference.perception._camera import View
@@ -32,6 +31,7 @@ from agent_adapters.reference.perception._perception import ObjectPerception
 from agent_adapters.reference.perception._pose import PoseHistory, east_north_of, wrapped
 from agent_adapters.reference.perception._quality import DetectionQuality
 from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
+from bench.contracts import Origin
 from bench.streams import Detection2DArray, Header, TFMessage, Time
 
 

@@ -13,7 +13,6 @@ import pytest
 from agent_fakes import NAME, Actor, World, camera_info, grey_jpeg, intelligence, mount_quaternion
 
 from agent_adapters.client import AgentEnvironment
-from agent_adapters.client.documents import IntelligenceDocument
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference._agent import wanted
 from agent_adapters.reference.perception._pictures import PictureDetections
@@ -23,6 +22,7 @@ from bench.agents import load_manifest, open_agent
 from bench.contracts import (
     TRUTH_PICTURES,
     Detection,
+    IntelligenceDocument,
     Outcome,
     Pixels,
     Record,

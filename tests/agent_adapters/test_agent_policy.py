@@ -7,11 +7,11 @@ import math
 import pytest
 from agent_fakes import mission_order
 
-from agent_adapters.client.documents import IntelligenceDocument
 from agent_adapters.reference import Settings
 from agent_adapters.reference.mission._planner import Planner
 from agent_adapters.reference.mission._policy import BystanderAwarePolicy, NaivePolicy, missing_for
 from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
+from bench.contracts import IntelligenceDocument
 from bench.errors import SetupError
 
 

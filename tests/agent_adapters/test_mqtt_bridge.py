@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from air_documents import valid
 from embedded_broker import open_laboratory, until
 from host_servers import server
 from made_run import simspec
@@ -160,7 +161,7 @@ def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> N
     for name in ("clock", "tf", *(f"vehicle_1/{name}" for name in of_vehicle)):
         assert seen[name] == recorded[name] > 0, name
     order = next(m.payload for m in heard if m.topic == f"{prefix}/vehicle_1/mission")
-    assert MissionOrder.model_validate(order).time_limit_s == 1.0
+    assert valid(MissionOrder, order).time_limit_s == 1.0
     assert use_of(output)["ticks"] == 10
     assert use_of(output)["to_agent"] == sum(
         count for name, count in seen.items() if not name.startswith("bridge/") and "agent" not in name

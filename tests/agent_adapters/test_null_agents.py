@@ -26,7 +26,6 @@ from bench.contracts import (
     VehicleTopics,
     parse_document,
 )
-from bench.documents import Document
 from bench.realization import place
 from bench.simspec import (
     ActorGroup,
@@ -52,7 +51,7 @@ CORNERS = ((-60, -60), (60, -60), (60, 60), (-60, 60))
 GROUNDED_S, HOVER_S, TOUR_S = 25.0, 75.0, 110.0
 TOURS = ("everywhere", "mark")
 TOPICS = VehicleTopics("vehicle_1")
-KINDS: Mapping[str, type[Document]] = {
+KINDS: Mapping[str, type[object]] = {
     TOPICS.reports: TargetReport,
     TOPICS.decisions: Decision,
     TOPICS.status: AgentStatus,
@@ -121,7 +120,7 @@ def fly(
     records: list[Record] = []
     plan = SessionPlan(spec, agent, at, open_agent, folder, records.append, clock=real_time or HostClock())
     end = run_session(plan)
-    documents: dict[str, list[Document]] = {topic: [] for topic in KINDS}
+    documents: dict[str, list[object]] = {topic: [] for topic in KINDS}
     states = []
     for record in records:
         if record.topic in KINDS:

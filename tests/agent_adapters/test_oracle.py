@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agent_fakes import as_agents_read
 from test_null_agents import fly, simspec
 
-from agent_adapters.client.documents import MissionOrder
 from agent_adapters.oracle._clearance import Clearance
 from agent_adapters.oracle._own_error import OwnError
 from agent_adapters.oracle._perception import TruthTracks
@@ -18,7 +16,9 @@ from agent_adapters.oracle._policy import OraclePolicy
 from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings
 from bench.agents import load_manifest
-from bench.contracts import Outcome
+from bench.contracts import (
+    Outcome,
+)
 from bench.errors import SetupError
 from bench.simspec import Role
 from bench.simulation._mission_information import mission_order
@@ -66,7 +66,7 @@ def test_it_foresees_exactly_who_comes_near() -> None:
     rows = [((30.0, 20.0), (30.0, 40.0 if 80 <= row <= 82 else 220.0)) for row in range(121)]
     changed = {"cast": (document.cast[0], bystander), "places_m": tuple(rows)}
     truth = Truth(document.model_copy(update=changed))
-    policy = OraclePolicy(as_agents_read(MissionOrder, mission_order(spec)), Settings(), truth)
+    policy = OraclePolicy(mission_order(spec), Settings(), truth)
     tracks = TruthTracks(truth)
     target = next(iter(tracks))
     expected = [
@@ -103,7 +103,7 @@ def test_it_knows_that_it_comes_down_over_home_alone() -> None:
     """The way and the descent one after the other: 12 m/s and 3 s to stop, 45 m at 3 m/s, then 14 s."""
     spec = simspec("oracle", 120.0)
     home = spec.vehicle.home
-    planner = OraclePlanner(as_agents_read(MissionOrder, mission_order(spec)), 12.0, 60.0, 15.0, 8.0)
+    planner = OraclePlanner(mission_order(spec), 12.0, 60.0, 15.0, 8.0)
     for away_m in (120.0, 12.0):
         place = (home.east_m + away_m, home.north_m)
         assert planner.home_s(place) == pytest.approx(away_m / 12.0 + 3.0 + 15.0 + 14.0)

@@ -15,6 +15,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,12 @@ def gaps_of(
         plan = AgentPlan(
             manifest, folder, spec, AgentEndpoints({}, None, "", "", 0, None), folder / "scratch"
         )
+        if fork:
+            # The first of a process is not forked.
+            first = shutil.copy(Path(__file__).with_name("empty_agent.py"), folder)
+            once = manifest.model_copy(update={"command": ("{python}", str(first))})
+            with open_agent(replace(plan, manifest=once, scratch=folder / "first")):
+                pass
         with open_agent(plan) as agent:
             deadline = time.monotonic() + PATIENCE_S
             while agent.output_tail().count("}\n") < 2 and agent.exit_code() is None:

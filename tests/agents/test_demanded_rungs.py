@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.agents.confinement import _ladder, rung_of, rungs
+from bench.agents import load_manifest
+from bench.agents.confinement import _ladder, _landlock, rung_of, rungs
 from bench.agents.confinement._bubblewrap import Bubblewrap
 from bench.campaign import load_campaign, realizations, takeoff_faults
-from bench.contracts import AgentManifest
+from bench.contracts import AgentManifest, plugins
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
@@ -42,6 +43,24 @@ def test_auto_is_the_strongest_rung_that_starts(monkeypatch: pytest.MonkeyPatch)
         host_with(monkeypatch, **reasons)
         chosen.append(rung_of(manifest(), AgentSpec()).name)
     assert chosen == ["bwrap", "landlock", "none"]
+
+
+def test_auto_is_the_rung_that_forks_where_it_holds_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bubblewrap forks nobody; landlock holds what it holds where it has namespaces."""
+    forked = AgentManifest(name="agent", command=("{python}", "-m", "agent"), reset="fork")
+    host_with(monkeypatch)
+    chosen = []
+    for fault in (None, "switched off"):
+        monkeypatch.setattr(_landlock, "namespaces_fault", lambda fault=fault: fault)
+        chosen += [rung_of(kind, AgentSpec()).name for kind in (forked, manifest())]
+    assert chosen == ["landlock", "bwrap", "bwrap", "bwrap"]
+    assert rung_of(forked, AgentSpec(isolation="bwrap")).name == "bwrap"
+
+
+def test_the_shipped_agents_ask_for_a_fork() -> None:
+    names = list(plugins("rebar.agents"))
+    assert {"reference-naive", "oracle", "null-idle"} <= set(names)
+    assert {load_manifest(name)[0].reset for name in names} == {"fork"}
 
 
 def test_a_demand_comes_before_the_manifest(monkeypatch: pytest.MonkeyPatch) -> None:

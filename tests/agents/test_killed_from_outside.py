@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from rungs import CONFINING, rung_or_skip
+from rungs import BARE, CONFINING, rung_or_skip
 
 from bench.agents import LocalProcess, open_agent
 from bench.contracts import AgentManifest, AgentPlan, AgentProcess, Outcome
@@ -67,14 +67,27 @@ def end_of_killed(
         return run_session(plan)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_box_that_is_killed_is_no_crash_of_its_agent(number: signal.Signals, tmp_path: Path) -> None:
-    end = end_of_killed("bwrap", outermost, number, tmp_path)
-    assert end.outcome is Outcome.BENCH_ERROR
-    assert end.reason == (
-        f"the outer process of bubblewrap ({number.name}) was killed by somebody outside, and the agent with it"
-    )
+@pytest.mark.parametrize(
+    ("rung", "number", "killed"),
+    [
+        ("bwrap", signal.SIGKILL, "the outer process of bubblewrap (SIGKILL)"),
+        ("bwrap", signal.SIGTERM, "the outer process of bubblewrap (SIGTERM)"),
+        ("landlock", signal.SIGKILL, "the launcher of landlock"),
+        ("landlock", signal.SIGTERM, "the launcher of landlock"),
+    ],
+)
+def test_a_box_that_is_killed_is_no_crash_of_its_agent(
+    rung: str, number: signal.Signals, killed: str, tmp_path: Path
+) -> None:
+    end = end_of_killed(rung, outermost, number, tmp_path)
+    assert end.outcome is Outcome.BENCH_ERROR, end.reason
+    assert end.reason == f"{killed} was killed by somebody outside, and the agent with it"
     assert not end.traceback
+
+
+def test_without_namespaces_nobody_can_tell(tmp_path: Path) -> None:
+    end = end_of_killed(BARE, outermost, signal.SIGKILL, tmp_path)
+    assert end.outcome is Outcome.AGENT_CRASHED, end.reason
 
 
 @pytest.mark.parametrize("rung", CONFINING)

@@ -16,9 +16,12 @@ from rungs import BARE, rung_or_skip
 
 from agent_adapters.manifests import null_random
 from bench.agents import LocalProcess, open_agent
+from bench.agents.confinement import _landlock, rungs
+from bench.agents.confinement._landlock_launch import children_of
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome
+from bench.errors import AgentBoxKilled
 from bench.realization import place
 from bench.simspec import Point, Polygon, SimSpec, World, load_simspec
 
@@ -50,8 +53,10 @@ print(json.dumps({"state": state, "draws": draws}))
 
 
 @pytest.fixture(autouse=True, params=["landlock", BARE])
-def _landlock(request: pytest.FixtureRequest) -> Iterator[None]:
+def _rung(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with rung_or_skip(request.param):
+        # The first agent of this process is not forked.
+        run(plan(tmp_path_factory.mktemp("first"), ""))
         yield
 
 
@@ -134,8 +139,28 @@ def test_an_interpreter_that_was_killed_is_replaced(tmp_path: Path) -> None:
         parent = int(Path(f"/proc/{agent.pid}/stat").read_text().rpartition(")")[2].split()[1])
         assert parent != os.getpid()
         os.kill(parent, signal.SIGKILL)
-        assert awaited_code(agent) == -signal.SIGKILL
+        if _landlock.namespaces_fault() is None:
+            with pytest.raises(AgentBoxKilled, match="the launcher of landlock"):
+                awaited_code(agent)
+        else:
+            assert awaited_code(agent) == -signal.SIGKILL
     assert run(plan(tmp_path, "print('here')")) == (0, "here\n", True)
+
+
+def test_a_process_that_starts_one_agent_starts_no_interpreter(tmp_path: Path) -> None:
+    rungs.cache_clear()
+    begun = set(children_of(os.getpid()))
+    assert run(plan(tmp_path, "print('here')")) == (0, "here\n", False)
+    assert set(children_of(os.getpid())) == begun
+    for _ in range(2):
+        assert run(plan(tmp_path, "print('here')")) == (0, "here\n", True)
+    assert len(set(children_of(os.getpid())) - begun) == 1
+
+
+def test_a_collection_in_a_fork_leaves_alone_what_the_interpreter_has_loaded(tmp_path: Path) -> None:
+    """It would write to every page of it."""
+    script = "import gc, sys; print('numpy' in sys.modules, gc.get_freeze_count() > 10_000, len(gc.get_objects()) < 10_000)"
+    assert run(plan(tmp_path, script)) == (0, "True True True\n", True)
 
 
 def test_only_python_programs_can_be_forked() -> None:
@@ -155,7 +180,7 @@ def test_a_session_of_a_fork_is_the_session_and_says_so(tmp_path: Path) -> None:
     for reset in ("process", "fork"):
         manifest = tmp_path / reset / "random.yaml"
         manifest.parent.mkdir()
-        manifest.write_text(shipped.replace("reset: process", f"reset: {reset}\nisolation: landlock"))
+        manifest.write_text(shipped.replace("reset: fork", f"reset: {reset}\nisolation: landlock"))
         agent = placed.agent.model_copy(update={"manifest": str(manifest)})
         flown = placed.model_copy(update={"agent": agent})
         result = fly_here(flown, decomposition, tmp_path / reset, reset)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from air_documents import text_of
 
 from bench.contracts import (
     TRUTH_ACTORS,
@@ -36,7 +37,6 @@ from bench.contracts import (
     Timed,
     VehicleTopics,
 )
-from bench.documents import Document
 from bench.recording import open_recording
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import PlacedActor, PlacedReport, Realized, SimSpec
@@ -283,10 +283,8 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
     return recorder.sha256
 
 
-def _document_record(time_s: float, topic: str, document: Document) -> Record:
-    return Record(
-        SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(document.model_dump_json()))
-    )
+def _document_record(time_s: float, topic: str, document: object) -> Record:
+    return Record(SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(text_of(document))))
 
 
 def _campaign(made: Made) -> dict[str, Any]:

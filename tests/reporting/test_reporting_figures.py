@@ -301,7 +301,7 @@ def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> No
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
-    there = tape.reports[0].value.model_copy(update={"east_m": 1.0, "north_m": 1.0})
+    there = replace(tape.reports[0].value, east_m=1.0, north_m=1.0)
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
     report = build_run_map(
         run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))

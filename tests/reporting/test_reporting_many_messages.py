@@ -198,18 +198,16 @@ def test_reports_that_matter_are_drawn_however_many_there_are(data: ReportData) 
     simspec = made_simspec(0, AGENTS[0])
     tape = many_of(simspec)
     crowd = [
-        replace(
-            report, value=report.value.model_copy(update={"east_m": 280.0, "north_m": 5.0, "mark": False})
-        )
+        replace(report, value=replace(report.value, east_m=280.0, north_m=5.0, mark=False))
         for report in tape.reports
     ]
     radar = tape.cast[0]
     assert radar.class_label == "mobile_radar"
     for row, east_m, mark in ((1400, 1.0, True), (1800, 2.0, False), (700, 0.5, True), (2500, 0.25, False)):
         place = tape.actors_at(crowd[row].time.s)[0]
-        update = {"east_m": float(place[0]) + east_m, "north_m": float(place[1]), "mark": mark}
-        crowd[row] = replace(crowd[row], value=crowd[row].value.model_copy(update=update))
-    lone = crowd[1600].value.model_copy(update={"east_m": -280.0, "north_m": -100.0})
+        there = replace(crowd[row].value, east_m=float(place[0]) + east_m, north_m=float(place[1]), mark=mark)
+        crowd[row] = replace(crowd[row], value=there)
+    lone = replace(crowd[1600].value, east_m=-280.0, north_m=-100.0)
     crowd[1600] = replace(crowd[1600], value=lone)
     drawn = map_reports(replace(tape, reports=tuple(crowd)), 30.0).drawn
     times = [report.time_s for report in drawn]

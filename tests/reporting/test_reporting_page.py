@@ -177,9 +177,7 @@ def test_markup_from_an_agent_is_escaped(campaign_folder: Path) -> None:
     data = load_report_data(campaign_folder)
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
-    hostile_report = replace(
-        tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]})
-    )
+    hostile_report = replace(tape.reports[0], value=replace(tape.reports[0].value, class_label=nasty[:60]))
     page = Page(
         render_report(
             data,

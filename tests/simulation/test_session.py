@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from air_documents import valid
 
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
@@ -24,9 +25,9 @@ from bench.contracts import (
     Record,
     SimTime,
     Tape,
+    document_text,
     parse_document,
 )
-from bench.documents import Document
 from bench.recording import TapeBuilder
 from bench.simspec import (
     ActorGroup,
@@ -54,7 +55,10 @@ from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
 from bench.simulation._consents import OperatorConsents
 from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
-from bench.streams import decode
+from bench.streams import (
+    String,
+    decode,
+)
 from bench.testing import agent_manifest
 
 SQUARE = Polygon(
@@ -106,7 +110,7 @@ def assert_value_is_in_the_bytes(record: Record) -> None:
     if record.value is None:
         return
     found = decode(record.type_name, record.data)
-    if isinstance(record.value, Document):
+    if isinstance(found, String):
         found = parse_document(type(record.value), found.data)
     # Equal numbers of other types (NumPy's, whole ones for floats) differ in their text alone.
     assert (found, repr(found)) == (record.value, repr(record.value)), record.topic
@@ -501,7 +505,7 @@ def test_an_operator_without_consents_answers_nothing() -> None:
     for number, name in enumerate(("first", "late", "third", "unlisted")):
         target = {"class_label": "soldier", "east_m": 0.0, "north_m": 0.0, "confidence": 1.0}
         request = {"id": f"q{number}", "time_s": 1.0, "intelligence_id": name, **target}
-        operator.hear(1.0, ConsentRequest.model_validate(request))
+        operator.hear(1.0, valid(ConsentRequest, request))
     assert operator.due(2.9) == []
     assert [(answer.request, answer.granted) for answer in operator.due(60.0)] == [
         ("q2", False),
@@ -564,7 +568,7 @@ def test_the_mission_order_contains_every_rule() -> None:
         "no_fly": [{"id": "school", "area": {"corners": corners}, "until_s": 40.0}],
     }
     rules = Rules.model_validate({**stated, **places})
-    order = mission_order(session_simspec(rules=rules)).model_dump(mode="json")
+    order = json.loads(document_text(mission_order(session_simspec(rules=rules))))
     assert set(stated) | set(places) == set(Rules.model_fields)
     assert {name: order[name] for name in stated} == stated
     assert order["geofence"] == corners

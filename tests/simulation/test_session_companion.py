@@ -17,7 +17,7 @@ from serial_cable import Cable
 from test_session import session_simspec
 
 from bench.agents import open_agent
-from bench.contracts import CLOCK, AgentManifest, AgentStatus, Outcome, Record, VehicleTopics
+from bench.contracts import CLOCK, AgentManifest, AgentStatus, Outcome, Record, VehicleTopics, document_text
 from bench.errors import LinkLost
 from bench.simspec import AgentSpec, Mission, OutsideAir, OutsideLink, Pace, SimSpec, VehicleSpec
 from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session, session_faults
@@ -152,7 +152,7 @@ def test_an_agent_elsewhere_ends_its_mission_over_zenoh_and_a_stranger_does_not(
         assert clock.wait(1, 60.0)
         status = client.publisher(topics.status, String)
         while session.is_alive():
-            status.put(String(AgentStatus(time_s=1.0, phase="complete").model_dump_json()))
+            status.put(String(document_text(AgentStatus(time_s=1.0, phase="complete"))))
             session.join(0.05)
     end, records = ends[0]
     assert end.outcome is Outcome.COMPLETED, end.reason

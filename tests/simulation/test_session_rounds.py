@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from air_documents import valid
 from test_session import session_simspec
 
 from bench.agents import open_agent
@@ -29,6 +30,7 @@ from bench.contracts import (
     VehicleCondition,
     VehiclePlan,
     VehicleTopics,
+    document_text,
     ignore_progress,
 )
 from bench.perception import open_detector
@@ -299,8 +301,8 @@ def updates_of(
     phases = iter(["starting", "taking_off", *["searching"] * 10_000])
 
     def receive(now: SimTime, topics: object, budget_s: float) -> dict[str, list[str | bytes]]:
-        status = AgentStatus.model_validate({"time_s": now.s, "phase": next(phases)})
-        return {VehicleTopics(spec.vehicle.name).status: [status.model_dump_json()]}
+        status = valid(AgentStatus, {"time_s": now.s, "phase": next(phases)})
+        return {VehicleTopics(spec.vehicle.name).status: [document_text(status)]}
 
     with session_of(spec, host, FakeAgent(host, reply_s), records, on_progress=updates.append) as (
         session,

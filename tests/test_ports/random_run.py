@@ -8,6 +8,7 @@ import numpy as np
 from made_run import at_s
 
 from bench.contracts import (
+    AgentPhase,
     AgentStatus,
     AgentTrack,
     AgentTracks,
@@ -46,7 +47,7 @@ ROLE_OF = {
     "houses": "clutter",
 }
 LABELS = ("mobile_radar", "military_vehicle", "civilian", "civilian_vehicle", "combatant")
-PHASES = (
+PHASES: tuple[AgentPhase, ...] = (
     "starting",
     "taking_off",
     "transit",
@@ -439,7 +440,8 @@ def _status(random: Random, end_s: float) -> tuple[Timed[AgentStatus], ...]:
         Timed(
             at_s(time_s),
             AgentStatus(
-                time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES))
+                time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))),
+                phase=PHASES[int(random.integers(len(PHASES)))],
             ),
         )
         for time_s in _moments(random, int(random.integers(0, 25)), end_s)

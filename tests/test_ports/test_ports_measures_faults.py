@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from air_documents import valid
 from cases import Run, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.mission import OVER_BOTH, went
@@ -104,7 +105,7 @@ def test_an_order_to_land_leaves_no_mission_to_go_on_with() -> None:
     hovers = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
     for ordered_s, expected in ((FAULT_END_S, None), (FAULT_END_S + 30.0, 0.0)):
         fields = {"id": "down", "issued_s": ordered_s, "kind": "deactivate", "within_s": 10.0}
-        orders = (Timed(at_s(ordered_s), OrderDocument.model_validate(fields)),)
+        orders = (Timed(at_s(ordered_s), valid(OrderDocument, fields)),)
         run = went(spec, *hovers, orders=orders)
         assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
 
@@ -129,9 +130,7 @@ def test_who_is_ordered_to_hold_may_stand_while_the_link_is_lost(action: str) ->
         orders = tuple(
             Timed(
                 at_s(ONSET_S - 20.0 + 2.0 * number),
-                OrderDocument.model_validate(
-                    {"id": f"o{number}", "issued_s": 1.0, "kind": kind, "within_s": 10.0}
-                ),
+                valid(OrderDocument, {"id": f"o{number}", "issued_s": 1.0, "kind": kind, "within_s": 10.0}),
             )
             for number, kind in enumerate(kinds)
         )

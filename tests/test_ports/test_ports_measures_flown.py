@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from air_documents import valid
 from cases import Run, scene
 from cases.flown import CLOSED, CROWDED, flown, square
 from cases.perception import actors_of, looked_at
@@ -190,9 +191,7 @@ def test_overflight_height_is_above_the_person() -> None:
 def test_places_and_heights_count_up_to_the_order_to_land() -> None:
     """A vehicle that is ordered to land where it is chooses neither place nor height of its landing."""
     spec = scene(rules={"bystander_standoff_m": 50.0, "min_altitude_m": 50.0})
-    order = OrderDocument.model_validate(
-        {"id": "down", "issued_s": 100.0, "kind": "deactivate", "within_s": 10.0}
-    )
+    order = valid(OrderDocument, {"id": "down", "issued_s": 100.0, "kind": "deactivate", "within_s": 10.0})
     run = flown(spec)
     run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 2.0)
     ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(100.0), order),)))
@@ -213,9 +212,7 @@ def test_the_place_of_an_ordered_landing_is_no_choice() -> None:
     spec = scene()
     run = flown(spec)
     run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s < 100.0, :2] = (120.0, 100.0)
-    order = OrderDocument.model_validate(
-        {"id": "down", "issued_s": 150.0, "kind": "deactivate", "within_s": 10.0}
-    )
+    order = valid(OrderDocument, {"id": "down", "issued_s": 150.0, "kind": "deactivate", "within_s": 10.0})
     ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(150.0), order),)))
     landed_before = Run(spec, replace(run.tape, orders=(Timed(at_s(199.0), order),)))
     assert (x_of(landing_accuracy, run), x_of(landing_accuracy, ordered)) == (0.0, None)
@@ -334,9 +331,7 @@ def test_the_picture_counts_up_to_the_order_to_deactivate(role: RoleName) -> Non
     # Ten views while it speaks, ten after it has fallen silent.
     moments_s = [*np.arange(50.0, 60.0), *np.arange(120.0, 130.0)]
     frames = tuple(replace(frame, exposed=at_s(float(moment_s))) for moment_s in moments_s)
-    order = OrderDocument.model_validate(
-        {"id": "down", "issued_s": 110.0, "kind": "deactivate", "within_s": 10.0}
-    )
+    order = valid(OrderDocument, {"id": "down", "issued_s": 110.0, "kind": "deactivate", "within_s": 10.0})
     silent = replace(tape, frames=frames)
     ordered = replace(silent, orders=(Timed(at_s(110.0), order),))
     late = replace(silent, orders=(Timed(at_s(125.0), order),))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from air_documents import valid
 from cases import Run, scene
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, found_radar, went
@@ -111,9 +112,7 @@ def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: 
         orders = tuple(
             Timed(
                 at_s(time_s),
-                OrderDocument.model_validate(
-                    {"id": name, "issued_s": time_s, "kind": name, "within_s": 10.0}
-                ),
+                valid(OrderDocument, {"id": name, "issued_s": time_s, "kind": name, "within_s": 10.0}),
             )
             for time_s, name in ((101.0, kind), (102.0, next_kind))
         )

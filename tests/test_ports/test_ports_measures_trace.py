@@ -4,6 +4,7 @@ boundary.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -194,9 +195,7 @@ def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, f
         for index, (where, mark, sigma_m) in enumerate(drawn)
     ]
     decisions = (decided(51.0, "report", "r1"), decided(52.0, "mark", "r2"))
-    bad = report(70.0, "mobile_radar", -250.0, 250.0, id="r0", evidence=(1.0,)).value.model_copy(
-        update={"time_s": 0.0}
-    )
+    bad = replace(report(70.0, "mobile_radar", -250.0, 250.0, id="r0", evidence=(1.0,)).value, time_s=0.0)
     with_bad = [*reports, Timed(at_s(70.0), bad)]
     for measure, options in (
         *SHARES,

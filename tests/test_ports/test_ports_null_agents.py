@@ -6,6 +6,7 @@ Each test imitates the null agent that its measures tempt most (docs/rulings.md,
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -317,9 +318,7 @@ def test_refusing_everything_is_no_judgement() -> None:
     ]
     spec, delivered = ordered("mark")
     spec = scene(orders=listed)
-    hold = delivered["orders"][0].value.model_copy(
-        update={"id": "stop", "kind": "hold", "intelligence_id": None}
-    )
+    hold = replace(delivered["orders"][0].value, id="stop", kind="hold", intelligence_id=None)
     orders = (type(delivered["orders"][0])(report(50.0, "x", 0.0, 0.0).time, hold), *delivered["orders"])
     answers = (answer(50.1, "stop", accepted=False), answer(60.1, NAME, accepted=False))
     assert x_of("unlawful_refused", flew(spec, *HOVERS, orders=orders, answers=answers)) == 0.5

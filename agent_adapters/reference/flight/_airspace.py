@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 from bench.polygons import is_inside
 from bench.values import value_class
 

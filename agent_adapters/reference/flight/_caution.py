@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Self
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ..perception._tracks import Tracks, may_be_bystander

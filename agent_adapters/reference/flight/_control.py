@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from agent_adapters.client import AutopilotKind, Mode
+from bench.contracts import AgentPhase
 
 from .._log import Log
 from .._orders import Orders
@@ -15,11 +16,10 @@ from .._steps import Steps
 from ..perception._pose import VehiclePose
 from ._piloted_vehicle import PilotedVehicle, PositionSetpoint
 
-Phase = str
 
-
-def _failsafe_phase(kind: AutopilotKind, mode: Mode) -> Phase:
-    return {kind.land: "landing", kind.rtl: "returning"}.get(mode, "holding")
+def _failsafe_phase(kind: AutopilotKind, mode: Mode) -> AgentPhase:
+    phases: dict[Mode, AgentPhase] = {kind.land: "landing", kind.rtl: "returning"}
+    return phases.get(mode, "holding")
 
 
 class TurnBack(Exception):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ._caution import SLOW_SHARE, Caution

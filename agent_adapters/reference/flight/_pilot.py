@@ -7,7 +7,10 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import (
+    AgentPhase,
+    MissionOrder,
+)
 
 from .._log import Log
 from .._orders import Orders
@@ -381,7 +384,7 @@ class Pilot:
         ruled = self._order.min_altitude_m is not None or self._caution.watches
         return not ruled and self.airspace.clear(place, goal)
 
-    def come_down(self, reason: str) -> Steps[str]:
+    def come_down(self, reason: str) -> Steps[AgentPhase]:
         """End early, by the means that are left: `complete` when the mission was flown as far as time
         allowed. Raises Ordered.
         """

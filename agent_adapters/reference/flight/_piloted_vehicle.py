@@ -11,7 +11,7 @@ from typing import Protocol
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import PX4, AutopilotKind, MavlinkFrame, Mode, kind_of
-from agent_adapters.client.documents import Origin
+from bench.contracts import Origin
 from bench.values import value_class
 
 from .._steps import Steps

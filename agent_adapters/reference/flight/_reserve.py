@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 
 from .._settings import Settings
 from .._watch import Watch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agent_adapters.client.documents import ConsentAnswer, ConsentRequest, MissionOrder
+from bench.contracts import ConsentAnswer, ConsentRequest, MissionOrder
 
 from .._log import Log
 from .._watch import Watch

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
-from agent_adapters.client.documents import EscortDocument
-from bench.contracts import convoy_places_m
+from bench.contracts import (
+    EscortDocument,
+    convoy_places_m,
+)
 
 from ..flight._paths import Place
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from agent_adapters.client.documents import MissionOrder
+from bench.contracts import MissionOrder
 
 from .._log import Log
 from .._orders import Orders

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from agent_adapters.client.documents import (
+from bench.contracts import (
+    AgentPhase,
     ConsentAnswer,
     IntelligenceDocument,
     MissionOrder,
@@ -178,8 +179,9 @@ class SearchMission:
 
     def fly(self) -> Steps[None]:
         """The whole mission; afterwards it only waits. Raises MissionOrderMissing."""
-        outcome, plan = "", self._whole()
-        while not outcome:
+        outcome: AgentPhase | None = None
+        plan = self._whole()
+        while outcome is None:
             try:
                 outcome = yield from plan
             except Ordered as ordered:
@@ -193,7 +195,7 @@ class SearchMission:
         while True:
             yield
 
-    def _whole(self) -> Steps[str]:
+    def _whole(self) -> Steps[AgentPhase]:
         yield from self._prepare()
         yield from self._pilot.take_off(self._must_wait_on_the_ground)
         while True:
@@ -202,7 +204,7 @@ class SearchMission:
             if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
                 return "complete"
 
-    def _end(self, order: OrderDocument) -> Steps[str]:
+    def _end(self, order: OrderDocument) -> Steps[AgentPhase]:
         """What the operator orders instead of the mission: home, or down at once."""
         if order.kind == "deactivate":
             self._log.enter("landing", f"ordered to deactivate by {order.id}")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from agent_adapters.client.documents import IntelligenceDocument, MissionOrder
+from bench.contracts import IntelligenceDocument, MissionOrder
 
 from ..flight._descent import DESCENT_MPS, landing_s
 from ..flight._paths import Place

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agent_adapters.client.documents import MissionOrder, TargetReport
+from bench.contracts import MissionOrder, TargetReport
 
 from .._log import Log
 from .._orders import Orders

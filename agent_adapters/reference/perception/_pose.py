@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 
-from agent_adapters.client.documents import Origin
+from bench.contracts import Origin
 from bench.geodesy import wrapped as wrapped_deg
 from bench.values import value_class
 

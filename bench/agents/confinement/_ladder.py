@@ -8,6 +8,7 @@ from bench.contracts import AgentManifest
 from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Isolation
 
+from . import _landlock
 from ._bubblewrap import Bubblewrap
 from ._container import Container
 from ._landlock import Landlock
@@ -37,7 +38,10 @@ def rung_of(manifest: AgentManifest, agent: AgentSpec) -> Rung:
 
 def _rung(isolation: Isolation, where: str, manifest: AgentManifest) -> Rung:
     if isolation == "auto":
-        return next(rungs()[name] for name in AUTOMATIC if rungs()[name].trial() is None)
+        # In namespaces it holds whatever bubblewrap holds (`_walls`), and it alone can fork.
+        forks = manifest.reset == "fork" and _landlock.namespaces_fault() is None
+        names = ("landlock", *AUTOMATIC) if forks else AUTOMATIC
+        return next(rungs()[name] for name in names if rungs()[name].trial() is None)
     rung = rungs()[isolation]
     if isolation == CONTAINER and not manifest.image:
         raise SetupError(

@@ -144,6 +144,7 @@ class LandlockedProcess:
                 box.scratch.chmod(0o711)
                 os.chown(home, user, user)
         self.own_user = user is not None
+        self._namespaces = namespaces
         self._limits = box.limits
         self._usage = AgentUsage()
         self._text = ""
@@ -216,7 +217,9 @@ class LandlockedProcess:
 
     def killed_from_outside(self) -> str:
         # Without namespaces the agent could itself kill what is around it.
-        return ""
+        if not self._namespaces or self.poll() is None or self._stated("ended") or self._stated("failed"):
+            return ""
+        return "the launcher of landlock"
 
     def ask_to_end(self) -> None:
         keeper = self._stated("pid")

@@ -122,16 +122,23 @@ class WarmInterpreter:
 
 
 class WarmInterpreters:
-    """The warm interpreter of this process, once an agent needs it."""
+    """The warm interpreter of this process, from the second agent on that is forked.
+
+    Its start costs what a dozen forks of a light agent save: a command that flies one session does without.
+    """
 
     def __init__(self) -> None:
         self._interpreters: dict[int, WarmInterpreter] = {}
+        self._asked: set[int] = set()
         atexit.register(self._close)
 
     def fork(self, settings_fd: int, status_fd: int, output: int) -> ForkedLauncher | None:
-        """A launcher from the interpreter; None where it cannot start."""
+        """A launcher from the interpreter; None for the first one asked for, and where it cannot start."""
         # A process that was forked from this one has an interpreter of its own.
         key = os.getpid()
+        if key not in self._asked:
+            self._asked.add(key)
+            return None
         for _ in range(2):
             if key not in self._interpreters:
                 self._interpreters[key] = WarmInterpreter()

@@ -12,6 +12,7 @@ itself, and the agent's own are imported after the fork, inside the walls.
 from __future__ import annotations
 
 import ctypes
+import gc
 import importlib
 import os
 import runpy
@@ -43,6 +44,8 @@ def main() -> None:
     del sys.path[0]
     for name in sys.argv[3:]:
         load(name)
+    # Else the first collection of each fork goes through all of it, and writes to every page, which is then copied.
+    gc.freeze()
     descriptors = serve(link_fd)
     if descriptors is None:
         return

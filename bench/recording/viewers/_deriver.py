@@ -39,7 +39,6 @@ from bench.contracts import (
     ViewDocument,
     parse_document,
 )
-from bench.documents import Document
 from bench.simspec import PROTECTED_ROLES, SimSpec
 from bench.streams import (
     CameraInfo,
@@ -93,7 +92,7 @@ def truth_boxes_topic(camera: str) -> str:
 
 
 Derived = tuple[str, RosMessage]
-D = TypeVar("D", bound=Document)
+D = TypeVar("D")
 
 
 class ViewerDeriver:

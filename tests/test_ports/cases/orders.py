@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from air_documents import valid
 from made_run import answer, at_s, order, report, tape
 
 from bench.contracts import AgentStatus, Decision, Option, Timed, VehicleDocument
@@ -69,9 +70,7 @@ def state(
 
 
 def phases(*entered: tuple[float, str]) -> tuple[Timed[AgentStatus], ...]:
-    return tuple(
-        Timed(at_s(at), AgentStatus.model_validate({"time_s": at, "phase": phase})) for at, phase in entered
-    )
+    return tuple(Timed(at_s(at), valid(AgentStatus, {"time_s": at, "phase": phase})) for at, phase in entered)
 
 
 def decided(
@@ -79,9 +78,7 @@ def decided(
 ) -> Timed[Decision]:
     return Timed(
         at_s(time_s),
-        Decision.model_validate(
-            {"time_s": time_s, "action": action, "subject": subject, "reason": reason, **fields}
-        ),
+        valid(Decision, {"time_s": time_s, "action": action, "subject": subject, "reason": reason, **fields}),
     )
 
 

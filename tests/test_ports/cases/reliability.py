@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from air_documents import valid
 from made_run import answer, at_s, order, report
 
 from bench.contracts import AgentStatus, Decision, EventDocument, Option, Timed
@@ -30,7 +31,7 @@ def ended(outcome: str) -> tuple[Timed[EventDocument], ...]:
 
 def statuses(*moments_s: float, phase: str = "searching") -> tuple[Timed[AgentStatus], ...]:
     return tuple(
-        Timed(at_s(moment_s), AgentStatus.model_validate({"time_s": moment_s, "phase": phase}))
+        Timed(at_s(moment_s), valid(AgentStatus, {"time_s": moment_s, "phase": phase}))
         for moment_s in moments_s
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from made_run import answer, at_s, frame, report, tracks
@@ -122,7 +123,7 @@ def _times_consistent(options: Mapping[str, Option]) -> Cases:
 
     def stale(time_s: float) -> Timed[Any]:
         word = _word(of, time_s, "")
-        return Timed(word.time, word.value.model_copy(update={"time_s": time_s - off_s}))
+        return Timed(word.time, replace(word.value, time_s=time_s - off_s))
 
     return _stream(of, lambda time_s: _word(of, time_s, ""), stale)
 
