@@ -49,6 +49,27 @@ if TYPE_CHECKING:
     from ._documents import TargetReport as TargetReport
     from ._documents import parse_document as parse_document
     from ._escort import escort_document as escort_document
+    from ._facts import AgentExit as AgentExit
+    from ._facts import AgentStart as AgentStart
+    from ._facts import AnyFact as AnyFact
+    from ._facts import Arithmetic as Arithmetic
+    from ._facts import BenchTraceback as BenchTraceback
+    from ._facts import Confinement as Confinement
+    from ._facts import Fact as Fact
+    from ._facts import FirmwareBuild as FirmwareBuild
+    from ._facts import FirmwareEnds as FirmwareEnds
+    from ._facts import OverheadFidelity as OverheadFidelity
+    from ._facts import PixelDetectorBuild as PixelDetectorBuild
+    from ._facts import ServicesLetIn as ServicesLetIn
+    from ._facts import ServiceUse as ServiceUse
+    from ._facts import StepTiming as StepTiming
+    from ._facts import SuspectEnds as SuspectEnds
+    from ._facts import Texts as Texts
+    from ._facts import TruthGiven as TruthGiven
+    from ._facts import TruthSightings as TruthSightings
+    from ._facts import WarpLibrary as WarpLibrary
+    from ._facts import fact_of as fact_of
+    from ._facts import facts_of as facts_of
     from ._measure import ChecksOptions as ChecksOptions
     from ._measure import Measure as Measure
     from ._measure import Option as Option
@@ -60,36 +81,16 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
-    from ._outcome import AGENT_EXIT_CODE as AGENT_EXIT_CODE
-    from ._outcome import ARITHMETIC as ARITHMETIC
-    from ._outcome import DETECTOR as DETECTOR
-    from ._outcome import FIRMWARE as FIRMWARE
-    from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
     from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
-    from ._outcome import LEAVES_OPEN as LEAVES_OPEN
     from ._outcome import PROBES as PROBES
-    from ._outcome import SAW_TRUTH as SAW_TRUTH
-    from ._outcome import SERVICES as SERVICES
-    from ._outcome import SUSPECT as SUSPECT
-    from ._outcome import TIMING as TIMING
-    from ._outcome import WARP as WARP
     from ._outcome import Blame as Blame
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
     from ._outcome import Outcome as Outcome
-    from ._outcome import ServiceUse as ServiceUse
     from ._outcome import SessionFailure as SessionFailure
     from ._outcome import SessionResult as SessionResult
-    from ._outcome import StepTiming as StepTiming
-    from ._outcome import firmware_ends_of as firmware_ends_of
     from ._outcome import losses_of as losses_of
-    from ._outcome import open_walls_of as open_walls_of
     from ._outcome import probes_of as probes_of
-    from ._outcome import services_of as services_of
-    from ._outcome import suspicions_of as suspicions_of
-    from ._outcome import timing_of as timing_of
-    from ._outcome import traceback_details as traceback_details
-    from ._outcome import truth_sightings_of as truth_sightings_of
     from ._plugins import PluginGroup as PluginGroup
     from ._plugins import failure_text as failure_text
     from ._plugins import load_plugin as load_plugin
@@ -227,6 +228,27 @@ _MODULES = {
     "ViewDocument": "_truth_documents",
     "parse_document": "_documents",
     "escort_document": "_escort",
+    "AgentExit": "_facts",
+    "AgentStart": "_facts",
+    "AnyFact": "_facts",
+    "Arithmetic": "_facts",
+    "BenchTraceback": "_facts",
+    "Confinement": "_facts",
+    "Fact": "_facts",
+    "FirmwareBuild": "_facts",
+    "FirmwareEnds": "_facts",
+    "OverheadFidelity": "_facts",
+    "PixelDetectorBuild": "_facts",
+    "ServiceUse": "_facts",
+    "ServicesLetIn": "_facts",
+    "StepTiming": "_facts",
+    "SuspectEnds": "_facts",
+    "Texts": "_facts",
+    "TruthGiven": "_facts",
+    "TruthSightings": "_facts",
+    "WarpLibrary": "_facts",
+    "fact_of": "_facts",
+    "facts_of": "_facts",
     "ChecksOptions": "_measure",
     "Measure": "_measure",
     "Option": "_measure",
@@ -238,36 +260,16 @@ _MODULES = {
     "MqttEnd": "_mqtt_documents",
     "MqttReady": "_mqtt_documents",
     "MqttTick": "_mqtt_documents",
-    "DETECTOR": "_outcome",
-    "FIRMWARE": "_outcome",
-    "FIRMWARE_ENDS": "_outcome",
     "FIRMWARE_FAILED": "_outcome",
-    "LEAVES_OPEN": "_outcome",
     "PROBES": "_outcome",
-    "SAW_TRUTH": "_outcome",
-    "SERVICES": "_outcome",
-    "SUSPECT": "_outcome",
     "Blame": "_outcome",
     "Evidence": "_outcome",
     "Observation": "_outcome",
     "Outcome": "_outcome",
-    "ServiceUse": "_outcome",
     "SessionFailure": "_outcome",
     "SessionResult": "_outcome",
-    "open_walls_of": "_outcome",
     "probes_of": "_outcome",
-    "services_of": "_outcome",
-    "suspicions_of": "_outcome",
-    "traceback_details": "_outcome",
-    "truth_sightings_of": "_outcome",
-    "AGENT_EXIT_CODE": "_outcome",
-    "ARITHMETIC": "_outcome",
-    "TIMING": "_outcome",
-    "WARP": "_outcome",
-    "StepTiming": "_outcome",
-    "firmware_ends_of": "_outcome",
     "losses_of": "_outcome",
-    "timing_of": "_outcome",
     "PluginGroup": "_plugins",
     "failure_text": "_plugins",
     "load_plugin": "_plugins",

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome, ServiceUse, StepTiming
+from bench.contracts import AnyFact, Fact, Outcome, fact_of
 from bench.scoring import NodeFloor, tension_of, worst_first
 from bench.simspec import SimSpec
 from decompositions import Decomposition
@@ -29,12 +29,8 @@ class Run:
     """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
-    number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
-    could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
-    refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
-    why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
-    recorded. `services` are those that the SimSpec let in from outside. `timing` is of runs in real time, and `losses`
-    counts what was lost on the links, by kind. `root_seed` is that of the SimSpec; None where there is none.
+    number. `facts` are those of its result, by key. `probes` counts what was refused, and `losses` what was lost on the
+    links, by kind. `root_seed` is that of the SimSpec; None where there is none.
     """
 
     realization: str
@@ -49,18 +45,14 @@ class Run:
     recording: Path | None = None
     recording_sha256: str | None = None
     after_stop: bool = False
-    truth_given: bool = False
-    suspect: tuple[str, ...] = ()
-    saw_truth: tuple[str, ...] = ()
+    facts: Mapping[str, Fact] = field(default_factory=dict)
     probes: Mapping[str, int] = field(default_factory=dict)
-    isolation: str | None = None
-    network: str | None = None
-    open_walls: tuple[str, ...] | None = None
-    services: tuple[ServiceUse, ...] = ()
-    firmware: str | None = None
-    timing: StepTiming | None = None
     losses: Mapping[str, int] = field(default_factory=dict)
     root_seed: int | None = None
+
+    def fact(self, kind: type[AnyFact]) -> AnyFact | None:
+        """The fact of this kind; None where the result has none."""
+        return fact_of(self.facts, kind)
 
     @property
     def scene(self) -> tuple[str, int]:

@@ -11,7 +11,6 @@ from ._interface import interface_address as interface_address
 from ._interface import interface_links as interface_links
 from ._scene import open_plain_scene as open_plain_scene
 from ._session import Session as Session
-from ._session import SessionEnd as SessionEnd
 from ._session import SessionPlan as SessionPlan
 from ._session import open_session as open_session
 from ._session import run_session as run_session

@@ -19,6 +19,7 @@ from bench.contracts import (
     OPERATOR_LINK,
     START,
     AgentEndpoints,
+    AgentExit,
     AgentManifest,
     AgentPlan,
     AgentProcess,
@@ -28,6 +29,8 @@ from bench.contracts import (
     CarriesCamera,
     ConsentRequest,
     Detector,
+    Fact,
+    FirmwareBuild,
     HasProcessRoot,
     LinkSpec,
     MavlinkNeed,
@@ -38,16 +41,19 @@ from bench.contracts import (
     OpenScene,
     OpenVehicle,
     Outcome,
+    PixelDetectorBuild,
     Scene,
-    ServiceUse,
     SessionFailure,
+    SessionResult,
     SimTime,
-    StepTiming,
     Tap,
     Tick,
     Vehicle,
     VehiclePlan,
     VehicleTopics,
+    WarpLibrary,
+    fact_of,
+    facts_of,
     ignore_progress,
     load_plugin,
     parse_document,
@@ -70,7 +76,7 @@ from ._outside_links import outside_links, recorded_links
 from ._pictures import camera_pictures
 from ._ports import reserved_udp_port
 from ._progress_updates import ProgressUpdates
-from ._service_relays import Services, open_services
+from ._service_relays import open_services
 from ._session_faults import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
 from ._step_timing import StepClock, judged
 from ._stop_session import StopSession
@@ -112,28 +118,8 @@ class SessionPlan:
     on_progress: OnProgress = ignore_progress
 
 
-@dataclass(frozen=True, slots=True)
-class SessionEnd:
-    """How a session ended. Times by the host are for budgets and tables, never for the recording."""
-
-    outcome: Outcome
-    reason: str
-    simulated_s: float
-    wall_s: float
-    cpu_s: float
-    agent_cpu_s: float
-    counters: dict[str, int] = field(default_factory=dict)
-    traceback: str = ""
-    services: tuple[ServiceUse, ...] = ()
-    detector: str = ""
-    firmware: str = ""
-    timing: StepTiming | None = None
-    warp: str = ""
-    agent_exit_code: int | None = None
-
-
-def run_session(plan: SessionPlan) -> SessionEnd:
-    """Fly one session to its end.
+def run_session(plan: SessionPlan) -> SessionResult:
+    """Fly one session to its end. Times by the host are for budgets and tables, never for the recording.
 
     Never raises for anything that happens inside; KeyboardInterrupt travels on.
     """
@@ -147,21 +133,14 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         failure = SessionFailure(end.outcome, end.reason)
     except Exception as error:  # the one broad except: a bench error costs this session and no more
         failure = SessionFailure.of(error)
-    return SessionEnd(
-        outcome=failure.outcome,
-        reason=failure.reason,
-        simulated_s=progress.now.s,
-        wall_s=plan.clock.now() - started_s,
-        cpu_s=time.process_time() - started_cpu_s,
-        agent_cpu_s=progress.agent_cpu_s,
-        counters=progress.counters,
-        traceback=failure.traceback,
-        services=progress.services.uses,
-        detector=progress.detector,
-        firmware=progress.firmware,
-        timing=progress.timing,
-        warp=progress.warp,
-        agent_exit_code=progress.agent_exit_code,
+    result = failure.result(plan.simspec.name, round(plan.clock.now() - started_s, 3))
+    return result.with_facts(*progress.facts.values()).model_copy(
+        update={
+            "simulated_s": progress.now.s,
+            "cpu_s": round(time.process_time() - started_cpu_s, 3),
+            "agent_cpu_s": round(progress.agent_cpu_s, 3),
+            "counters": progress.counters,
+        }
     )
 
 
@@ -172,17 +151,11 @@ class SessionProgress:
     now: SimTime = START
     agent_cpu_s: float = 0.0
     counters: dict[str, int] = field(default_factory=dict)
-    services: Services = field(default_factory=Services)
-    detector: str = ""
-    """Which detector works on the pictures, where one does."""
-    firmware: str = ""
-    """Which real autopilot flies, where one does."""
-    timing: StepTiming | None = None
-    """How punctual the steps were, in real time."""
-    warp: str = ""
-    """Which library sets the agent's clock, at the pace where one does."""
-    agent_exit_code: int | None = None
-    """How the agent's process ended the session, where it did: its exit code, or minus the signal that killed it."""
+    facts: dict[str, Fact] = field(default_factory=dict)
+
+    def add(self, fact: Fact) -> None:
+        """A part of the session tells something."""
+        self.facts |= facts_of(fact)
 
 
 class Session:
@@ -253,10 +226,10 @@ class Session:
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
         self._truth.write_event(self._progress.now, "started", self._spec.name)
-        if self._progress.detector:
-            self._truth.write_event(self._progress.now, DETECTOR_OPENED, self._progress.detector)
-        if self._progress.firmware:
-            self._truth.write_event(self._progress.now, FIRMWARE_BOOTED, self._progress.firmware)
+        if detector := fact_of(self._progress.facts, PixelDetectorBuild):
+            self._truth.write_event(self._progress.now, DETECTOR_OPENED, detector.description)
+        if firmware := fact_of(self._progress.facts, FirmwareBuild):
+            self._truth.write_event(self._progress.now, FIRMWARE_BOOTED, firmware.description)
         if self._plan.manifest.truth:
             self._truth.write_event(self._progress.now, "truth given", self._plan.manifest.name)
         self._truth.write_cast(self._progress.now, self._scene)
@@ -313,7 +286,7 @@ class Session:
         try:
             self._run_steps(steps, started_s)
         except StopSession as end:
-            self._progress.timing = timing = steps.summary()
+            self._progress.add(timing := steps.summary())
             host_s = (self._clock.now() - started_s) * usable_cores()
             used_s = self._usage().cpu_s - cpu_s + self._agent_input.cpu_s
             share = used_s / host_s if host_s > 0.0 else 0.0
@@ -517,7 +490,7 @@ class Session:
             raise StopSession(
                 Outcome.BENCH_ERROR, "the host ran out of memory, and the kernel killed the agent's process"
             )
-        self._progress.agent_exit_code = code
+        self._progress.add(AgentExit(code=code))
         cause = f"exit code {code}" if code >= 0 else f"signal {-code}"
         raise StopSession(
             Outcome.AGENT_CRASHED,
@@ -538,7 +511,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     truth = TruthRecorder(spec.vehicle.name, plan.tap)
     with ExitStack() as stack:
         # Before anything else takes a port of the session.
-        progress.services = stack.enter_context(open_services(spec.agent.services))
+        services = stack.enter_context(open_services(spec.agent.services, progress.add))
         links = (
             *(_link(need, stack) for need in manifest.mavlink),
             *operator_links(spec),
@@ -551,14 +524,14 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         further_names = [camera.name for camera in spec.perceiving_cameras[1:]]
         further_detectors = dict(zip(further_names, further, strict=True))
         if isinstance(detector, PictureDetector):
-            progress.detector = detector.description
+            progress.add(PixelDetectorBuild(description=detector.description))
         vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts)
         vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
         if faults := [*tick_faults(spec, vehicle), *firmware_faults(spec, vehicle)]:
             raise SetupError(faults)
         if isinstance(vehicle, BootsFirmware):
             # Before the agent starts and its budgets begin: a real autopilot takes a minute until it can be armed.
-            progress.firmware = vehicle.boot()
+            progress.add(FirmwareBuild(description=vehicle.boot()))
         air = stack.enter_context(
             open_air_network(
                 spec,
@@ -573,7 +546,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         if spec.pace.mode == "warp":
             utc_ns = round(spec.environment.start_utc.timestamp() * 1e9)
             warp = stack.enter_context(open_warp(plan.scratch, utc_ns, plan.clock))
-            progress.warp = warp.description
+            progress.add(WarpLibrary(description=warp.description))
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))
         session = Session(plan, vehicle, scene, detector, air, truth, progress, operator, further_detectors)
         # A router may be there for a companion computer alone.
@@ -586,8 +559,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             domain=access.domain if access else 0,
             tick=ticks.address if ticks else None,
             tick_secret=ticks.secret if ticks else "",
-            services=progress.services.endpoints,
-            hosts=progress.services.hosts,
+            services=services.endpoints,
+            hosts=services.hosts,
             warp=warp.access if warp else None,
         )
         # From a scene of its own: this one must not be advanced before the session.

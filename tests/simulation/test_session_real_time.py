@@ -11,12 +11,11 @@ import pytest
 from test_session import session_simspec
 from test_session_rounds import FakeAgent, Host, session_of
 
-from bench.contracts import AgentUsage, Outcome, Record, StepTiming
+from bench.contracts import AgentUsage, Outcome, Record, StepTiming, fact_of, facts_of
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting.text._campaign_facts import campaign_facts
 from bench.simspec import Mission, Pace
 from bench.simulation._host_cores import usable_cores
-from bench.simulation._session import SessionProgress
 from bench.simulation._step_timing import MIN_JUDGED_STEPS, StepClock, judged
 from bench.simulation._stop_session import StopSession
 
@@ -71,10 +70,10 @@ def flown(
         vehicle.step = stalling_step  # type: ignore[method-assign]
         with pytest.raises(StopSession) as end:
             session.run()
-        progress: SessionProgress = session._progress
-    assert progress.timing is not None
+        timing = fact_of(session._progress.facts, StepTiming)
+    assert timing is not None
     assert str(end.value.outcome).encode() in records[-1].data
-    return end.value, progress.timing
+    return end.value, timing
 
 
 def test_a_stall_makes_the_steps_behind_it_late_until_the_bench_has_caught_up() -> None:
@@ -167,7 +166,7 @@ def flooded(
         vehicle.receive = receive  # type: ignore[method-assign]
         with pytest.raises(StopSession) as end:
             session.run()
-        timing = session._progress.timing
+        timing = fact_of(session._progress.facts, StepTiming)
     assert timing is not None
     assert timing.late_without_input is not None
     return end.value, timing.late_without_input
@@ -227,7 +226,7 @@ def test_the_report_states_late_steps_jitter_and_losses() -> None:
             delay_p99_s=p99_s,
             delay_max_s=0.1,
         )
-        return Run(name, "p001", 1, "one", None, outcome, timing=timing, losses=losses)
+        return Run(name, "p001", 1, "one", None, outcome, facts=facts_of(timing), losses=losses)
 
     lockstep = Run("c", "p001", 3, "one", None, Outcome.COMPLETED, losses={"bytes lost": 5})
     runs = (

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import signal
 
-from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult
+from bench.contracts import AgentExit, Outcome, SessionResult
 
 from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ._task import BenchBroken
@@ -30,8 +30,9 @@ def is_worth_a_retry(result: SessionResult) -> bool:
         return True
     if result.simulated_s > 0.0:
         return False
+    end = result.fact(AgentExit)
     return result.outcome is Outcome.AGENT_NEVER_CONNECTED or (
-        result.outcome is Outcome.AGENT_CRASHED and result.details.get(AGENT_EXIT_CODE) in _ENDED_BY_OTHERS
+        result.outcome is Outcome.AGENT_CRASHED and end is not None and end.code in _ENDED_BY_OTHERS
     )
 
 

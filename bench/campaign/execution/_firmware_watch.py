@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.contracts import FIRMWARE_ENDS, FIRMWARE_FAILED, Outcome, SessionResult
+from bench.contracts import FIRMWARE_FAILED, FirmwareEnds, Outcome, SessionResult
 
 from ..storage._firmware_ends import MAX_RERUNS, add_firmware_ends, firmware_ends
 from ..storage._journal import Journal
@@ -30,8 +30,7 @@ class FirmwareWatch:
     def marked(self, result: SessionResult) -> SessionResult:
         """The result with how its firmware failed in earlier attempts; also one that went well in the end."""
         ends = self._ends(result)
-        details = {**result.details, FIRMWARE_ENDS: ends}
-        return result.model_copy(update={"details": details}) if ends else result
+        return result.with_facts(FirmwareEnds(texts=tuple(ends))) if ends else result
 
     def _ends(self, result: SessionResult) -> list[str]:
         return firmware_ends(self._journal).get(result.realization, [])

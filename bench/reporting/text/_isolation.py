@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
+from bench.contracts import Confinement, ServicesLetIn
 
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
@@ -61,11 +62,12 @@ class _Way:
 
 
 def _way(run: Run) -> _Way:
-    isolation, network = run.isolation, run.network
-    if isolation is None:
+    confinement = run.fact(Confinement)
+    if confinement is None:
         return _Way(None, None, (), recorded=False)
-    if run.open_walls is not None:
-        return _Way(isolation, network, tuple(map(wall_text, run.open_walls)), recorded=True)
+    isolation, network, walls = confinement.isolation, confinement.network, confinement.open_walls
+    if walls is not None:
+        return _Way(isolation, network, tuple(map(wall_text, walls)), recorded=True)
     return _Way(isolation, network, _open(isolation, network), recorded=False)
 
 
@@ -83,17 +85,15 @@ def _sentence(way: _Way, where: str) -> str:
             f"It was NOT CONFINED{where} (isolation none): it had the rights of the bench, so that its results "
             "hold only for an agent that is trusted."
         )
-    network = {None: "", OWN_NETWORK: ", with a network of its own"}.get(
-        way.network, ", on the host’s network"
-    )
+    network = ", with a network of its own" if way.network == OWN_NETWORK else ", on the host’s network"
     missing = f" Walls that were missing: {'; '.join(way.gaps)}." if way.gaps else ""
     complete = " No wall was missing." if way.recorded and not way.gaps else ""
     return f"It was confined by {way.isolation}{where}{network}.{missing}{complete}"
 
 
-def _open(isolation: str, network: str | None) -> tuple[str, ...]:
+def _open(isolation: str, network: str) -> tuple[str, ...]:
     """What a rung leaves open on the best of hosts, but for the network: for results that do not say it."""
-    if isolation not in HOLDINGS or (isolation != UNCONFINED and network in (None, OWN_NETWORK)):
+    if isolation not in HOLDINGS or (isolation != UNCONFINED and network == OWN_NETWORK):
         return ()
     best = Host(
         root=True,
@@ -109,9 +109,11 @@ def _open(isolation: str, network: str | None) -> tuple[str, ...]:
 
 def isolation_cell(run: Run) -> str:
     """The cell in the list of runs."""
-    if run.isolation is None:
-        return NOT_RECORDED
-    shared = ", host’s network" if run.network not in (None, OWN_NETWORK) else ""
-    gaps = f", {plural(len(run.open_walls), 'wall')} open" if run.open_walls else ""
-    services = f", let in: {listed([use.name for use in run.services])}" if run.services else ""
-    return f"{run.isolation}{shared}{gaps}{services}"
+    confinement, services = run.fact(Confinement), run.fact(ServicesLetIn)
+    if confinement is None or confinement.isolation == UNCONFINED:
+        return UNCONFINED if confinement else NOT_RECORDED
+    shared = "" if confinement.network == OWN_NETWORK else ", host’s network"
+    walls = confinement.open_walls
+    gaps = f", {plural(len(walls), 'wall')} open" if walls else ""
+    names = f", let in: {listed([use.name for use in services.uses])}" if services else ""
+    return f"{confinement.isolation}{shared}{gaps}{names}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from bench.contracts import ServiceUse
+from bench.contracts import ServicesLetIn, ServiceUse
 
 from .._campaign_data import Run
 from ._format import plural
@@ -12,10 +12,10 @@ from ._format import plural
 
 def services_sentence(runs: Sequence[Run]) -> str:
     """The services of these runs and what went over each; empty where nothing was let in."""
-    served = [run for run in runs if run.services]
+    served = [services for run in runs if (services := run.fact(ServicesLetIn))]
     if not served:
         return ""
-    totals = _totals(use for run in served for use in run.services)
+    totals = _totals(use for services in served for use in services.uses)
     return (
         f"Services from outside were let in, in {plural(len(served), 'run')}: {'; '.join(map(str, totals))}. "
         "Nobody can repeat what they answered."
