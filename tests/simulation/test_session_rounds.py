@@ -36,9 +36,15 @@ from bench.recording import TapeBuilder
 from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outage, Perception, SimSpec
 from bench.simulation import HostClock, Session, SessionPlan, open_plain_scene
 from bench.simulation._air_network import open_air_network
+from bench.simulation._lockstep import Lockstep
+from bench.simulation._mavlink_input import _miscount
 from bench.simulation._mission_information import orders
+from bench.simulation._pace import Pace
 from bench.simulation._progress_updates import UPDATE_PERIOD_S
-from bench.simulation._session import SessionProgress, _miscount
+from bench.simulation._real_time import RealTime
+from bench.simulation._session_parts import SessionParts
+from bench.simulation._session_plan import SessionProgress
+from bench.simulation._session_watch import SessionWatch
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle, agent_manifest
@@ -67,6 +73,19 @@ class Host:
 
     def spend(self, span_s: float) -> None:
         self.now_s += span_s
+
+
+class IdleProcess:
+    """An agent's process that lives, and whose usage is the host's."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+
+    def exit_code(self) -> int | None:
+        return None
+
+    def usage(self) -> AgentUsage:
+        return self._host.usage
 
 
 class FakeAgent:
@@ -138,11 +157,14 @@ def session_of(
     scene = open_plain_scene(spec)
     with open_air_network(spec, tap, zenoh=False, clock=host.clock) as air:
         truth = TruthRecorder(spec.vehicle.name, tap)
-        session = Session(
-            plan, vehicle, scene, open_detector(spec, scene.cast), air, truth, SessionProgress()
-        )
-        session.attach(None, agent)  # type: ignore[arg-type]  # no process: the fake answers in this one
-        yield session, vehicle
+        detectors = (open_detector(spec, scene.cast),)
+        parts = SessionParts(plan, SessionProgress(), vehicle, scene, detectors, air, truth)
+        watch = SessionWatch(parts)
+        pace: Pace = RealTime(parts, watch)
+        if spec.pace.mode == "lockstep":
+            pace = Lockstep(parts, watch, agent)  # type: ignore[arg-type]  # the fake answers in this process
+        pace.follow(IdleProcess(host))  # type: ignore[arg-type]
+        yield Session(parts, watch, pace), vehicle
 
 
 def end_of(spec: SimSpec, agent: FakeAgent, host: Host, bench_s: float = 0.0) -> StopSession:
@@ -156,13 +178,13 @@ def test_samples_that_come_long_after_the_ack_are_the_agents_time(late_s: float,
     """The session waits for them, in every tick: an agent could use up the wall budget that way."""
     host = Host()
     with session_of(session_simspec(**LONG), host, FakeAgent(host), [], 1.0) as (session, _):
-        receive = session._air.receive
+        receive = session._parts.air.receive
 
         def receive_late(*arguments: object) -> dict[str, list[str | bytes]]:
             host.spend(late_s)
             return receive(*arguments)  # type: ignore[arg-type]
 
-        session._air.receive = receive_late  # type: ignore[method-assign, assignment]
+        session._parts.air.receive = receive_late  # type: ignore[method-assign, assignment]
         with pytest.raises(StopSession) as end:
             session.run()
     assert end.value.outcome is outcome
@@ -306,7 +328,7 @@ def updates_of(
         session,
         _,
     ):
-        monkeypatch.setattr(session._air, "receive", receive)
+        monkeypatch.setattr(session._parts.air, "receive", receive)
         with pytest.raises(StopSession):
             session.run()
     return updates, records
