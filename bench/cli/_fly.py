@@ -79,7 +79,7 @@ def fly(
 
     Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
     """
-    from bench.simulation import DEFAULT_LINKS, interface_links, run_standalone
+    from bench.simulation import DEFAULT_LINKS, StandalonePlan, interface_links, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"unknown autopilot {autopilot!r}", "give px4 or ardupilot"))
@@ -103,20 +103,20 @@ def fly(
             Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
         )
     with terminated_as_interrupted():
-        run_standalone(
+        plan = StandalonePlan(
             autopilot,
             links=signed(links or DEFAULT_LINKS[autopilot], signing_key, signing),
             home=parse_home(home),
             speed=speed,
             duration_s=duration,
-            camera=camera,
             parameter_file=params,
-            # Flushed: a program that reads the output through a pipe waits for the first line.
-            say=partial(print, flush=True),
             model=vehicle,
+            camera=camera,
             firmware=firmware,
             board=parse_board(board, autopilot) if board else None,
         )
+        # Flushed: a program that reads the output through a pipe waits for the first line.
+        run_standalone(plan, partial(print, flush=True))
 
 
 @contextmanager

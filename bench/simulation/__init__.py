@@ -19,6 +19,7 @@ from ._session_faults import session_faults as session_faults
 from ._session_plan import SessionPlan as SessionPlan
 from ._standalone import DEFAULT_HOME as DEFAULT_HOME
 from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
+from ._standalone import StandalonePlan as StandalonePlan
 from ._standalone import fly as fly
 from ._standalone import run_standalone as run_standalone
 from ._standalone import standalone_simspec as standalone_simspec
