@@ -31,24 +31,4 @@ if TYPE_CHECKING:
     from ._load import read_decomposition as read_decomposition
     from ._load import shipped_decompositions as shipped_decompositions
 
-_MODULES = {
-    "CheckMeasure": "_checks",
-    "DecompositionVocabulary": "_checks",
-    "DecompositionDocument": "_document",
-    "KeyAttribute": "_document",
-    "KeyFactor": "_document",
-    "Level": "_document",
-    "Observable": "_document",
-    "Policies": "_document",
-    "Principle": "_document",
-    "Vab": "_document",
-    "Decomposition": "_graph",
-    "DecompositionNode": "_graph",
-    "decomposition_of": "_load",
-    "decomposition_schema": "_load",
-    "load_decomposition": "_load",
-    "read_decomposition": "_load",
-    "shipped_decompositions": "_load",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

@@ -17,11 +17,4 @@ if TYPE_CHECKING:
     from .perception._camera import GroundCamera as GroundCamera
     from .perception._pose import VehiclePose as VehiclePose
 
-_MODULES = {
-    "GroundCamera": "perception._camera",
-    "Settings": "_settings",
-    "Steps": "_steps",
-    "VehiclePose": "perception._pose",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

@@ -20,17 +20,4 @@ if TYPE_CHECKING:
     from ._tracker import ground_homography as ground_homography
     from ._tracker import ground_warp as ground_warp
 
-_MODULES = {
-    "open_detector": "_detectors",
-    "open_detectors": "_detectors",
-    "seeds_of_camera": "_draws",
-    "Clarity": "_odds",
-    "DetectionOdds": "_odds",
-    "PictureDetector": "_picture_detector",
-    "KalmanTracker": "_tracker",
-    "TrackerSettings": "_tracker",
-    "ground_homography": "_tracker",
-    "ground_warp": "_tracker",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

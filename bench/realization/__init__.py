@@ -48,42 +48,4 @@ if TYPE_CHECKING:
     from .placement import check_placement as check_placement
     from .placement import place as place
 
-_MODULES = {
-    "with_number_levels": "_number_levels",
-    "Bases": "_realize",
-    "Rating": "_realize",
-    "RealizationPlan": "_realize",
-    "design_pairs": "_realize",
-    "realize": "_realize",
-    "scene_seed": "_realize",
-    "situations": "_realize",
-    "BASE": "design",
-    "INACTIVE": "design",
-    "CoveringArray": "design",
-    "DefinitiveScreening": "design",
-    "Design": "design",
-    "DesignFactor": "design",
-    "DesignPoint": "design",
-    "DesignQuality": "design",
-    "FactorLevel": "design",
-    "FactorRange": "design",
-    "FractionalFactorial": "design",
-    "FullFactorial": "design",
-    "Halton": "design",
-    "LatinHypercube": "design",
-    "Method": "design",
-    "NearlyOrthogonalLatinHypercube": "design",
-    "Nested": "design",
-    "OneByOne": "design",
-    "OrthogonalLatinHypercube": "design",
-    "PlackettBurman": "design",
-    "Sobol": "design",
-    "Stratified": "design",
-    "design_quality": "design",
-    "PlacementInfeasible": "placement",
-    "PlacementUnsound": "placement",
-    "check_placement": "placement",
-    "place": "placement",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

@@ -26,21 +26,4 @@ if TYPE_CHECKING:
     from ._recorder import open_recording as open_recording
     from ._tape import TapeBuilder as TapeBuilder
 
-_MODULES = {
-    "RecordingDifference": "_difference",
-    "recording_difference": "_difference",
-    "TruthDistance": "_distance",
-    "truth_distance": "_distance",
-    "RecoveryResult": "_reader",
-    "check_whole": "_reader",
-    "read_metadata": "_reader",
-    "read_records": "_reader",
-    "read_simspec": "_reader",
-    "read_tape": "_reader",
-    "recover": "_reader",
-    "Recorder": "_recorder",
-    "open_recording": "_recorder",
-    "TapeBuilder": "_tape",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

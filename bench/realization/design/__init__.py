@@ -34,31 +34,4 @@ if TYPE_CHECKING:
     from ._stratified import Difficulties as Difficulties
     from ._stratified import Stratified as Stratified
 
-_MODULES = {
-    "CoveringArray": "_covering_arrays",
-    "Design": "_design",
-    "DesignPoint": "_design",
-    "Method": "_design",
-    "FullFactorial": "_factorial",
-    "OneByOne": "_factorial",
-    "BASE": "_factors",
-    "INACTIVE": "_factors",
-    "DesignFactor": "_factors",
-    "FactorLevel": "_factors",
-    "FactorRange": "_factors",
-    "FractionalFactorial": "_fractional_factorial",
-    "Nested": "_nested_hypercubes",
-    "NearlyOrthogonalLatinHypercube": "_orthogonal_hypercubes",
-    "OrthogonalLatinHypercube": "_orthogonal_hypercubes",
-    "DesignQuality": "_quality",
-    "design_quality": "_quality",
-    "DefinitiveScreening": "_screening",
-    "PlackettBurman": "_screening",
-    "Halton": "_space_filling",
-    "LatinHypercube": "_space_filling",
-    "Sobol": "_space_filling",
-    "Difficulties": "_stratified",
-    "Stratified": "_stratified",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)

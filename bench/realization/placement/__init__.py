@@ -14,10 +14,4 @@ if TYPE_CHECKING:
     from ._placement import PlacementUnsound as PlacementUnsound
     from ._placement import place as place
 
-_MODULES = {
-    "check_placement": "_check",
-    "PlacementUnsound": "_placement",
-    "place": "_placement",
-}
-
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__)
