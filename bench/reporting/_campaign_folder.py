@@ -215,24 +215,30 @@ def _run(
     recording = None if folder is None else folder / "recording.mcap"
     part = parts["agent"] if parts else "unknown"
     agent = row.get("agent") or (simspec.agent.label if simspec else names_in_ids.get(part, part))
-    return Run(
+    run = Run(
         realization=name,
         design_point=str(row.get("design_point") or (parts["point"] if parts else name)),
         replicate=int(row.get("replicate") or (parts["replicate"] if parts else 0)),
         agent=str(agent),
         configuration=row.get("configuration"),
-        outcome=result.outcome if result else None,
-        reason=result.reason if result else "",
-        simulated_s=result.simulated_s if result else 0.0,
-        cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
+        outcome=None,
         recording=recording if recording is not None and recording.is_file() else None,
-        recording_sha256=result.recording_sha256 if result else None,
-        # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
-        facts=result.facts if result else {},
-        probes=probes_of(result.counters) if result else {},
-        losses=losses_of(result.counters) if result else {},
         root_seed=simspec.seeds.root if simspec else None,
-        after_stop=early_stopping and not row and result is not None and result.outcome.counts,
+    )
+    if result is None:
+        return run
+    return replace(
+        run,
+        outcome=result.outcome,
+        reason=result.reason,
+        simulated_s=result.simulated_s,
+        cpu_s=result.cpu_s + result.agent_cpu_s,
+        recording_sha256=result.recording_sha256,
+        # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
+        after_stop=early_stopping and not row and result.outcome.counts,
+        facts=result.facts,
+        probes=probes_of(result.counters),
+        losses=losses_of(result.counters),
     )
 
 

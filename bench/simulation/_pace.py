@@ -50,5 +50,5 @@ class Pace(ABC):
         """Counters for the result."""
         return {}
 
-    def release(self) -> None:  # noqa: B027 (most paces have nothing to do)
+    def release(self) -> None:  # noqa: B027 (real time has nothing to release)
         """The session is over, and its agent is about to be ended."""
