@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._checks import CheckMeasure as CheckMeasure
@@ -31,4 +31,5 @@ if TYPE_CHECKING:
     from ._load import read_decomposition as read_decomposition
     from ._load import shipped_decompositions as shipped_decompositions
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._settings import Settings as Settings
@@ -17,4 +17,5 @@ if TYPE_CHECKING:
     from .perception._camera import GroundCamera as GroundCamera
     from .perception._pose import VehiclePose as VehiclePose
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._digest import question_sha256 as question_sha256
@@ -118,5 +118,5 @@ if TYPE_CHECKING:
     from .storage._signature import read_signature as read_signature
     from .storage._signature import sign_manifest as sign_manifest
 
-# Where each name is defined, below this package.
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bench.clock import CLOCK as CLOCK
 from bench.clock import START as START
 from bench.clock import SimTime as SimTime
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._agent import AgentEndpoints as AgentEndpoints
@@ -183,4 +183,5 @@ if TYPE_CHECKING:
     from ._vehicle import VehiclePlan as VehiclePlan
     from ._vehicle import VehicleState as VehicleState
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._detectors import open_detector as open_detector
@@ -20,4 +20,5 @@ if TYPE_CHECKING:
     from ._tracker import ground_homography as ground_homography
     from ._tracker import ground_warp as ground_warp
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

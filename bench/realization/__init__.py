@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._number_levels import with_number_levels as with_number_levels
@@ -48,4 +48,5 @@ if TYPE_CHECKING:
     from .placement import check_placement as check_placement
     from .placement import place as place
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

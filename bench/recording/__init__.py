@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._difference import RecordingDifference as RecordingDifference
@@ -26,4 +26,5 @@ if TYPE_CHECKING:
     from ._recorder import open_recording as open_recording
     from ._tape import TapeBuilder as TapeBuilder
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

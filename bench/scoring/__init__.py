@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._configuration import configuration_of as configuration_of
@@ -59,4 +59,5 @@ if TYPE_CHECKING:
     from ._table_file import read_score_table as read_score_table
 
 # The module of each name: difficulty, which planning needs, takes neither summaries nor their statistics.
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

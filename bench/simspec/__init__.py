@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._actors import ActorGroup as ActorGroup
@@ -104,4 +104,5 @@ if TYPE_CHECKING:
     from ._weather import Environment as Environment
     from ._weather import Wind as Wind
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -16,7 +16,7 @@ from ._session import run_session as run_session
 from ._session_faults import camera_faults as camera_faults
 from ._session_faults import renderer_faults as renderer_faults
 from ._session_faults import session_faults as session_faults
-from ._session_plan import SessionPlan as SessionPlan
+from ._session_parts import SessionPlan as SessionPlan
 from ._standalone import DEFAULT_HOME as DEFAULT_HOME
 from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
 from ._standalone import StandalonePlan as StandalonePlan

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 from bench.contracts import AgentEndpoints, Outcome, SimTime, Tick
 
-from ._mavlink_input import COUNT_BUDGET_S, receive_exactly, receive_from_operator
-from ._pace import Documents, Pace
+from ._pace import COUNT_BUDGET_S, Documents, Pace, receive_exactly, receive_from_operator
 from ._session_parts import SessionParts
 from ._session_watch import SessionWatch
 from ._stop_session import StopSession

@@ -32,8 +32,7 @@ from ._pace import Documents, Pace
 from ._real_time import RealTime
 from ._service_relays import Services, open_services
 from ._session_faults import camera_faults, link_faults, pace_faults
-from ._session_parts import SessionParts, open_parts
-from ._session_plan import SessionPlan, SessionProgress
+from ._session_parts import SessionParts, SessionPlan, SessionProgress, open_parts
 from ._session_watch import SessionWatch
 from ._stop_session import StopSession
 from ._truth import truth_of

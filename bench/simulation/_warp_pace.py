@@ -9,8 +9,7 @@ from dataclasses import replace
 from bench.contracts import AgentEndpoints, AgentProcess, HasProcessRoot, SimTime, WarpLibrary
 from bench.errors import Fault, SetupError
 
-from ._mavlink_input import receive_from_operator
-from ._pace import Documents, Pace
+from ._pace import Documents, Pace, receive_from_operator
 from ._session_parts import SessionParts
 from ._session_watch import SessionWatch
 from .warp import Warp, open_warp

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
@@ -69,4 +69,5 @@ if TYPE_CHECKING:
     from ._terms import factor_columns as factor_columns
 
 # The module of each name. scipy's distributions take a CPU second to import: what only rates difficulty needs none.
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

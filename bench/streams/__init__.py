@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._cdr import decode as decode
@@ -94,4 +94,5 @@ if TYPE_CHECKING:
     from ._types import type_hash as type_hash
     from ._types import type_name_of as type_name_of
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

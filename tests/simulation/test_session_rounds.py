@@ -37,13 +37,11 @@ from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outag
 from bench.simulation import HostClock, Session, SessionPlan, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._lockstep import Lockstep
-from bench.simulation._mavlink_input import _miscount
 from bench.simulation._mission_information import orders
-from bench.simulation._pace import Documents, Pace
+from bench.simulation._pace import Documents, Pace, _miscount
 from bench.simulation._progress_updates import UPDATE_PERIOD_S
 from bench.simulation._real_time import RealTime
-from bench.simulation._session_parts import SessionParts
-from bench.simulation._session_plan import SessionProgress
+from bench.simulation._session_parts import SessionParts, SessionProgress
 from bench.simulation._session_watch import SessionWatch
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._covering_arrays import CoveringArray as CoveringArray
@@ -34,4 +34,5 @@ if TYPE_CHECKING:
     from ._stratified import Difficulties as Difficulties
     from ._stratified import Stratified as Stratified
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -7,11 +7,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bench.errors import PlacementInfeasible as PlacementInfeasible
-from bench.lazy import lazy_names
+from bench.lazy import declared_names, lazy_names
 
 if TYPE_CHECKING:
     from ._check import check_placement as check_placement
     from ._placement import PlacementUnsound as PlacementUnsound
     from ._placement import place as place
 
-__getattr__ = lazy_names(__name__)
+_MODULES = declared_names(__name__)
+__getattr__ = lazy_names(__name__, _MODULES)
