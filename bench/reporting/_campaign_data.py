@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -191,36 +191,23 @@ def tallies_of(summary: pl.DataFrame) -> Tallies:
     }
 
 
+# Where a column of a summary has another name.
+_COLUMNS = {
+    "score": "score_mean",
+    "passed_score": "passed_score_mean",
+    "raised": "raised_by_failure",
+    "confidence": "confidence_mean",
+}
+
+
 def _tally(row: Mapping[str, Any]) -> Tally:
-    return Tally(
-        agent=row["agent"],
-        configuration=row["configuration"],
-        node=row["node"],
-        level=row["level"],
-        runs=row["runs"],
-        considered=row["considered"],
-        passed=row["passed"],
-        passed_low=row["passed_low"],
-        passed_high=row["passed_high"],
-        scored=row["scored"],
-        score=row["score_mean"],
-        passed_score=row["passed_score_mean"],
-        raised=bool(row["raised_by_failure"]),
-        confidence=row["confidence_mean"],
-        confidence_low=row["confidence_low"],
-        confidence_high=row["confidence_high"],
-        difficulty_low=row["difficulty_low"],
-        difficulty_high=row["difficulty_high"],
-        method=row["method"],
-        design_points=row["design_points"],
-        score_low=row["score_low"],
-        score_high=row["score_high"],
-        competence={
-            rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
-            for rate in PASS_RATES
-            if (value := row[f"competence_{rate}"]) is not None
-        },
-    )
+    names = [field.name for field in fields(Tally) if field.name != "competence"]
+    competence = {
+        rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
+        for rate in PASS_RATES
+        if (value := row[f"competence_{rate}"]) is not None
+    }
+    return Tally(**{name: row[_COLUMNS.get(name, name)] for name in names}, competence=competence)
 
 
 def stopped_early(scores: pl.DataFrame) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from made_campaign import AGENTS, Made, make_campaign
 from test_reporting_page import Page, page_of
 
-from bench.agents.confinement import HOLDINGS, Wall
+from bench.agents.confinement import HOLDINGS, Wall, wall_name
 from bench.contracts import Outcome
 from bench.reporting import load_report_data
 from bench.reporting.text._answer import answer_paragraph
@@ -17,7 +17,9 @@ from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
 BOXED: dict[str, Any] = {"confinement": {"isolation": "bwrap", "network": "own"}}
-SHARED: dict[str, Any] = {"confinement": {"isolation": "bwrap", "network": "the host's: no permission"}}
+SHARED: dict[str, Any] = {
+    "confinement": {"isolation": "bwrap", "network": "the host's: no permission", "open_walls": ["udp"]}
+}
 MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
 LLM = {
     "name": "llm",
@@ -30,7 +32,16 @@ LLM = {
 SERVED = SHARED | {"services": {"uses": [LLM, MAP]}}
 SERVED_AGAIN = SHARED | {"services": {"uses": [MAP | {"bytes_sent": 1000}, LLM | {"counted": False}]}}
 # Its services are none: somebody has edited the result.
-FREE = {"confinement": {"isolation": "none", "network": "own"}, "services": {"uses": [{"name": "odd"}]}}
+FREE = {
+    "confinement": {
+        "isolation": "none",
+        "network": "own",
+        "open_walls": [
+            wall_name(wall) for wall, holding in HOLDINGS["none"].items() if holding.text != "yes"
+        ],
+    },
+    "services": {"uses": [{"name": "odd"}]},
+}
 
 
 def ids(agent: str) -> list[str]:
@@ -69,7 +80,7 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     assert "NOT CONFINED in 1 run (isolation none)" in free
     assert "is not recorded for 1 run." in free
     for wall, holding in HOLDINGS["none"].items():
-        assert (wall in free) == (holding.text not in ("yes", "in a network of its own")), wall
+        assert (wall in free) == (holding.text != "yes"), wall
 
 
 def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
@@ -82,7 +93,7 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     head, *rows = page[0].tables["all-runs"]
     place = head.index("Confined by")
     cells = {row[0]: row[place] for row in rows}
-    shared = "bwrap, host’s network, let in: "
+    shared = "bwrap, host’s network, 1 wall open, let in: "
     assert [cells[name] for name in ids(NAIVE)] == ["bwrap", f"{shared}llm and map", f"{shared}map and llm"]
     assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
     assert page[1].count('<td><span class="bad">none</span></td>') == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
+from bench.agents.confinement import wall_text
 from bench.contracts import Confinement, ServicesLetIn
 
 from .._campaign_data import ReportData, Run
@@ -38,47 +38,32 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
     runs = [run for run in data.runs if run.agent == agent and run.outcome and run.outcome.counts]
     if not runs or fidelity_note(data.campaign):
         return None
-    ways = Counter(map(_way, runs))
+    ways = Counter(run.fact(Confinement) for run in runs)
     sentences = []
     for way, count in sorted(ways.items(), key=lambda item: (_rank(item[0]), -item[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
         sentences.append(_sentence(way, where))
     if services := services_sentence(runs):
         sentences.append(services)
-    free = [way.gaps for way in ways if way.isolation == UNCONFINED]
-    open_walls = dict.fromkeys(gap for gaps in free for gap in gaps)
+    free = [way for way in ways if way is not None and way.isolation == UNCONFINED]
+    open_walls = dict.fromkeys(gap for way in free for gap in _gaps(way))
     return ConfinementNote(agent, " ".join(sentences), bool(free), tuple(open_walls))
 
 
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """One way in which sessions were confined. `gaps` are the walls that it left open, in words."""
-
-    isolation: str | None
-    network: str | None
-    gaps: tuple[str, ...]
-    recorded: bool
-    """Whether the results name the gaps of their host; otherwise they are those on the best of hosts."""
+def _gaps(way: Confinement) -> list[str]:
+    """The walls that it left open, in words; none where its agent never started."""
+    return [wall_text(name) for name in way.open_walls or ()]
 
 
-def _way(run: Run) -> _Way:
-    confinement = run.fact(Confinement)
-    if confinement is None:
-        return _Way(None, None, (), recorded=False)
-    isolation, network, walls = confinement.isolation, confinement.network, confinement.open_walls
-    if walls is not None:
-        return _Way(isolation, network, tuple(map(wall_text, walls)), recorded=True)
-    return _Way(isolation, network, _open(isolation, network), recorded=False)
-
-
-def _rank(way: _Way) -> tuple[int, int, str]:
+def _rank(way: Confinement | None) -> tuple[int, int, str]:
     """Order of the sentences: unconfined runs first, then by the number of open walls, unknown ones last."""
-    place = 0 if way.isolation == UNCONFINED else 2 if way.isolation is None else 1
-    return place, -len(way.gaps), way.isolation or ""
+    if way is None:
+        return 2, 0, ""
+    return int(way.isolation != UNCONFINED), -len(way.open_walls or ()), way.isolation
 
 
-def _sentence(way: _Way, where: str) -> str:
-    if way.isolation is None:
+def _sentence(way: Confinement | None, where: str) -> str:
+    if way is None:
         return f"How it was confined is {NOT_RECORDED}{f' for {where[4:]}' if where else ''}."
     if way.isolation == UNCONFINED:
         return (
@@ -86,25 +71,9 @@ def _sentence(way: _Way, where: str) -> str:
             "hold only for an agent that is trusted."
         )
     network = ", with a network of its own" if way.network == OWN_NETWORK else ", on the host’s network"
-    missing = f" Walls that were missing: {'; '.join(way.gaps)}." if way.gaps else ""
-    complete = " No wall was missing." if way.recorded and not way.gaps else ""
+    missing = f" Walls that were missing: {'; '.join(_gaps(way))}." if way.open_walls else ""
+    complete = " No wall was missing." if way.open_walls == () else ""
     return f"It was confined by {way.isolation}{where}{network}.{missing}{complete}"
-
-
-def _open(isolation: str, network: str) -> tuple[str, ...]:
-    """What a rung leaves open on the best of hosts, but for the network: for results that do not say it."""
-    if isolation not in HOLDINGS or (isolation != UNCONFINED and network == OWN_NETWORK):
-        return ()
-    best = Host(
-        root=True,
-        landlock=100,
-        memory_groups=True,
-        process_groups=True,
-        own_network=network == OWN_NETWORK,
-        own_user=True,
-        own_root=True,
-    )
-    return tuple(leaves_open(isolation, best))
 
 
 def isolation_cell(run: Run) -> str:
