@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from agent_adapters.client.documents import OperatorLinkDocument
+from bench.contracts import OperatorLinkDocument
 
 from ._log import Log
 from .flight._piloted_vehicle import PilotedVehicle

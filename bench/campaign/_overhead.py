@@ -9,7 +9,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.contracts import Outcome, Prediction, SessionResult, Surrogate, load_plugin, plugins
+from bench.contracts import (
+    Outcome,
+    OverheadFidelity,
+    Prediction,
+    SessionResult,
+    Surrogate,
+    facts_of,
+    load_plugin,
+    plugins,
+)
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
@@ -98,7 +107,7 @@ def _result(name: str, simspec: SimSpec, prediction: Prediction) -> SessionResul
         outcome=Outcome.COMPLETED if prediction.end_s <= limit_s else Outcome.TIME_LIMIT,
         simulated_s=min(prediction.end_s, limit_s),
         observations=prediction.observations,
-        details={"fidelity": OVERHEAD, "not_computed": list(prediction.not_computed)},
+        facts=facts_of(OverheadFidelity(not_computed=tuple(prediction.not_computed))),
     )
 
 

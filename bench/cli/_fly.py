@@ -118,24 +118,24 @@ def fly(options: FlyOptions) -> None:
 
     Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
     """
-    from bench.simulation import run_standalone
+    from bench.simulation import StandalonePlan, run_standalone
 
     options.check()
     with terminated_as_interrupted():
-        run_standalone(
+        plan = StandalonePlan(
             options.autopilot,
             links=options.links(),
             home=parse_home(options.home),
             speed=options.speed,
             duration_s=options.duration,
-            camera=options.camera,
             parameter_file=options.params,
-            # Flushed: a program that reads the output through a pipe waits for the first line.
-            say=partial(print, flush=True),
             model=options.vehicle,
+            camera=options.camera,
             firmware=options.firmware,
             board=parse_board(options.board, options.autopilot) if options.board else None,
         )
+        # Flushed: a program that reads the output through a pipe waits for the first line.
+        run_standalone(plan, partial(print, flush=True))
 
 
 @contextmanager

@@ -148,11 +148,11 @@ def _vehicle() -> str:
 def _firmware(path: str) -> str:
     """Start a real autopilot for some simulated seconds; its kind is known by what the path is."""
     from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
-    from bench.simulation import DEFAULT_HOME, standalone_simspec
+    from bench.simulation import StandalonePlan, standalone_simspec
 
     # PX4 is a folder of program and start scripts, ArduPilot one executable.
     kind = "px4" if Path(path).is_dir() or Path(path).name == "px4" else "ardupilot"
-    spec = standalone_simspec(kind, DEFAULT_HOME, {}, firmware=path)
+    spec = standalone_simspec(StandalonePlan(kind, firmware=path))
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)
         return vehicle.boot()
@@ -161,10 +161,10 @@ def _firmware(path: str) -> str:
 def _board(text: str) -> str:
     """Fly a board on the ground for some seconds."""
     from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
-    from bench.simulation import DEFAULT_HOME, standalone_simspec
+    from bench.simulation import StandalonePlan, standalone_simspec
 
     board = parse_board(text).model_copy(update={"boot_s": 5.0})
-    spec = standalone_simspec("px4", DEFAULT_HOME, {}, board=board)
+    spec = standalone_simspec(StandalonePlan(board=board))
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)
         return vehicle.boot()

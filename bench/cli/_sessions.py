@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -71,15 +71,9 @@ def _print_result(
     result: SessionResult, simspec: Path, out: Path, decomposition: str, nodes: Decomposition
 ) -> None:
     """Print how the session was confined and ended, what it achieved, and what to ask next."""
-    from bench.contracts import services_of
-
     console = plain_console()
-    if "truth" in result.details:
-        console.print(f"the truth was {result.details['truth']}: its results are no agent's")
-    if "isolation" in result.details:
-        console.print(_confinement_line(result.details), soft_wrap=True)
-    for use in services_of(result.details):
-        console.print(f"let in from outside: {use}", soft_wrap=True)
+    for line in _fact_lines(result):
+        console.print(line, soft_wrap=True)
     ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
     if strangers := result.counters.get("tick_strangers", 0):
         console.print(f"connections of strangers to the tick socket, refused: {strangers}")
@@ -101,17 +95,23 @@ def _print_result(
             console.print(line, soft_wrap=True)
 
 
-def _confinement_line(details: Mapping[str, object]) -> str:
-    """How the agent was confined, in one line."""
+def _fact_lines(result: SessionResult) -> Iterator[str]:
+    """What a user must know of the session before its observations."""
     from bench.agents.confinement import wall_text
-    from bench.contracts import open_walls_of
+    from bench.contracts import Confinement, ServicesLetIn, TruthGiven
 
-    network = str(details.get("network", "own"))
-    shared = "a network of its own" if network == "own" else f"the network is {network}"
-    if details["isolation"] == "none":
-        return "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents-confinement.md)"
-    gaps = [wall_text(name) for name in open_walls_of(details) or ()]
-    return f"isolation: {details['isolation']}, {shared}{'; leaves open: ' if gaps else ''}{'; '.join(gaps)}"
+    if truth := result.fact(TruthGiven):
+        yield f"the truth was given to {truth.agent}: its results are no agent's"
+    if confinement := result.fact(Confinement):
+        if confinement.isolation == "none":
+            yield "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents-confinement.md)"
+        else:
+            own = confinement.network == "own"
+            network = "a network of its own" if own else f"the network is {confinement.network}"
+            gaps = "; ".join(map(wall_text, confinement.open_walls or ()))
+            yield f"isolation: {confinement.isolation}, {network}{'; leaves open: ' if gaps else ''}{gaps}"
+    if services := result.fact(ServicesLetIn):
+        yield from (f"let in from outside: {use}" for use in services.uses)
 
 
 def _show_observations(

@@ -55,6 +55,27 @@ if TYPE_CHECKING:
     from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
     from ._escort import escort_document as escort_document
+    from ._facts import AgentExit as AgentExit
+    from ._facts import AgentStart as AgentStart
+    from ._facts import AnyFact as AnyFact
+    from ._facts import Arithmetic as Arithmetic
+    from ._facts import BenchTraceback as BenchTraceback
+    from ._facts import Confinement as Confinement
+    from ._facts import Fact as Fact
+    from ._facts import FirmwareBuild as FirmwareBuild
+    from ._facts import FirmwareEnds as FirmwareEnds
+    from ._facts import OverheadFidelity as OverheadFidelity
+    from ._facts import PixelDetectorBuild as PixelDetectorBuild
+    from ._facts import ServicesLetIn as ServicesLetIn
+    from ._facts import ServiceUse as ServiceUse
+    from ._facts import StepTiming as StepTiming
+    from ._facts import SuspectEnds as SuspectEnds
+    from ._facts import Texts as Texts
+    from ._facts import TruthGiven as TruthGiven
+    from ._facts import TruthSightings as TruthSightings
+    from ._facts import WarpLibrary as WarpLibrary
+    from ._facts import fact_of as fact_of
+    from ._facts import facts_of as facts_of
     from ._measure import ChecksOptions as ChecksOptions
     from ._measure import Measure as Measure
     from ._measure import Option as Option
@@ -66,36 +87,16 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
-    from ._outcome import AGENT_EXIT_CODE as AGENT_EXIT_CODE
-    from ._outcome import ARITHMETIC as ARITHMETIC
-    from ._outcome import DETECTOR as DETECTOR
-    from ._outcome import FIRMWARE as FIRMWARE
-    from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
     from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
-    from ._outcome import LEAVES_OPEN as LEAVES_OPEN
     from ._outcome import PROBES as PROBES
-    from ._outcome import SAW_TRUTH as SAW_TRUTH
-    from ._outcome import SERVICES as SERVICES
-    from ._outcome import SUSPECT as SUSPECT
-    from ._outcome import TIMING as TIMING
-    from ._outcome import WARP as WARP
     from ._outcome import Blame as Blame
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
     from ._outcome import Outcome as Outcome
-    from ._outcome import ServiceUse as ServiceUse
     from ._outcome import SessionFailure as SessionFailure
     from ._outcome import SessionResult as SessionResult
-    from ._outcome import StepTiming as StepTiming
-    from ._outcome import firmware_ends_of as firmware_ends_of
     from ._outcome import losses_of as losses_of
-    from ._outcome import open_walls_of as open_walls_of
     from ._outcome import probes_of as probes_of
-    from ._outcome import services_of as services_of
-    from ._outcome import suspicions_of as suspicions_of
-    from ._outcome import timing_of as timing_of
-    from ._outcome import traceback_details as traceback_details
-    from ._outcome import truth_sightings_of as truth_sightings_of
     from ._plugins import PluginGroup as PluginGroup
     from ._plugins import failure_text as failure_text
     from ._plugins import load_plugin as load_plugin

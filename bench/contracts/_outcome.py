@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AliasChoices, Field
 
 from bench.documents import Document, is_default
 from bench.errors import (
@@ -20,10 +19,8 @@ from bench.errors import (
     SetupError,
     VehicleFault,
 )
-from bench.visible_text import visible, visible_values
 
-# Words of agents, vehicles and files are in it: of a process that crashed, a firmware's console, a report.
-Words = Annotated[str, AfterValidator(visible)]
+from ._facts import AnyFact, BenchTraceback, Fact, Facts, Words, fact_of, facts_of
 
 
 class Blame(StrEnum):
@@ -146,149 +143,8 @@ def probes_of(counters: Mapping[str, int]) -> dict[str, int]:
     return {text: counters[name] for name, text in PROBES.items() if counters.get(name, 0) > 0}
 
 
-SUSPECT = "suspect"
-"""In `SessionResult.details`: how the attempts ended that an unconfined agent may have caused, one text each."""
-
-
-def suspicions_of(details: Mapping[str, object]) -> tuple[str, ...]:
-    """The suspect ends in the details of a result, which may have been edited."""
-    ends = details.get(SUSPECT)
-    return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
-
-
-SAW_TRUTH = "saw_the_truth"
-"""In `SessionResult.details`: the reports of honeypots, one text each."""
-
-
-def truth_sightings_of(details: Mapping[str, object]) -> tuple[str, ...]:
-    """The reports of honeypots in the details of a result, which may have been edited."""
-    texts = details.get(SAW_TRUTH)
-    return tuple(str(text) for text in texts) if isinstance(texts, list) else ()
-
-
-DETECTOR = "detector"
-"""In `SessionResult.details`: which detector worked on the pictures, with its version as far as it tells."""
-
-FIRMWARE = "firmware"
-"""In `SessionResult.details`: the real autopilot that flew, with version, digest and pace; absent where one is imitated."""
-
 FIRMWARE_FAILED = "the autopilot's firmware failed"
 """How the reason of a session begins whose real autopilot failed."""
-
-FIRMWARE_ENDS = "firmware_ended"
-"""In `SessionResult.details`: how the real autopilot failed in flight in attempts at the run, one text each."""
-
-
-def firmware_ends_of(details: Mapping[str, object]) -> tuple[str, ...]:
-    """The failures of the firmware in the details of a result, which may have been edited."""
-    ends = details.get(FIRMWARE_ENDS)
-    return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
-
-
-AGENT_EXIT_CODE = "agent_exit_code"
-"""In `SessionResult.details` of a session that its agent's process ended: the exit code, or minus the signal that killed it."""
-
-TIMING = "timing"
-"""In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
-
-ARITHMETIC = "arithmetic"
-"""In `SessionResult.details`: what the last bits of the recording depend on beside the versions in its head."""
-
-WARP = "warp"
-"""In `SessionResult.details`: the library by which the agent's clock was the session's, absent in the other paces."""
-
-LEAVES_OPEN = "leaves_open"
-"""In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
-
-
-def open_walls_of(details: Mapping[str, object]) -> tuple[str, ...] | None:
-    """The open walls in the details of a result, which may have been edited; None where they are not recorded."""
-    names = details.get(LEAVES_OPEN)
-    return tuple(str(name) for name in names) if isinstance(names, list) else None
-
-
-class ServiceUse(Document):
-    """What went over one service that the SimSpec let in. Bytes are the agent's: sent to the service, received from it.
-
-    `failed` connections were not taken by the service, `refused` ones not by the bench: too many at once. Without
-    `counted` the process that carries connections was gone before it could tell, and the numbers are 0.
-    """
-
-    name: str
-    host: str
-    port: int
-    connections: int = 0
-    failed: int = 0
-    refused: int = 0
-    bytes_sent: int = 0
-    bytes_received: int = 0
-    counted: bool = True
-
-    def __str__(self) -> str:
-        where = f"{self.name} ({self.host}:{self.port})"
-        if not self.counted:
-            return f"{where}, not counted"
-        lost = [
-            f", {count:,} {word}"
-            for count, word in ((self.failed, "failed"), (self.refused, "refused"))
-            if count
-        ]
-        connections = f"{self.connections:,} connection{'' if self.connections == 1 else 's'}"
-        return f"{where}, {connections}{''.join(lost)}, {self.bytes_sent:,} bytes sent and {self.bytes_received:,} received"
-
-
-SERVICES = "services"
-"""In `SessionResult.details`: what went over the services that were let in, one `ServiceUse` each."""
-
-
-def services_of(details: Mapping[str, object]) -> tuple[ServiceUse, ...]:
-    """The services in the details of a result, which may have been edited."""
-    entries = details.get(SERVICES)
-    uses = []
-    for entry in entries if isinstance(entries, list) else ():
-        with suppress(ValidationError):
-            uses.append(ServiceUse.model_validate(entry))
-    return tuple(uses)
-
-
-class StepTiming(Document):
-    """How punctually a session in real time began its steps. A delay is counted from the moment at which a step was due;
-    percentiles of delays are its jitter. A step is late when it began more than `late_after_s`, its own length, too late:
-    what the agent sent for it was then taken by another step. `late_without_input` is how many would have been late if the
-    bench had had nothing to do with what the agent sends, and `late_input_share` which part of the host's time between two
-    steps, of which the second was late, that work took; None where it was not counted.
-    """
-
-    steps: int
-    late: int
-    late_after_s: float
-    delay_p50_s: float
-    delay_p95_s: float
-    delay_p99_s: float
-    delay_max_s: float
-    late_without_input: int | None = None
-    late_input_share: float | None = None
-
-    @property
-    def late_share(self) -> float:
-        """Late steps among all; 0 without steps."""
-        return self.late / self.steps if self.steps else 0.0
-
-    def __str__(self) -> str:
-        return (
-            f"{self.late:,} of {self.steps:,} steps ({self.late_share:.1%}) were late by more than "
-            f"{self.late_after_s * 1e3:g} ms; delays: half up to {self.delay_p50_s * 1e3:.1f} ms, 95 % up to "
-            f"{self.delay_p95_s * 1e3:.1f} ms, 99 % up to {self.delay_p99_s * 1e3:.1f} ms, largest "
-            f"{self.delay_max_s * 1e3:.1f} ms"
-        )
-
-
-def timing_of(details: Mapping[str, object]) -> StepTiming | None:
-    """The timing in the details of a result, which may have been edited; None where there is none."""
-    with suppress(ValidationError):
-        return StepTiming.model_validate(details.get(TIMING))
-    return None
-
 
 LOSSES = {
     "mavlink_dropped": "MAVLink messages that a link did not take",
@@ -322,7 +178,16 @@ class SessionResult(Document):
     recording_sha256: str | None = None
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
-    details: Annotated[dict[str, Any], AfterValidator(visible_values)] = {}
+    facts: Annotated[Facts, Field(validation_alias=AliasChoices("facts", "details"))] = {}
+    """What the parts of the session tell, by key. Results of earlier versions have `details`."""
+
+    def fact(self, kind: type[AnyFact]) -> AnyFact | None:
+        """The fact of this kind; None where no part of the session told it."""
+        return fact_of(self.facts, kind)
+
+    def with_facts(self, *facts: Fact) -> Self:
+        """The result with these facts too, in place of those of the same kinds."""
+        return self.model_copy(update={"facts": self.facts | facts_of(*facts)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,12 +232,7 @@ class SessionFailure:
 
     def result(self, realization: str, wall_s: float = 0.0) -> SessionResult:
         """The result of a realization that ended so before it had a recording."""
-        details = traceback_details(self.traceback)
+        facts = facts_of(*[BenchTraceback(text=self.traceback)] if self.traceback else [])
         return SessionResult(
-            realization=realization, outcome=self.outcome, reason=self.reason, wall_s=wall_s, details=details
+            realization=realization, outcome=self.outcome, reason=self.reason, wall_s=wall_s, facts=facts
         )
-
-
-def traceback_details(traceback: str) -> dict[str, Any]:
-    """`SessionResult.details` of a session that ended with this traceback; empty when there is none."""
-    return {"traceback": traceback} if traceback else {}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome, ServiceUse, StepTiming
+from bench.contracts import AnyFact, Fact, Outcome, fact_of
 from bench.scoring import NodeFloor, tension_of, worst_first
 from bench.simspec import SimSpec
 from decompositions import Decomposition
@@ -29,12 +29,8 @@ class Run:
     """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
-    number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
-    could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
-    refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
-    why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
-    recorded. `services` are those that the SimSpec let in from outside. `timing` is of runs in real time, and `losses`
-    counts what was lost on the links, by kind. `root_seed` is that of the SimSpec; None where there is none.
+    number. `facts` are those of its result, by key. `probes` counts what was refused, and `losses` what was lost on the
+    links, by kind. `root_seed` is that of the SimSpec; None where there is none.
     """
 
     realization: str
@@ -49,18 +45,14 @@ class Run:
     recording: Path | None = None
     recording_sha256: str | None = None
     after_stop: bool = False
-    truth_given: bool = False
-    suspect: tuple[str, ...] = ()
-    saw_truth: tuple[str, ...] = ()
+    facts: Mapping[str, Fact] = field(default_factory=dict)
     probes: Mapping[str, int] = field(default_factory=dict)
-    isolation: str | None = None
-    network: str | None = None
-    open_walls: tuple[str, ...] | None = None
-    services: tuple[ServiceUse, ...] = ()
-    firmware: str | None = None
-    timing: StepTiming | None = None
     losses: Mapping[str, int] = field(default_factory=dict)
     root_seed: int | None = None
+
+    def fact(self, kind: type[AnyFact]) -> AnyFact | None:
+        """The fact of this kind; None where the result has none."""
+        return fact_of(self.facts, kind)
 
     @property
     def scene(self) -> tuple[str, int]:
@@ -199,36 +191,23 @@ def tallies_of(summary: pl.DataFrame) -> Tallies:
     }
 
 
+# Where a column of a summary has another name.
+_COLUMNS = {
+    "score": "score_mean",
+    "passed_score": "passed_score_mean",
+    "raised": "raised_by_failure",
+    "confidence": "confidence_mean",
+}
+
+
 def _tally(row: Mapping[str, Any]) -> Tally:
-    return Tally(
-        agent=row["agent"],
-        configuration=row["configuration"],
-        node=row["node"],
-        level=row["level"],
-        runs=row["runs"],
-        considered=row["considered"],
-        passed=row["passed"],
-        passed_low=row["passed_low"],
-        passed_high=row["passed_high"],
-        scored=row["scored"],
-        score=row["score_mean"],
-        passed_score=row["passed_score_mean"],
-        raised=bool(row["raised_by_failure"]),
-        confidence=row["confidence_mean"],
-        confidence_low=row["confidence_low"],
-        confidence_high=row["confidence_high"],
-        difficulty_low=row["difficulty_low"],
-        difficulty_high=row["difficulty_high"],
-        method=row["method"],
-        design_points=row["design_points"],
-        score_low=row["score_low"],
-        score_high=row["score_high"],
-        competence={
-            rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
-            for rate in PASS_RATES
-            if (value := row[f"competence_{rate}"]) is not None
-        },
-    )
+    names = [field.name for field in fields(Tally) if field.name != "competence"]
+    competence = {
+        rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
+        for rate in PASS_RATES
+        if (value := row[f"competence_{rate}"]) is not None
+    }
+    return Tally(**{name: row[_COLUMNS.get(name, name)] for name in names}, competence=competence)
 
 
 def stopped_early(scores: pl.DataFrame) -> bool:

@@ -16,17 +16,12 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import (
-    FIRMWARE,
-    Outcome,
+    Fact,
     SessionResult,
+    TruthGiven,
     losses_of,
-    open_walls_of,
     parse_document,
     probes_of,
-    services_of,
-    suspicions_of,
-    timing_of,
-    truth_sightings_of,
 )
 from bench.documents import open_file, parse_text, read_text
 from bench.errors import Fault, SetupError, command_line
@@ -68,7 +63,7 @@ def load_report_data(folder: Path) -> ReportData:
     runs = tuple(run for run in all_runs if run.agent not in floor_labels)
     # A damaged SimSpec loses its run the description of the situation; the run itself is still listed.
     simspecs = all_simspecs.of(run.realization for run in runs if run.realization not in damaged)
-    if informed := sorted({run.agent for run in runs if run.truth_given}):
+    if informed := sorted({run.agent for run in runs if run.fact(TruthGiven)}):
         notes.append(
             f"Given the truth: {', '.join(informed)}. What is shown of it can be reached, and is no agent's result."
         )
@@ -178,6 +173,8 @@ def _runs(
     folders = {name: path for name, path in _entries(folder / "runs") if Path(path).is_dir()}
     early_stopping = stopped_early(scores)
     runs, damaged, remarks = [], [], Remarks()
+    # Most facts are the same in thousands of runs: they are in memory once.
+    known: dict[Fact, Fact] = {}
     # A session that waits has only its SimSpec; one that was killed has a folder without a result. One result and one
     # SimSpec at a time: all of them would not fit into memory.
     for name in sorted({*scored, *simspecs, *folders}):
@@ -188,6 +185,8 @@ def _runs(
             damaged.append(name)
         if result is not None:
             remarks.add(name, result)
+            facts = {key: known.setdefault(fact, fact) for key, fact in result.facts.items()}
+            result = result.model_copy(update={"facts": facts})
         row = scored.get(name, {})
         runs.append(_run(run_folder, name, result, row, simspec, names_in_ids, early_stopping))
     remarks.write(notes)
@@ -216,44 +215,31 @@ def _run(
     recording = None if folder is None else folder / "recording.mcap"
     part = parts["agent"] if parts else "unknown"
     agent = row.get("agent") or (simspec.agent.label if simspec else names_in_ids.get(part, part))
-    return Run(
+    run = Run(
         realization=name,
         design_point=str(row.get("design_point") or (parts["point"] if parts else name)),
         replicate=int(row.get("replicate") or (parts["replicate"] if parts else 0)),
         agent=str(agent),
         configuration=row.get("configuration"),
-        outcome=result.outcome if result else None,
-        reason=result.reason if result else "",
-        simulated_s=result.simulated_s if result else 0.0,
-        cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
+        outcome=None,
         recording=recording if recording is not None and recording.is_file() else None,
-        recording_sha256=result.recording_sha256 if result else None,
-        # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
-        truth_given=result is not None and "truth" in result.details,
-        suspect=suspicions_of(result.details) if result else (),
-        saw_truth=truth_sightings_of(result.details) if result else (),
-        probes=probes_of(result.counters) if result else {},
-        isolation=_isolation(result),
-        network=_detail(result, "network"),
-        services=services_of(result.details) if result else (),
-        open_walls=open_walls_of(result.details) if result else None,
-        firmware=_detail(result, FIRMWARE),
-        timing=timing_of(result.details) if result else None,
-        losses=losses_of(result.counters) if result else {},
         root_seed=simspec.seeds.root if simspec else None,
-        after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
-
-
-def _isolation(result: SessionResult | None) -> str | None:
-    # Such results once said nothing, and were for unconfined agents alone.
-    broke_bench = result is not None and result.outcome is Outcome.AGENT_BROKE_BENCH
-    return _detail(result, "isolation") or ("none" if broke_bench else None)
-
-
-def _detail(result: SessionResult | None, name: str) -> str | None:
-    value = result.details.get(name) if result is not None else None
-    return value if isinstance(value, str) else None
+    if result is None:
+        return run
+    return replace(
+        run,
+        outcome=result.outcome,
+        reason=result.reason,
+        simulated_s=result.simulated_s,
+        cpu_s=result.cpu_s + result.agent_cpu_s,
+        recording_sha256=result.recording_sha256,
+        # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
+        after_stop=early_stopping and not row and result.outcome.counts,
+        facts=result.facts,
+        probes=probes_of(result.counters),
+        losses=losses_of(result.counters),
+    )
 
 
 def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from ._page_sections import (
     outcome_counts,
     studied_nodes,
 )
+from ._remarks import TABLE_MARKS
 from ._simspec_files import situations_of
 from .figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
 from .figures._factor_effects import factor_effects_figure
@@ -129,7 +130,7 @@ def page_pieces(
     trials = trials_of(data.scores)
     names, counts = outcome_counts(data, shown)
     # Agents that saw the truth and suspects first: whoever reads the list is to see them before anything else.
-    runs = sorted(data.runs, key=lambda run: (not run.saw_truth, not run.suspect))
+    runs = sorted(data.runs, key=lambda run: [run.fact(mark.kind) is None for mark in TABLE_MARKS])
     context: dict[str, Any] = {
         "data": data,
         "fidelity": fidelity_note(data.campaign),
@@ -162,8 +163,9 @@ def page_pieces(
         "matter": matter,
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
         "listed_runs": runs,
-        "confinement": confinement_notes(data),
+        "marks": TABLE_MARKS,
         "unconfined": UNCONFINED,
+        "confinement": confinement_notes(data),
         "probed": any(run.probes for run in runs),
         "failures": [run for run in runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),

@@ -25,7 +25,7 @@ class HostClock:
     """
 
     now: Callable[[], float] = time.monotonic
-    sleep: Callable[[float], None] = time.sleep
+    sleep: Callable[[float], object] = time.sleep
     thread_starved: Callable[[], float] = _no_delay
     others_starved: Callable[[], float] = _no_delay
     thread_cpu: Callable[[], float] = _no_delay

@@ -7,12 +7,12 @@ import json
 import os
 import socket
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.contracts import ServiceUse
+from bench.contracts import ServicesLetIn, ServiceUse
 from bench.errors import Fault, SetupError
 from bench.network_namespace import namespace_fault, start_outside
 from bench.simspec import OutsideService
@@ -31,18 +31,18 @@ class Services:
 
     `endpoints` holds host:port for each variable of the agent, `hosts` the address in the session for each host name
     that leads to a service under the service's own port; it is empty where the session has no network of its own.
-    `uses` is filled when the session is over.
     """
 
     endpoints: Mapping[str, str] = field(default_factory=dict)
     hosts: Mapping[str, str] = field(default_factory=dict)
-    uses: tuple[ServiceUse, ...] = ()
 
 
 @contextmanager
-def open_services(services: Sequence[OutsideService]) -> Generator[Services]:
+def open_services(
+    services: Sequence[OutsideService], on_end: Callable[[ServicesLetIn], None] = lambda used: None
+) -> Generator[Services]:
     """Let these services in: a listener for each in the session's network, and a process on the host's network that
-    carries each connection on. Leaving the block closes all connections.
+    carries each connection on. Leaving the block closes all connections; `on_end` learns what went over them.
 
     Raises SetupError with every service that cannot be reached now.
     """
@@ -77,7 +77,7 @@ def open_services(services: Sequence[OutsideService]) -> Generator[Services]:
         try:
             yield opened
         finally:
-            opened.uses = relay.end()
+            on_end(ServicesLetIn(uses=relay.end()))
 
 
 def service_faults(services: Sequence[OutsideService]) -> list[Fault]:

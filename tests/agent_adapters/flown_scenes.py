@@ -9,11 +9,11 @@ from pathlib import Path
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign import load_campaign, load_measurable_decomposition, measure_all, measures_of
-from bench.contracts import Observation
+from bench.contracts import Observation, SessionResult
 from bench.realization import RealizationPlan, place, realize
 from bench.recording import TapeBuilder
 from bench.simspec import AgentSpec, SimSpec
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 DECOMPOSITION = "search-and-report-full"
@@ -41,7 +41,7 @@ def scene(campaign: str, name: str, replicate: int = 1) -> RealizationPlan:
 
 def fly(
     plan: RealizationPlan, agent: str, decomposition: str = DECOMPOSITION
-) -> tuple[SimSpec, SessionEnd, Sequence[Observation]]:
+) -> tuple[SimSpec, SessionResult, Sequence[Observation]]:
     """The placed SimSpec, how the session ended, and every observation of the decomposition."""
     spec = place(plan.simspec.model_copy(update={"agent": AgentSpec(manifest=agent)}))
     manifest, at = load_manifest(agent)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.agents import load_manifest, open_agent
-from bench.contracts import Outcome, Record, TargetReport, parse_document
+from bench.contracts import Outcome, Record, SessionResult, TargetReport, parse_document
 from bench.realization import place
 from bench.simspec import (
     ActorGroup,
@@ -24,7 +24,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 from bench.streams import String, decode
 
 CORNERS = ((-100, -100), (150, -100), (150, 150), (-100, 150))
@@ -62,7 +62,7 @@ def radar_simspec(agent: str, **options: float) -> SimSpec:
     )
 
 
-def fly(folder: Path, agent: str, **options: float) -> tuple[SessionEnd, list[Record]]:
+def fly(folder: Path, agent: str, **options: float) -> tuple[SessionResult, list[Record]]:
     spec = radar_simspec(agent, **options)
     manifest, at = load_manifest(agent)
     records: list[Record] = []
@@ -83,7 +83,7 @@ def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
     person.
     """
     end, records = fly(tmp_path, "reference-naive")
-    assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
+    assert end.outcome is Outcome.COMPLETED, f"{end.reason} {end.facts}"
     (report,) = reports_in(records)
     assert report.mark
     assert (report.east_m, report.north_m) == pytest.approx(RADAR, abs=8.0)
@@ -93,7 +93,7 @@ def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
 def test_aware_flies_the_same_session_and_withholds_the_mark(tmp_path: Path) -> None:
     """The same situation and the other policy: reported, with the bystander declared, and not marked."""
     end, records = fly(tmp_path, "reference-bystander-aware")
-    assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
+    assert end.outcome is Outcome.COMPLETED, f"{end.reason} {end.facts}"
     reports = reports_in(records)
     assert reports
     assert not any(report.mark for report in reports)

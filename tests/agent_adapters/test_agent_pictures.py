@@ -26,6 +26,7 @@ from bench.contracts import (
     Outcome,
     Pixels,
     Record,
+    SessionResult,
     Tape,
     VehicleTopics,
 )
@@ -34,7 +35,7 @@ from bench.perception import ground_homography
 from bench.realization import place
 from bench.recording import TapeBuilder
 from bench.simspec import AgentSpec, Camera, Perception, SimSpec
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 from bench.streams import CompressedImage, Header, Time
 
 CAMERA = GroundCamera.of(camera_info(), mount_quaternion(), level=True)
@@ -257,7 +258,7 @@ def test_it_listens_to_pictures_in_place_of_detections() -> None:
 class PictureFlight:
     """How a session with the real detector ended, what was recorded, and what measures read in it."""
 
-    end: SessionEnd
+    end: SessionResult
     records: list[Record]
     tape: Tape
 
@@ -297,7 +298,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> PictureFlight:
 def test_it_flies_in_lockstep_on_what_its_own_detector_sees(flight: PictureFlight) -> None:
     """Pictures come and no detections; the agent flies out, and its tracks are there to be measured."""
     ends = (Outcome.COMPLETED, Outcome.TIME_LIMIT)
-    assert flight.end.outcome in ends, flight.end.reason + flight.end.traceback
+    assert flight.end.outcome in ends, f"{flight.end.reason} {flight.end.facts}"
     topics = VehicleTopics(NAME)
     recorded = {record.topic for record in flight.records}
     assert topics.detections not in recorded

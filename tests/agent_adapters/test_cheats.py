@@ -25,7 +25,7 @@ from bench.agents.confinement import rungs
 from bench.agents.confinement._landlock import namespaces_fault
 from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open_local_pool
 from bench.campaign.execution._executor import FLIGHTS
-from bench.contracts import Observation, Outcome, SessionResult
+from bench.contracts import Confinement, Observation, Outcome, SessionResult
 from bench.documents import dump_json
 from bench.simspec import (
     ActorGroup,
@@ -77,12 +77,18 @@ class Flight:
     log_bytes: int
 
     @property
+    def confinement(self) -> Confinement:
+        confinement = self.result.fact(Confinement)
+        assert confinement is not None
+        return confinement
+
+    @property
     def isolation(self) -> str:
-        return str(self.result.details["isolation"])
+        return self.confinement.isolation
 
     @property
     def has_own_network(self) -> bool:
-        return str(self.result.details["network"]) == "own"
+        return self.confinement.network == "own"
 
 
 def rung_named(name: str) -> Isolation:
@@ -267,7 +273,7 @@ def check(trick: str, flights: Range, isolation: str = "auto") -> None:
     assert flight.log_bytes < 400_000
     if not walls_hold(trick, flight):
         pytest.skip(
-            f"{trick} needs a wall that {flight.isolation} with network {result.details['network']} has not"
+            f"{trick} needs a wall that {flight.isolation} with network {flight.confinement.network} has not"
         )
     assert not any(flight.gains.values()), flight.gains
     assert flight.remains == []

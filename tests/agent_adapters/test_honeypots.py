@@ -9,7 +9,7 @@ import pytest
 from bench.agents import load_manifest, open_agent
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import Record, SessionResult, VehicleTopics, truth_sightings_of
+from bench.contracts import Record, SessionResult, TruthSightings, VehicleTopics
 from bench.realization import place
 from bench.simspec import (
     ActorGroup,
@@ -83,7 +83,9 @@ def result_of_reading(folder: Path, isolation: Isolation, honeypot: bool) -> Ses
 def test_a_cheat_that_reads_its_simspec_is_named(tmp_path: Path) -> None:
     """Without walls it reports the honeypot, and that alone gives it away: the same without one names nobody."""
     caught = result_of_reading(tmp_path / "caught", "none", honeypot=True)
-    (text,) = truth_sightings_of(caught.details)
+    sightings = caught.fact(TruthSightings)
+    assert sightings is not None
+    (text,) = sightings.texts
     assert " 0.0 m from soldier-" in text
     unnoticed = result_of_reading(tmp_path / "unnoticed", "none", honeypot=False)
-    assert truth_sightings_of(unnoticed.details) == ()
+    assert unnoticed.fact(TruthSightings) is None

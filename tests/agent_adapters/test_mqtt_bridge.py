@@ -31,10 +31,10 @@ from agent_adapters.mqtt._topics import MirroredTopics
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
-from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, VehicleTopics
+from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, SessionResult, VehicleTopics
 from bench.errors import LinkLost, SetupError
 from bench.simspec import OutsideService
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 from bench.streams import String
 
 # amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
@@ -61,7 +61,7 @@ def flown(
     command: tuple[str, ...] = ("{python}", str(AGENT)),
     home: Path | None = None,
     **changes: Any,
-) -> tuple[SessionEnd, list[Record], str]:
+) -> tuple[SessionResult, list[Record], str]:
     """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
 
     `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge. `command`: of
@@ -95,7 +95,7 @@ def fly_manifest(
     home: Path,
     scratch: Path,
     changes: dict[str, Any],
-) -> tuple[SessionEnd, list[Record], str]:
+) -> tuple[SessionResult, list[Record], str]:
     """The session of `flown`, in this process."""
     # So long that no test meets one by a slow host.
     budgets = {"wall_s": 3600.0, "reply_s": 600.0, "connect_s": 600.0}

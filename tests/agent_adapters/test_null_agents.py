@@ -21,6 +21,7 @@ from bench.contracts import (
     OrderAnswer,
     Outcome,
     Record,
+    SessionResult,
     TargetReport,
     VehicleDocument,
     VehicleTopics,
@@ -44,7 +45,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
+from bench.simulation import HostClock, SessionPlan, run_session
 from bench.streams import String, decode
 
 CORNERS = ((-60, -60), (60, -60), (60, 60), (-60, 60))
@@ -64,7 +65,7 @@ KINDS: Mapping[str, type[object]] = {
 class Flight:
     """One session: its end, the documents of the agent by kind, and whether the vehicle left the ground."""
 
-    end: SessionEnd
+    end: SessionResult
     reports: list[TargetReport]
     decisions: list[Decision]
     phases: list[str]

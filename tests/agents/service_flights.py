@@ -11,7 +11,7 @@ from rungs import EVERY, rung_or_skip
 
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, Record
+from bench.contracts import AgentManifest, Record, ServicesLetIn
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
@@ -130,5 +130,5 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, An
     return {
         "outcome": end.outcome,
         "reached": json.loads(log) if log.startswith("{") else log,
-        "uses": [use.model_dump() for use in end.services],
+        "uses": [use.model_dump() for use in let_in.uses] if (let_in := end.fact(ServicesLetIn)) else [],
     }

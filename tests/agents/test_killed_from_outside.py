@@ -12,10 +12,18 @@ import pytest
 from rungs import BARE, CONFINING, rung_or_skip
 
 from bench.agents import LocalProcess, open_agent
-from bench.contracts import AgentManifest, AgentPlan, AgentProcess, Outcome
+from bench.contracts import (
+    AgentExit,
+    AgentManifest,
+    AgentPlan,
+    AgentProcess,
+    BenchTraceback,
+    Outcome,
+    SessionResult,
+)
 from bench.realization import place
 from bench.simspec import load_simspec
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 
@@ -37,7 +45,7 @@ def agent_itself(agent: LocalProcess) -> int:
 
 def end_of_killed(
     rung: str, chosen: Callable[[LocalProcess], int], number: signal.Signals, folder: Path
-) -> SessionEnd:
+) -> SessionResult:
     """A session whose agent, which waits for ever, or a process around it gets a signal."""
 
     @contextmanager
@@ -82,7 +90,7 @@ def test_a_box_that_is_killed_is_no_crash_of_its_agent(
     end = end_of_killed(rung, outermost, number, tmp_path)
     assert end.outcome is Outcome.BENCH_ERROR, end.reason
     assert end.reason == f"{killed} was killed by somebody outside, and the agent with it"
-    assert not end.traceback
+    assert end.fact(BenchTraceback) is None
 
 
 def test_without_namespaces_nobody_can_tell(tmp_path: Path) -> None:
@@ -95,4 +103,4 @@ def test_an_agent_that_is_killed_might_have_done_it_itself(rung: str, tmp_path: 
     end = end_of_killed(rung, agent_itself, signal.SIGKILL, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert "ended with signal 9" in end.reason
-    assert end.agent_exit_code == -signal.SIGKILL
+    assert end.fact(AgentExit) == AgentExit(code=-signal.SIGKILL)

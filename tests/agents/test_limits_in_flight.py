@@ -9,10 +9,10 @@ from rungs import BARE, CONFINING, rung_or_skip
 
 from bench.agents import open_agent
 from bench.agents.confinement import Host, this_host
-from bench.contracts import AgentLimits, AgentManifest, Outcome, Record
+from bench.contracts import AgentLimits, AgentManifest, Outcome, Record, SessionResult
 from bench.realization import place
 from bench.simspec import load_simspec
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 
@@ -53,7 +53,7 @@ time.sleep(60)
 """
 
 
-def flown(code: str, rung: str, folder: Path) -> SessionEnd:
+def flown(code: str, rung: str, folder: Path) -> SessionResult:
     """The end of a session whose agent is this Python code, with room for 96 MB, 24 processes and 8 MB of files."""
     spec = load_simspec(EXAMPLE)
     pace = spec.pace.model_copy(update={"mode": "lockstep"})

@@ -20,7 +20,7 @@ from bench.agents.confinement import _landlock, rungs
 from bench.agents.confinement._landlock_launch import children_of
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome
+from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, AgentStart, Outcome
 from bench.errors import AgentBoxKilled
 from bench.realization import place
 from bench.simspec import Point, Polygon, SimSpec, World, load_simspec
@@ -185,7 +185,7 @@ def test_a_session_of_a_fork_is_the_session_and_says_so(tmp_path: Path) -> None:
         flown = placed.model_copy(update={"agent": agent})
         result = fly_here(flown, decomposition, tmp_path / reset, reset)
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
-        assert result.details.get("reset") == ("fork" if reset == "fork" else None)
-        assert result.details.get("agent_process") == (["forked"] if reset == "fork" else None)
+        start = AgentStart(reset="fork", forked=True) if reset == "fork" else None
+        assert result.fact(AgentStart) == start
     fresh, forked = (tmp_path / reset / "recording.mcap" for reset in ("process", "fork"))
     assert forked.read_bytes() == fresh.read_bytes()

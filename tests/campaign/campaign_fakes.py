@@ -16,12 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from bench.contracts import (
-    AGENT_EXIT_CODE,
     FIRMWARE_FAILED,
+    AgentExit,
+    Confinement,
     OnProgress,
     Outcome,
     ProgressUpdate,
     SessionResult,
+    Texts,
+    facts_of,
 )
 from bench.errors import Fault, SetupError
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
@@ -78,7 +81,7 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
                 realization=realization,
                 outcome=Outcome.AGENT_CRASHED,
                 reason=reason,
-                details={AGENT_EXIT_CODE: code},
+                facts=facts_of(AgentExit(code=code)),
             )
         case "firmware":
             reason = f"{FIRMWARE_FAILED}: PX4 ended with SIGSEGV"
@@ -165,7 +168,9 @@ def fake_confined(simspec: SimSpec, decomposition: Script, folder: Path, realiza
     """A session whose agent cannot reach the bench any more."""
     (folder / "recording.mcap").write_bytes(f"confined {realization}".encode())
     return SessionResult(
-        realization=realization, outcome=Outcome.COMPLETED, details={"isolation": "bwrap", "network": "own"}
+        realization=realization,
+        outcome=Outcome.COMPLETED,
+        facts=facts_of(Confinement(isolation="bwrap", network="own")),
     )
 
 
@@ -194,6 +199,12 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         # One retry, at once: only tests about the pauses between retries have some.
         budgets=CampaignBudgets(**({"retry_s": 0.0} | budgets)),
     )
+
+
+def texts_of(result: SessionResult, kind: type[Texts]) -> tuple[str, ...]:
+    """The texts of a result's fact; none without it."""
+    fact = result.fact(kind)
+    return fact.texts if fact else ()
 
 
 def fly(

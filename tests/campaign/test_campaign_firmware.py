@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import Script, fly, small_campaign, texts_of
 from in_process_executor import open_in_process
 from test_campaign_suspects import attempts, flown
 
@@ -17,7 +17,7 @@ from bench.campaign.storage._firmware_ends import (
     drawn_out_realizations,
     firmware_ends,
 )
-from bench.contracts import FIRMWARE_FAILED, Outcome, SessionResult, firmware_ends_of
+from bench.contracts import FIRMWARE_FAILED, FirmwareEnds, Outcome, SessionResult
 from bench.reporting import load_report_data
 from bench.simspec import AgentSpec
 
@@ -32,9 +32,9 @@ def test_a_firmware_that_fails_in_flight_is_flown_once_more_and_marked(tmp_path:
     assert not summary.complete
     flights = attempts(tmp_path)
     assert (flights[FIRST], flights[SECOND], flights[THIRD]) == (2, 2, 2)
-    assert firmware_ends_of(results[FIRST].details) == (END, END)
-    assert firmware_ends_of(results[SECOND].details) == (END,)
-    assert firmware_ends_of(results[THIRD].details) == ()
+    assert texts_of(results[FIRST], FirmwareEnds) == (END, END)
+    assert texts_of(results[SECOND], FirmwareEnds) == (END,)
+    assert texts_of(results[THIRD], FirmwareEnds) == ()
     (note,) = [note for note in load_report_data(tmp_path).notes if "real autopilot failed" in note]
     assert f"in {FIRST}, {SECOND}." in note
 
@@ -63,7 +63,7 @@ def test_no_run_of_the_campaign_gives_an_agent_further_draws(tmp_path: Path) -> 
     summary = two_agents(tmp_path, {"p001-r1-crasher": "firmware"}, rerun={Outcome.BENCH_ERROR})
     assert (summary.flown, summary.completeness.drawn_out) == (2, 1)
     assert attempts(tmp_path) == flown | {"p001-r1-crasher": 3, "p001-r2-crasher": 3}
-    ends = {name: firmware_ends_of(result.details) for name, result in results(tmp_path).items()}
+    ends = {name: texts_of(result, FirmwareEnds) for name, result in results(tmp_path).items()}
     assert ends["p001-r1-crasher"] == (END,) * 3
     assert ends["p001-r2-crasher"] == (END,) * 2, "it went well in the end, and says how often it did not"
     assert (ends["p001-r2-steady"], ends["p001-r1-steady"]) == ((END,), ())

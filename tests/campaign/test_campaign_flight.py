@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from bench.campaign import load_measurable_decomposition, rescore, write_result
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult, services_of
+from bench.contracts import AgentExit, AgentStart, Confinement, Outcome, ServicesLetIn, SessionResult
 from bench.errors import SetupError
 from bench.realization import place
 from bench.recording import read_metadata, read_simspec, read_tape
@@ -134,8 +134,10 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
         spec = placed.model_copy(update={"agent": agent, **update})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "launched")
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
-        assert result.details["isolation"] != "none" or isolation == "none"
-        assert result.details.get("reset") == ("fork" if folder == "three" else None)
+        confinement, start = result.fact(Confinement), result.fact(AgentStart)
+        assert confinement is not None
+        assert confinement.isolation != "none" or isolation == "none"
+        assert (start and start.reset) == ("fork" if folder == "three" else None)
         assert read_simspec(tmp_path / "run" / "recording.mcap").agent.label == "mine"
         assert result.recording_sha256 is not None
         return result.recording_sha256
@@ -274,8 +276,10 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
         agent = AgentSpec(manifest=str(manifest), services=services)
         spec = scene().model_copy(update={"agent": agent})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "crash")
-    assert (result.outcome, result.details[AGENT_EXIT_CODE]) == (Outcome.AGENT_CRASHED, 3)
-    assert [(use.name, use.connections) for use in services_of(result.details)] == [("llm", 0), ("map", 0)]
+    assert (result.outcome, result.fact(AgentExit)) == (Outcome.AGENT_CRASHED, AgentExit(code=3))
+    let_in = result.fact(ServicesLetIn)
+    assert let_in is not None
+    assert [(use.name, use.connections) for use in let_in.uses] == [("llm", 0), ("map", 0)]
     assert "services" not in read_metadata(tmp_path / "run" / "recording.mcap")["rebar.session"]
     by_id = {observation.observable: observation for observation in result.observations}
     assert by_id["OBS-201"].considered

@@ -12,7 +12,6 @@ from in_process_executor import open_in_process
 from bench.campaign import CampaignFolder, load_campaign, question_sha256
 from bench.campaign._document import Campaign, Honeypots
 from bench.campaign.planning._realizations import realizations
-from bench.contracts import SAW_TRUTH
 from bench.reporting import load_report_data, render_report
 from bench.simspec import AgentSpec
 
@@ -62,7 +61,7 @@ def test_the_report_names_who_saw_the_truth_first(tmp_path: Path) -> None:
     for name in caught:
         path = CampaignFolder(tmp_path).run(name) / "result.json"
         document = json.loads(path.read_text())
-        document["details"] = {SAW_TRUTH: [f"report of {name}"]}
+        document["facts"] = {"saw_the_truth": {"texts": [f"report of {name}"]}}
         path.write_text(json.dumps(document))
     data = load_report_data(tmp_path)
     assert data.notes[0].startswith("An agent saw the truth")

@@ -14,7 +14,7 @@ from in_process_executor import open_in_process
 from bench.campaign import CampaignFolder, Completeness, RealizationRetried, open_journal
 from bench.campaign.execution._attempts import is_worth_a_retry
 from bench.campaign.execution._dispatcher import _is_full
-from bench.contracts import AGENT_EXIT_CODE, Outcome, SessionResult
+from bench.contracts import AgentExit, Outcome, SessionResult, facts_of
 from bench.errors import SetupError
 
 LOST = ("p001-r2-fake", "p003-r1-fake")
@@ -120,9 +120,8 @@ def test_an_exit_code_of_an_agent_counts_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_only_an_end_that_others_may_have_caused_is_worth_a_retry(exit_code: int | None, worth: bool) -> None:
-    early = SessionResult(
-        realization="r", outcome=Outcome.AGENT_CRASHED, details={AGENT_EXIT_CODE: exit_code}
-    )
+    facts = {} if exit_code is None else facts_of(AgentExit(code=exit_code))
+    early = SessionResult(realization="r", outcome=Outcome.AGENT_CRASHED, facts=facts)
     assert is_worth_a_retry(early) is worth
     assert not is_worth_a_retry(early.model_copy(update={"simulated_s": 0.1})), (
         "it knows its situation by now"

@@ -105,7 +105,7 @@ def knock(simspec: SimSpec, decomposition: list[int], folder: Path, realization:
     for port in decomposition:
         with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
             reached.append(port)
-    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, details={"reached": reached})
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, reason=json.dumps(reached))
 
 
 @pytest.mark.parametrize("own_network", [True, False])
@@ -131,4 +131,4 @@ def test_workers_have_networks_of_their_own_if_asked(
         anyio.run(fly_two)
     assert len(set(workers)) == 2
     expected = [] if own_network and namespace_refusal is None else ports
-    assert [result.details["reached"] for result in results] == [expected, expected]
+    assert [json.loads(result.reason) for result in results] == [expected, expected]

@@ -22,7 +22,7 @@ from bench.campaign import (
     verify_folder,
 )
 from bench.cli._scores import campaign_report
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, OverheadFidelity, SessionResult, facts_of
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Role
 
@@ -51,7 +51,7 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
         result = SessionResult.model_validate_json(
             (folder.run(realization.name) / "result.json").read_bytes()
         )
-        assert result.details == {"fidelity": "overhead", "not_computed": []}
+        assert result.facts == facts_of(OverheadFidelity(not_computed=()))
         assert {observation.observable for observation in result.observations} == set(
             decomposition.observables
         )

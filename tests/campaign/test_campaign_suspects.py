@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from campaign_fakes import CONFINED, FORFEIT, Script, fly, small_campaign
+from campaign_fakes import CONFINED, FORFEIT, Script, fly, small_campaign, texts_of
 from in_process_executor import open_in_process
 
 from bench.agents.confinement import rungs
@@ -22,7 +22,7 @@ from bench.campaign import (
 )
 from bench.campaign.execution._flight import fly_confined, fly_here, forfeit_realization
 from bench.campaign.execution._suspects import SuspectWatch, is_suspect
-from bench.contracts import SUSPECT, Outcome, SessionResult, open_walls_of, suspicions_of
+from bench.contracts import Confinement, Fact, Outcome, SessionResult, SuspectEnds, facts_of
 from bench.realization import place
 from bench.reporting import load_report_data, render_report
 from bench.simspec import AgentSpec, load_simspec
@@ -51,18 +51,18 @@ def attempts(folder: Path) -> dict[str, int]:
 
 
 def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> None:
-    """Both runs count, with a recording of their own and both attempts in the details; the campaign is complete."""
+    """Both runs count, with a recording of their own and both attempts in the result; the campaign is complete."""
     summary, results = flown(tmp_path, {FIRST: "rob", SECOND: "rob"})
     assert summary.complete
     assert summary.outcomes == {Outcome.COMPLETED: 4, Outcome.AGENT_BROKE_BENCH: 2}
     for name in (FIRST, SECOND):
-        ends = suspicions_of(results[name].details)
+        ends = texts_of(results[name], SuspectEnds)
         assert ends == ("bench_error: FileNotFoundError: somebody removed the recording",) * 2
         assert (
             CampaignFolder(tmp_path).run(name) / "recording.mcap"
         ).read_bytes() == f"none of {name}".encode()
         assert attempts(tmp_path)[name] == 3
-    assert SUSPECT not in results[THIRD].details
+    assert results[THIRD].fact(SuspectEnds) is None
     assert verify_folder(tmp_path) == []
     assert flown(tmp_path, {})[0].flown == 0, "an agent's own end is not flown again"
 
@@ -80,8 +80,9 @@ def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -
     for name, suspect in ((FIRST, True), (SECOND, True), (THIRD, False)):
         result = read_result(CampaignFolder(tmp_path).run(name), name)
         assert result is not None
-        assert (len(suspicions_of(result.details)) == 1) == suspect
-        assert result.details.get("isolation") == ("bwrap" if suspect else None)
+        assert (len(texts_of(result, SuspectEnds)) == 1) == suspect
+        confinement = result.fact(Confinement)
+        assert (confinement and confinement.isolation) == ("bwrap" if suspect else None)
 
 
 def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None:
@@ -95,10 +96,10 @@ def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None
     nodes = load_measurable_decomposition("search-and-report")
     free = fly_here(spec, nodes, tmp_path / "free", "run")
     confined = fly_confined(spec, nodes, tmp_path / "confined", "run")
-    assert free.details["isolation"] == "none"
-    assert confined.details["isolation"] in ("bwrap", "landlock")
+    boxes = [result.fact(Confinement) for result in (free, confined)]
+    assert [box is not None and box.isolation != "none" for box in boxes] == [False, True]
     # What each leaves open differs, and stands in the result alone: the recording is the same on every host.
-    free_walls, confined_walls = (open_walls_of(result.details) for result in (free, confined))
+    free_walls, confined_walls = (box and box.open_walls for box in boxes)
     assert free_walls is not None
     assert confined_walls is not None
     assert {"files", "tcp", "disk"} <= set(free_walls)
@@ -111,7 +112,7 @@ def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
     """The second attempts go well: their outcomes are their own, and both stay visible."""
     summary, results = flown(tmp_path, {FIRST: "rob-once", SECOND: "raise-once"})
     assert summary.outcomes == {Outcome.COMPLETED: 6}
-    assert [len(suspicions_of(results[name].details)) for name in (FIRST, SECOND, THIRD)] == [1, 1, 0]
+    assert [len(texts_of(results[name], SuspectEnds)) for name in (FIRST, SECOND, THIRD)] == [1, 1, 0]
 
 
 @pytest.mark.parametrize("act", ["raise", "rob"])
@@ -123,7 +124,7 @@ def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Pa
     summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit=FORFEIT)
     results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]
     assert summary.outcomes[Outcome.AGENT_BROKE_BENCH] == 1
-    assert [len(suspicions_of(result.details)) for result in results if result] == [2, 2, 2]
+    assert [len(texts_of(result, SuspectEnds)) for result in results if result] == [2, 2, 2]
     assert [result.outcome is Outcome.AGENT_BROKE_BENCH for result in results if result] == [
         False,
         False,
@@ -136,7 +137,7 @@ def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
     kills = iter(range(1000))
     summary, results = flown(tmp_path, {FIRST: "rob", SECOND: "rob"}, lambda: next(kills))
     assert summary.completeness.missing == {Outcome.BENCH_ERROR: 2}
-    assert all(SUSPECT not in result.details for result in results.values())
+    assert all(result.fact(SuspectEnds) is None for result in results.values())
 
 
 def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
@@ -145,19 +146,20 @@ def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_BROKE_BENCH: 1}
     result = read_result(CampaignFolder(tmp_path).run(SECOND), SECOND)
     assert result is not None
-    (end,) = suspicions_of(result.details)
+    (end,) = texts_of(result, SuspectEnds)
     assert end.startswith("worker_lost: the worker ")
     assert "was killed by SIGKILL" in end
 
 
-def ended(realization: str, outcome: Outcome, reason: str = "", **details: object) -> SessionResult:
-    return SessionResult(realization=realization, outcome=outcome, reason=reason, details=details)
+def ended(realization: str, outcome: Outcome, reason: str = "", *facts: Fact) -> SessionResult:
+    return SessionResult(realization=realization, outcome=outcome, reason=reason, facts=facts_of(*facts))
 
 
 LOST = ended("a", Outcome.WORKER_LOST, "the worker w1 was killed by SIGKILL")
 
 
-STARTED = {"isolation": "bwrap", "leaves_open": []}
+STARTED = Confinement(isolation="bwrap", network="own", open_walls=())
+NOT_STARTED = Confinement(isolation="bwrap", network="own")
 
 
 @pytest.mark.parametrize(
@@ -165,10 +167,10 @@ STARTED = {"isolation": "bwrap", "leaves_open": []}
     [
         (LOST, True),
         (ended("a", Outcome.BENCH_ERROR, "ConnectionResetError: [Errno 104]"), True),
-        (ended("a", Outcome.BENCH_ERROR, "KeyError: 'x'", **STARTED), True),
-        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="bwrap"), False),
-        (ended("a", Outcome.WALL_BUDGET, "killed", **STARTED), False),
-        (ended("a", Outcome.AGENT_CRASHED, "OSError: of the agent", **STARTED), False),
+        (ended("a", Outcome.BENCH_ERROR, "KeyError: 'x'", STARTED), True),
+        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", NOT_STARTED), False),
+        (ended("a", Outcome.WALL_BUDGET, "killed", STARTED), False),
+        (ended("a", Outcome.AGENT_CRASHED, "OSError: of the agent", STARTED), False),
     ],
 )
 def test_what_is_suspect(result: SessionResult, suspect: bool) -> None:
@@ -204,7 +206,7 @@ def test_a_confined_agent_is_suspected_as_well() -> None:
     assert jobs == [None, None, None, CONFINED]
     ends = [LOST.model_copy(update={"realization": name}) for name in ("a", "b")]
     assert [watch.forfeits(end, bench_works=True) for end in ends] == [True, True]
-    assert [len(suspicions_of(watch.marked(end).details)) for end in ends] == [2, 2]
+    assert [len(texts_of(watch.marked(end), SuspectEnds)) for end in ends] == [2, 2]
 
 
 def test_a_forfeited_realization_is_recorded_and_measured(tmp_path: Path) -> None:

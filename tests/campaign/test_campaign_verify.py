@@ -489,7 +489,7 @@ OTHER_ARITHMETIC = {"processor": "x86_64 sse4_2", "libm": "glibc 2.17, results 0
 
 
 def on_another_processor(result: dict[str, Any]) -> None:
-    result["details"]["arithmetic"].update(OTHER_ARITHMETIC)
+    result["facts"]["arithmetic"].update(OTHER_ARITHMETIC)
 
 
 def test_a_difference_between_processors_is_named_with_its_size(
@@ -523,7 +523,7 @@ def test_a_difference_between_processors_is_named_with_its_size(
     assert told.endswith("that both flew; the results are equal")
     assert "processor" not in runs[here].explanation
 
-    edit_json(folder / "runs" / elsewhere / "result.json", lambda result: result["details"].pop("arithmetic"))
+    edit_json(folder / "runs" / elsewhere / "result.json", lambda result: result["facts"].pop("arithmetic"))
     assert flown_again("moved_flight")[elsewhere].status is ReflownStatus.DIFFERENT
 
 
@@ -532,7 +532,7 @@ def test_results_and_manifest_name_the_arithmetic_and_recordings_do_not(flown: P
     manifest = json.loads((flown / "manifest.json").read_text())
     assert arithmetic().items() <= manifest["versions"].items()
     for run_folder in (flown / "runs").iterdir():
-        assert json.loads((run_folder / "result.json").read_text())["details"]["arithmetic"] == arithmetic()
+        assert json.loads((run_folder / "result.json").read_text())["facts"]["arithmetic"] == arithmetic()
         assert read_metadata(run_folder / "recording.mcap")["rebar.versions"] == versions()
     intel = "processor\t: 0\nflags\t\t: fpu sse4_2 avx2 fma\n\nprocessor\t: 1\nflags\t\t: fpu avx512f\n"
     arm = "processor\t: 0\nFeatures\t: fp asimd sve\n"

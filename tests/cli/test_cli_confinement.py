@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from bench.agents.confinement import Wall
-from bench.cli._sessions import _confinement_line
+from bench.cli._sessions import _fact_lines
+from bench.contracts import Confinement, Outcome, SessionResult, facts_of
+
+
+def confinement_line(isolation: str, network: str = "own", open_walls: tuple[str, ...] | None = None) -> str:
+    confinement = Confinement(isolation=isolation, network=network, open_walls=open_walls)
+    result = SessionResult(realization="a", outcome=Outcome.COMPLETED, facts=facts_of(confinement))
+    (line,) = _fact_lines(result)
+    return line
 
 
 @pytest.mark.parametrize(
@@ -22,15 +30,14 @@ from bench.cli._sessions import _confinement_line
     ],
 )
 def test_rung_and_network_are_named(isolation: str, network: str, words: str) -> None:
-    line = _confinement_line({"isolation": isolation, "network": network})
+    line = confinement_line(isolation, network)
     assert words in line
     assert "\n" not in line
 
 
 def test_open_walls_are_named() -> None:
     """In the words of the table; nothing is said of a box that leaves nothing open."""
-    details: dict[str, object] = {"isolation": "bwrap", "network": "own"}
-    held = _confinement_line(details | {"leaves_open": []})
-    assert held == _confinement_line(details) == "isolation: bwrap, a network of its own"
-    line = _confinement_line(details | {"leaves_open": ["udp", "host_name"]})
+    held = confinement_line("bwrap", open_walls=())
+    assert held == confinement_line("bwrap") == "isolation: bwrap, a network of its own"
+    line = confinement_line("bwrap", open_walls=("udp", "host_name"))
     assert line == f"{held}; leaves open: {Wall.UDP}; {Wall.HOST_NAME}"

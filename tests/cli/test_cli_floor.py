@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from bench.cli._app import run
-from bench.contracts import SessionResult
+from bench.contracts import SessionResult, TruthGiven
 from bench.recording import read_simspec, read_tape
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
@@ -63,8 +63,8 @@ def test_whoever_is_given_the_truth_is_marked(campaign: Path) -> None:
         result = SessionResult.model_validate_json(path.read_bytes())
         recording = path.with_name("recording.mcap")
         events = {event.value.name for event in read_tape(recording, read_simspec(recording)).events}
-        assert ("truth given" in events) is ("truth" in result.details)
-        if "truth" in result.details:
+        assert ("truth given" in events) is (result.fact(TruthGiven) is not None)
+        if result.fact(TruthGiven):
             given.add(result.realization)
     assert len(given) == 1
     assert given.pop().endswith("-oracle")

@@ -13,7 +13,7 @@ from client_programs import PROGRAMS, SCRIPTS, Program
 from bench.agents import open_agent
 from bench.agents.confinement import rungs
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, MavlinkNeed, Outcome, Record
+from bench.contracts import AgentManifest, MavlinkNeed, Outcome, Record, SessionResult
 from bench.simspec import (
     Home,
     Mission,
@@ -25,7 +25,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 from bench.simulation.warp import warp_fault
 
 CORNERS = ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))
@@ -66,7 +66,7 @@ def manifest_of(program: Program, *chapters: str) -> AgentManifest:
 
 def flown(
     manifest: AgentManifest, spec: SimSpec, folder: Path
-) -> tuple[SessionEnd, list[Record], dict[str, Any]]:
+) -> tuple[SessionResult, list[Record], dict[str, Any]]:
     """A session in warp: its end, its records, and what the client told last."""
     if fault := warp_fault():
         pytest.skip(str(fault))

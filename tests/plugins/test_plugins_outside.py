@@ -26,7 +26,7 @@ decomposition = read_decomposition(Path(sys.argv[1]).read_text())
 result = fly_realization(spec, decomposition, Path(sys.argv[2]), "outside")
 simulated = spec.model_copy(update={"perception": Perception()})
 (predicted,) = fly_overhead([simulated], ["outside"], decomposition)
-print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.details["detector"], "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
+print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.facts["detector"].description, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
 DECOMPOSITION = """

@@ -78,7 +78,7 @@ class Made:
     never_scored: str | None = None
     description: str = "A made-up campaign for the report's tests."
     scored: bool = True
-    details: Mapping[str, dict[str, Any]] = field(default_factory=dict)  # of results, by realization
+    facts: Mapping[str, dict[str, Any]] = field(default_factory=dict)  # of results, by realization
     about_sensor: tuple[str, ...] = ()  # observables whose subject is the perception
 
 
@@ -104,7 +104,7 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
                 simulated_s=END_S,
                 cpu_s=3.0,
                 recording_sha256=digest,
-                details=made.details.get(name, {}),
+                facts=made.facts.get(name, {}),
             )
             (run / "result.json").write_text(result.model_dump_json())
             difficulty = difficulty_of(document, made_simspec(scene, agent))

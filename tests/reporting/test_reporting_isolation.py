@@ -9,15 +9,17 @@ import pytest
 from made_campaign import AGENTS, Made, make_campaign
 from test_reporting_page import Page, page_of
 
-from bench.agents.confinement import HOLDINGS, Wall
+from bench.agents.confinement import HOLDINGS, Wall, wall_name
 from bench.contracts import Outcome
 from bench.reporting import load_report_data
 from bench.reporting.text._answer import answer_paragraph
 from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
-BOXED: dict[str, Any] = {"isolation": "bwrap", "network": "own"}
-SHARED: dict[str, Any] = {"isolation": "bwrap", "network": "the host's: no permission"}
+BOXED: dict[str, Any] = {"confinement": {"isolation": "bwrap", "network": "own"}}
+SHARED: dict[str, Any] = {
+    "confinement": {"isolation": "bwrap", "network": "the host's: no permission", "open_walls": ["udp"]}
+}
 MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
 LLM = {
     "name": "llm",
@@ -27,10 +29,19 @@ LLM = {
     "failed": 2,
     "bytes_sent": 5,
 }
-# The last one is no service: somebody has edited the result.
-SERVED = SHARED | {"services": [LLM, MAP]}
-SERVED_AGAIN = SHARED | {"services": [MAP | {"bytes_sent": 1000}, LLM | {"counted": False}, {"name": "odd"}]}
-FREE = {"isolation": "none", "network": "own"}
+SERVED = SHARED | {"services": {"uses": [LLM, MAP]}}
+SERVED_AGAIN = SHARED | {"services": {"uses": [MAP | {"bytes_sent": 1000}, LLM | {"counted": False}]}}
+# Its services are none: somebody has edited the result.
+FREE = {
+    "confinement": {
+        "isolation": "none",
+        "network": "own",
+        "open_walls": [
+            wall_name(wall) for wall, holding in HOLDINGS["none"].items() if holding.text != "yes"
+        ],
+    },
+    "services": {"uses": [{"name": "odd"}]},
+}
 
 
 def ids(agent: str) -> list[str]:
@@ -42,8 +53,8 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first agent: once in a network of its own, twice on the host's. The second: once free, once boxed, once
     unknown.
     """
-    details = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SERVED, SERVED_AGAIN, FREE, BOXED, {}), strict=True))
-    return make_campaign(tmp_path_factory.mktemp("isolation") / "c", Made(scenes=3, details=details))
+    facts = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SERVED, SERVED_AGAIN, FREE, BOXED, {}), strict=True))
+    return make_campaign(tmp_path_factory.mktemp("isolation") / "c", Made(scenes=3, facts=facts))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +80,7 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     assert "NOT CONFINED in 1 run (isolation none)" in free
     assert "is not recorded for 1 run." in free
     for wall, holding in HOLDINGS["none"].items():
-        assert (wall in free) == (holding.text not in ("yes", "in a network of its own")), wall
+        assert (wall in free) == (holding.text != "yes"), wall
 
 
 def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
@@ -82,7 +93,7 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     head, *rows = page[0].tables["all-runs"]
     place = head.index("Confined by")
     cells = {row[0]: row[place] for row in rows}
-    shared = "bwrap, host’s network, let in: "
+    shared = "bwrap, host’s network, 1 wall open, let in: "
     assert [cells[name] for name in ids(NAIVE)] == ["bwrap", f"{shared}llm and map", f"{shared}map and llm"]
     assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
     assert page[1].count('<td><span class="bad">none</span></td>') == 1
@@ -91,9 +102,9 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
 def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path: Path) -> None:
     """Runs of one agent on three hosts, and of another on one that holds all; a name that a later table may know."""
     walls: tuple[list[str], ...] = (["host_name"], ["tcp", "later_wall", "disk"], ["host_name"], [], [], [])
-    boxed = (BOXED | {"leaves_open": names} for names in walls)
-    details = dict(zip(ids(NAIVE) + ids(AWARE), boxed, strict=True))
-    folder = make_campaign(tmp_path / "c", Made(scenes=3, details=details))
+    boxed = ({"confinement": BOXED["confinement"] | {"open_walls": names}} for names in walls)
+    facts = dict(zip(ids(NAIVE) + ids(AWARE), boxed, strict=True))
+    folder = make_campaign(tmp_path / "c", Made(scenes=3, facts=facts))
     data = load_report_data(folder)
     naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
     assert naive is not None
@@ -113,18 +124,18 @@ def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path:
 
 
 def test_older_campaigns_and_single_ways(tmp_path: Path) -> None:
-    """Nothing recorded; all runs alike; an agent that broke the bench was free by definition; a lost run is silent."""
-    details = {ids(AWARE)[0]: {"isolation": "landlock", "network": "own"}}
+    """Nothing recorded, one way of many runs, and a lost run, of which nothing is asked."""
+    facts = {ids(AWARE)[0]: {"confinement": {"isolation": "landlock", "network": "own"}}}
     endings = {
         ids(AWARE)[1]: (Outcome.AGENT_BROKE_BENCH, "twice"),
         ids(AWARE)[2]: (Outcome.WORKER_LOST, "killed"),
     }
-    data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=3, details=details, endings=endings)))
+    data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=3, facts=facts, endings=endings)))
     naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
     assert naive is not None
     assert (naive.text, naive.unconfined) == ("How it was confined is not recorded.", False)
     assert aware is not None
-    assert aware.unconfined
-    assert "NOT CONFINED in 1 run" in aware.text
-    assert "confined by landlock in 1 run, with a network of its own." in aware.text
-    assert "not recorded" not in aware.text
+    assert not aware.unconfined
+    assert aware.text == (
+        "It was confined by landlock in 1 run, with a network of its own. How it was confined is not recorded for 1 run."
+    )

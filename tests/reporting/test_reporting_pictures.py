@@ -293,7 +293,7 @@ def flown(folder: Path, spec: SimSpec) -> Path:
                 open_on_pixels=lambda _: CrateDetector((5.0, 5.0, 45.0, 35.0)),
             )
         )
-    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
     return path
 
 

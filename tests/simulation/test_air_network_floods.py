@@ -205,7 +205,7 @@ def test_limits_go_by_simulated_time_to_the_nanosecond() -> None:
 def test_a_busy_agent_loses_nothing_and_a_talkative_one_goes_on(tmp_path: Path) -> None:
     """1,500 documents in the first tick: 500 are recorded, one event says so, and the session flies to its end."""
     end, records = run(tmp_path, agent_manifest("spam"), clock=patient_clock())
-    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
     assert end.counters["air_dropped"] == 1000
     assert sum(record.topic == TOPICS.status for record in records) == 500
     dropping = [record for record in records if b'"dropping"' in record.data]

@@ -16,6 +16,7 @@ from air_documents import valid
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import (
+    AgentExit,
     AgentManifest,
     AgentPlan,
     AgentUsage,
@@ -23,6 +24,7 @@ from bench.contracts import (
     OpenAgent,
     Outcome,
     Record,
+    SessionResult,
     SimTime,
     Tape,
     document_text,
@@ -51,7 +53,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
+from bench.simulation import HostClock, SessionPlan, run_session
 from bench.simulation._consents import OperatorConsents
 from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
@@ -91,7 +93,7 @@ def run(
     spec: SimSpec | None = None,
     clock: HostClock = HOST_CLOCK,
     open_agent: OpenAgent = open_agent,
-) -> tuple[SessionEnd, list[Record]]:
+) -> tuple[SessionResult, list[Record]]:
     records: list[Record] = []
     starter = AgentStarter(open_agent)
     plan = SessionPlan(
@@ -151,7 +153,7 @@ def test_each_agent_behaviour_gives_its_outcome(
 ) -> None:
     """The reason names the agent's fault, with its last output if there is any; only its session is lost."""
     end, records = run(tmp_path, agent_manifest(behaviour), clock=patient_clock())
-    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
+    assert (end.outcome, words in end.reason) == (outcome, True), f"{end.reason} {end.facts}"
     assert records[-1].topic == "/session/events"
 
 
@@ -247,10 +249,10 @@ def test_a_wrong_hello_is_told_to_the_agent_and_named_in_the_reason(
     command = ("{python}", "-c", SAYS_HELLO, fields)
     manifest = AgentManifest(name="mine", command=command, pace=("lockstep",))
     end, _ = run(tmp_path, manifest, clock=patient_clock())
-    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
+    assert (end.outcome, words in end.reason) == (outcome, True), f"{end.reason} {end.facts}"
     if outcome is Outcome.AGENT_CRASHED:
         assert "ended with exit code 4" in end.reason
-    assert end.agent_exit_code == (4 if outcome is Outcome.AGENT_CRASHED else None)
+    assert end.fact(AgentExit) == (AgentExit(code=4) if outcome is Outcome.AGENT_CRASHED else None)
     (answer,) = (line for line in (tmp_path / "agent.log").read_text().splitlines() if line)
     assert words in json.loads(answer)["reason"]
 

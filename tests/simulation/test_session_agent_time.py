@@ -180,25 +180,11 @@ def test_the_wall_budget_is_blamed_on_the_agents_own_time(starved_share: float, 
             host.usage = AgentUsage(host.usage.cpu_s + 0.02, starved_s)
             return super().exchange(tick, budget_s)
 
-    class RunningProcess:
-        pid = 1
-
-        def exit_code(self) -> int | None:
-            return None
-
-        def usage(self) -> AgentUsage:
-            return host.usage
-
-        def exceeded_limit(self) -> str:
-            return ""
-
-        def output_tail(self) -> str:
-            return ""
-
     agent = BusyHostAgent(host, 2.0)
-    with session_of(session_simspec(**LONG), host, agent, []) as (session, _):
-        session.attach(RunningProcess(), agent)  # type: ignore[arg-type]  # answers in this process
-        with pytest.raises(StopSession) as end:
-            session.run()
+    with (
+        session_of(session_simspec(**LONG), host, agent, []) as (session, _),
+        pytest.raises(StopSession) as end,
+    ):
+        session.run()
     assert end.value.outcome is outcome
     assert ("too busy to let the agent answer" in end.value.reason) is (outcome is Outcome.WALL_BUDGET)

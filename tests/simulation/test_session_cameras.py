@@ -107,7 +107,7 @@ def test_each_camera_has_its_rate_its_digests_and_its_topics(
 ) -> None:
     """Frames are numbered camera by camera, the agent gets those of its topics, and two flights are equal."""
     session, repeated = flown
-    assert session.end.outcome is Outcome.TIME_LIMIT, session.end.reason + session.end.traceback
+    assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
     assert session.records == repeated.records
     for camera, count in FRAMES.items():
         pictures = [picture for _, picture in pictures_of(session, camera)]
@@ -306,7 +306,7 @@ def test_a_session_flies_with_another_renderer_for_one_of_its_cameras(
         spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", records.append
     )
     end = run_session(plan)
-    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
     session = FlownSession(end, records, [])
     events = [document(EventDocument, record) for record in session.on(SESSION_EVENTS)]
     first, second = (event.text for event in events if event.name == "camera opened")

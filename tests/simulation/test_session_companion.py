@@ -17,10 +17,20 @@ from serial_cable import Cable
 from test_session import session_simspec
 
 from bench.agents import open_agent
-from bench.contracts import CLOCK, AgentManifest, AgentStatus, Outcome, Record, VehicleTopics, document_text
+from bench.contracts import (
+    CLOCK,
+    AgentManifest,
+    AgentStatus,
+    Outcome,
+    Record,
+    SessionResult,
+    StepTiming,
+    VehicleTopics,
+    document_text,
+)
 from bench.errors import LinkLost
 from bench.simspec import AgentSpec, Mission, OutsideAir, OutsideLink, Pace, SimSpec, VehicleSpec
-from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session, session_faults
+from bench.simulation import HostClock, SessionPlan, run_session, session_faults
 from bench.simulation._air_network import DOMAIN
 from bench.streams import AirAccess, Clock, String, open_client
 
@@ -32,7 +42,7 @@ ELSEWHERE = AgentManifest(
 )
 
 
-def fly(folder: Path, spec: SimSpec, clock: HostClock | None = None) -> tuple[SessionEnd, list[Record]]:
+def fly(folder: Path, spec: SimSpec, clock: HostClock | None = None) -> tuple[SessionResult, list[Record]]:
     records: list[Record] = []
     scratch = folder / "scratch"
     plan = SessionPlan(spec, ELSEWHERE, folder, open_agent, scratch, records.append, clock or HostClock())
@@ -96,8 +106,9 @@ def test_a_companion_on_a_serial_device_flies_and_one_that_is_not_heard_does_not
         assert session_faults(spec, ELSEWHERE) == []
         end, records = fly(tmp_path, spec, HostClock(lambda: now_s, sleep))
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
-    assert end.timing is not None
-    assert end.timing.late == 0
+    timing = end.fact(StepTiming)
+    assert timing is not None
+    assert timing.late == 0
     assert "COMMAND_ACK" in kinds(from_companion)
     assert "HEARTBEAT" in kinds(from_watcher)
     assert "COMMAND_ACK" not in kinds(from_watcher)
@@ -137,7 +148,7 @@ def test_an_agent_elsewhere_ends_its_mission_over_zenoh_and_a_stranger_does_not(
     outside = air(tmp_path)
     spec = situation(outside)
     assert session_faults(spec, ELSEWHERE) == []
-    ends: list[tuple[SessionEnd, list[Record]]] = []
+    ends: list[tuple[SessionResult, list[Record]]] = []
     session = threading.Thread(target=lambda: ends.append(fly(tmp_path, spec)))
     session.start()
     locator = f"tcp/127.0.0.1:{outside.port}"

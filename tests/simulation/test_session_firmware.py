@@ -10,9 +10,17 @@ from firmware_files import install_firmware
 from test_session import session_simspec
 
 from bench.agents import open_agent
-from bench.contracts import SESSION_EVENTS, Blame, Outcome, Record
+from bench.contracts import (
+    SESSION_EVENTS,
+    BenchTraceback,
+    Blame,
+    FirmwareBuild,
+    Outcome,
+    Record,
+    SessionResult,
+)
 from bench.simspec import Mission, RealAutopilot, VehicleSpec
-from bench.simulation import SessionEnd, SessionPlan, run_session, session_faults
+from bench.simulation import SessionPlan, run_session, session_faults
 from bench.testing import agent_manifest
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
@@ -30,7 +38,7 @@ def vehicle(arducopter: Path, fault: int = 0) -> VehicleSpec:
     return VehicleSpec(model="x500", autopilot=autopilot)
 
 
-def fly(folder: Path, spec: VehicleSpec) -> tuple[SessionEnd, list[Record]]:
+def fly(folder: Path, spec: VehicleSpec) -> tuple[SessionResult, list[Record]]:
     records: list[Record] = []
     plan = SessionPlan(
         session_simspec(vehicle=spec, mission=Mission(time_limit_s=1.0)),
@@ -47,14 +55,16 @@ def fly(folder: Path, spec: VehicleSpec) -> tuple[SessionEnd, list[Record]]:
 def test_a_session_says_which_firmware_flew_and_keeps_its_console(tmp_path: Path, arducopter: Path) -> None:
     end, records = fly(tmp_path, vehicle(arducopter))
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
-    assert end.firmware.startswith("ArduPilot 1.2.3 (5tand1n), arducopter sha256:")
+    build = end.fact(FirmwareBuild)
+    assert build is not None
+    assert build.description.startswith("ArduPilot 1.2.3 (5tand1n), arducopter sha256:")
     booted = [
         record.data
         for record in records
         if record.topic == SESSION_EVENTS and b"firmware booted" in record.data
     ]
     assert len(booted) == 1
-    assert end.firmware.encode() in booted[0]
+    assert build.description.encode() in booted[0]
     assert (tmp_path / "autopilot" / "console.log").is_file()
 
 
@@ -64,7 +74,7 @@ def test_a_firmware_that_fails_is_no_fault_of_the_agent(fault: int, tmp_path: Pa
     assert end.outcome is Outcome.BENCH_ERROR
     assert end.outcome.blame is Blame.BENCH
     assert end.reason.startswith("the autopilot's firmware failed: ArduPilot ended with exit code 7")
-    assert end.traceback == ""
+    assert end.fact(BenchTraceback) is None
     assert (tmp_path / "autopilot" / "console.log").read_text() == "no airframe of this name\n"
 
 

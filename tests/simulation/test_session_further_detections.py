@@ -16,6 +16,7 @@ from bench.contracts import (
     Outcome,
     PictureDocument,
     Record,
+    SessionResult,
     SimTime,
     Tape,
     VehicleTopics,
@@ -29,7 +30,7 @@ from bench.recording import TapeBuilder, open_recording, read_records
 from bench.recording.viewers import export_for_viewers
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
-from bench.simulation import SessionEnd, SessionPlan, open_plain_scene, run_session
+from bench.simulation import SessionPlan, open_plain_scene, run_session
 from bench.simulation._further_cameras import scene_faults
 from bench.simulation._scene import PlainScene
 from bench.streams import Detection2DArray, decode
@@ -61,7 +62,7 @@ class FlownCameras:
     """One session: how it ended and what was recorded."""
 
     spec: SimSpec
-    end: SessionEnd
+    end: SessionResult
     records: list[Record]
 
     def messages(self, topic: str) -> list[tuple[SimTime, Detection2DArray]]:
@@ -98,7 +99,7 @@ def fly(folder: Path, spec: SimSpec) -> FlownCameras:
         open_on_pixels=lambda _: BlobDetector(),
     )
     flown = FlownCameras(spec, run_session(plan), records)
-    assert flown.end.outcome is Outcome.TIME_LIMIT, flown.end.reason + flown.end.traceback
+    assert flown.end.outcome is Outcome.TIME_LIMIT, f"{flown.end.reason} {flown.end.facts}"
     return flown
 
 

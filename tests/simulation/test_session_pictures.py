@@ -33,6 +33,7 @@ from bench.contracts import (
     PictureDocument,
     Record,
     Renderer,
+    SessionResult,
     Stage,
     VehicleTopics,
 )
@@ -49,7 +50,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionPlan, run_session
 from bench.simulation._air_network import open_air_network
 from bench.streams import CameraInfo, CompressedImage, String, TFMessage, decode, open_client
 from bench.testing import agent_manifest
@@ -116,7 +117,7 @@ class _Counted:
 class FlownSession:
     """One session: how it ended, what was recorded, what the agent wrote down, what was drawn."""
 
-    end: SessionEnd
+    end: SessionResult
     records: Sequence[Record]
     lines: Sequence[dict[str, object]]
     renderer: CountedRenderer = field(default_factory=CountedRenderer)
@@ -166,7 +167,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownSession, Flo
 def test_the_agent_gets_every_picture_with_its_stamp(watched: tuple[FlownSession, FlownSession]) -> None:
     """Raw and JPEG are the pictures whose digests are recorded, in the size and encoding that the messages state."""
     session, _ = watched
-    assert session.end.outcome is Outcome.TIME_LIMIT, session.end.reason + session.end.traceback
+    assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
     exposed = [record.time.ns for record in session.on(TRUTH_PICTURES)]
     pictures = session.pictures()
     assert [picture.frame for picture in pictures] == list(range(FRAMES))

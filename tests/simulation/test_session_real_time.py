@@ -11,12 +11,11 @@ import pytest
 from test_session import session_simspec
 from test_session_rounds import FakeAgent, Host, session_of
 
-from bench.contracts import AgentUsage, Outcome, Record, StepTiming
+from bench.contracts import AgentUsage, Outcome, Record, StepTiming, fact_of, facts_of
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting.text._campaign_facts import campaign_facts
 from bench.simspec import Mission, Pace
 from bench.simulation._host_cores import usable_cores
-from bench.simulation._session import SessionProgress
 from bench.simulation._step_timing import MIN_JUDGED_STEPS, StepClock, judged
 from bench.simulation._stop_session import StopSession
 
@@ -40,19 +39,6 @@ def test_percentiles_are_those_of_numpy() -> None:
     assert (empty.steps, empty.late_share, empty.delay_max_s) == (0, 0.0, 0.0)
 
 
-class IdleProcess:
-    """An agent's process that lives, and whose usage is the host's."""
-
-    def __init__(self, host: Host) -> None:
-        self._host = host
-
-    def exit_code(self) -> int | None:
-        return None
-
-    def usage(self) -> AgentUsage:
-        return self._host.usage
-
-
 def flown(
     stalls: dict[float, float], agent_cores: float = 0.0, **pace: float
 ) -> tuple[StopSession, StepTiming]:
@@ -60,7 +46,6 @@ def flown(
     host, records = Host(), list[Record]()
     spec = session_simspec(pace=Pace(mode="realtime", **pace), mission=Mission(time_limit_s=4.0))
     with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
-        session.attach(IdleProcess(host), None)  # type: ignore[arg-type]
         step = vehicle.step
 
         def stalling_step() -> None:
@@ -71,10 +56,10 @@ def flown(
         vehicle.step = stalling_step  # type: ignore[method-assign]
         with pytest.raises(StopSession) as end:
             session.run()
-        progress: SessionProgress = session._progress
-    assert progress.timing is not None
+        timing = fact_of(session._progress.facts, StepTiming)
+    assert timing is not None
     assert str(end.value.outcome).encode() in records[-1].data
-    return end.value, progress.timing
+    return end.value, timing
 
 
 def test_a_stall_makes_the_steps_behind_it_late_until_the_bench_has_caught_up() -> None:
@@ -104,7 +89,7 @@ def test_an_agent_that_keeps_every_core_busy_cannot_drop_its_session(monkeypatch
     """Charged above half of the processor time of the host, here with two cores and with eight."""
     stalls = {1.0: 0.15, 3.0: 0.15}
     for cores in (2, 8):
-        monkeypatch.setattr("bench.simulation._session.usable_cores", lambda cores=cores: float(cores))
+        monkeypatch.setattr("bench.simulation._real_time.usable_cores", lambda cores=cores: float(cores))
         assert flown(stalls, agent_cores=0.5 * cores - 0.01)[0].outcome is Outcome.BENCH_TOO_SLOW
         end, _ = flown(stalls, agent_cores=0.5 * cores + 0.05)
         assert end.outcome is Outcome.AGENT_TIMEOUT
@@ -153,7 +138,6 @@ def flooded(
     host, records = Host(), list[Record]()
     spec = session_simspec(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=8.0))
     with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
-        session.attach(IdleProcess(host), None)  # type: ignore[arg-type]
 
         def receive() -> dict[str, int]:
             if vehicle.time.s < 4.0 and round(vehicle.time.s / STEP_S) % 2:
@@ -167,7 +151,7 @@ def flooded(
         vehicle.receive = receive  # type: ignore[method-assign]
         with pytest.raises(StopSession) as end:
             session.run()
-        timing = session._progress.timing
+        timing = fact_of(session._progress.facts, StepTiming)
     assert timing is not None
     assert timing.late_without_input is not None
     return end.value, timing.late_without_input
@@ -175,7 +159,7 @@ def flooded(
 
 def test_an_agent_that_floods_the_bench_cannot_drop_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
     """Charged by what its messages cost the bench, by either way; not for ordinary ones on a host that is slow anyway."""
-    monkeypatch.setattr("bench.simulation._session.usable_cores", lambda: 8.0)
+    monkeypatch.setattr("bench.simulation._real_time.usable_cores", lambda: 8.0)
     for taken_s, read_s in ((0.05, 0.0), (0.0, 0.05), (0.025, 0.025)):
         end, without = flooded(taken_s, read_s, 0.0)
         assert (end.outcome, without) == (Outcome.AGENT_FLOODED, 0)
@@ -192,7 +176,7 @@ def test_an_agent_that_floods_the_bench_cannot_drop_its_session(monkeypatch: pyt
 
 def test_the_bench_s_work_on_input_counts_with_the_agent_s_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     """The agent has 0.4 of the only core, and the air network reads for 1.5 s of eight; or 0.3 of it."""
-    monkeypatch.setattr("bench.simulation._session.usable_cores", lambda: 1.0)
+    monkeypatch.setattr("bench.simulation._real_time.usable_cores", lambda: 1.0)
     for cores, outcome in ((0.4, Outcome.AGENT_TIMEOUT), (0.3, Outcome.BENCH_TOO_SLOW)):
         end, _ = flooded(0.0, 0.015, 0.035, agent_cores=cores)
         assert end.outcome is outcome
@@ -227,7 +211,7 @@ def test_the_report_states_late_steps_jitter_and_losses() -> None:
             delay_p99_s=p99_s,
             delay_max_s=0.1,
         )
-        return Run(name, "p001", 1, "one", None, outcome, timing=timing, losses=losses)
+        return Run(name, "p001", 1, "one", None, outcome, facts=facts_of(timing), losses=losses)
 
     lockstep = Run("c", "p001", 3, "one", None, Outcome.COMPLETED, losses={"bytes lost": 5})
     runs = (

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -38,9 +38,13 @@ from bench.recording import TapeBuilder
 from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outage, Perception, SimSpec
 from bench.simulation import HostClock, Session, SessionPlan, open_plain_scene
 from bench.simulation._air_network import open_air_network
+from bench.simulation._lockstep import Lockstep
 from bench.simulation._mission_information import orders
+from bench.simulation._pace import Documents, Pace, _miscount
 from bench.simulation._progress_updates import UPDATE_PERIOD_S
-from bench.simulation._session import SessionProgress, _miscount
+from bench.simulation._real_time import RealTime
+from bench.simulation._session_parts import SessionParts, SessionProgress
+from bench.simulation._session_watch import SessionWatch
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle, agent_manifest
@@ -69,6 +73,19 @@ class Host:
 
     def spend(self, span_s: float) -> None:
         self.now_s += span_s
+
+
+class IdleProcess:
+    """An agent's process that lives, and whose usage is the host's."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+
+    def exit_code(self) -> int | None:
+        return None
+
+    def usage(self) -> AgentUsage:
+        return self._host.usage
 
 
 class FakeAgent:
@@ -118,6 +135,7 @@ def session_of(
     records: list[Record],
     bench_s: float = 0.0,
     on_progress: OnProgress = ignore_progress,
+    make_pace: Callable[[SessionParts, SessionWatch], Pace] | None = None,
 ) -> Iterator[tuple[Session, ScriptedVehicle]]:
     """A session with fakes, in which the bench spends `bench_s` of host time in each round."""
 
@@ -140,11 +158,60 @@ def session_of(
     scene = open_plain_scene(spec)
     with open_air_network(spec, tap, zenoh=False, clock=host.clock) as air:
         truth = TruthRecorder(spec.vehicle.name, tap)
-        session = Session(
-            plan, vehicle, scene, open_detector(spec, scene.cast), air, truth, SessionProgress()
-        )
-        session.attach(None, agent)  # type: ignore[arg-type]  # no process: the fake answers in this one
-        yield session, vehicle
+        detectors = (open_detector(spec, scene.cast),)
+        parts = SessionParts(plan, SessionProgress(), vehicle, scene, detectors, air, truth)
+        watch = SessionWatch(parts)
+        pace = make_pace(parts, watch) if make_pace else pace_of(spec, parts, watch, agent)
+        pace.follow(IdleProcess(host))  # type: ignore[arg-type]
+        yield Session(parts, watch, pace), vehicle
+
+
+def pace_of(spec: SimSpec, parts: SessionParts, watch: SessionWatch, agent: FakeAgent) -> Pace:
+    if spec.pace.mode == "realtime":
+        return RealTime(parts, watch)
+    return Lockstep(parts, watch, agent)  # type: ignore[arg-type]  # the fake answers in this process
+
+
+class Paced(Pace):
+    """A pace of the test's own: it notes its beats, and judges the end."""
+
+    def __init__(self, parts: SessionParts, watch: SessionWatch) -> None:
+        super().__init__(parts, watch, span_s=0.5)
+        self.acts: list[tuple[str, float]] = []
+
+    def begin(self) -> None:
+        self.acts.append(("begin", self._parts.progress.now.s))
+        self._parts.air.open_for_all()
+
+    def exchange(self, now: SimTime) -> Documents:
+        self.acts.append(("exchange", now.s))
+        return {}
+
+    def judged(self, end: StopSession) -> StopSession:
+        return StopSession(Outcome.BENCH_TOO_SLOW, f"{end.outcome} is not believed")
+
+    def counters(self) -> dict[str, int]:
+        return {"beats": len(self.acts) - 1}
+
+
+def test_a_pace_is_one_class() -> None:
+    """It says how long a beat is and what the agent does in it, and has the last word on the end; twice, with two limits."""
+    for limit_s, beats in ((1.0, [0.0, 0.5]), (1.5, [0.0, 0.5, 1.0])):
+        host, records, paces = Host(), list[Record](), list[Paced]()
+        spec = session_simspec(mission=Mission(time_limit_s=limit_s))
+
+        def make_pace(parts: SessionParts, watch: SessionWatch, paces: list[Paced] = paces) -> Pace:
+            paces.append(Paced(parts, watch))
+            return paces[-1]
+
+        with session_of(spec, host, FakeAgent(host), records, make_pace=make_pace) as (session, _):
+            with pytest.raises(StopSession) as end:
+                session.run()
+            counters = session._progress.counters
+        assert paces[0].acts == [("begin", 0.0), *(("exchange", at_s) for at_s in beats)]
+        assert end.value.reason == "time_limit is not believed"
+        assert counters["beats"] == len(beats)
+        assert b"bench_too_slow" in records[-1].data
 
 
 def end_of(spec: SimSpec, agent: FakeAgent, host: Host, bench_s: float = 0.0) -> StopSession:
@@ -158,13 +225,13 @@ def test_samples_that_come_long_after_the_ack_are_the_agents_time(late_s: float,
     """The session waits for them, in every tick: an agent could use up the wall budget that way."""
     host = Host()
     with session_of(session_simspec(**LONG), host, FakeAgent(host), [], 1.0) as (session, _):
-        receive = session._air.receive
+        receive = session._parts.air.receive
 
         def receive_late(*arguments: object) -> dict[str, list[str | bytes]]:
             host.spend(late_s)
             return receive(*arguments)  # type: ignore[arg-type]
 
-        session._air.receive = receive_late  # type: ignore[method-assign, assignment]
+        session._parts.air.receive = receive_late  # type: ignore[method-assign, assignment]
         with pytest.raises(StopSession) as end:
             session.run()
     assert end.value.outcome is outcome
@@ -308,7 +375,7 @@ def updates_of(
         session,
         _,
     ):
-        monkeypatch.setattr(session._air, "receive", receive)
+        monkeypatch.setattr(session._parts.air, "receive", receive)
         with pytest.raises(StopSession):
             session.run()
     return updates, records

@@ -16,9 +16,9 @@ from pydantic import ValidationError
 from test_session import session_simspec
 
 from bench.agents import open_agent
-from bench.contracts import Outcome, Record, ServiceUse
+from bench.contracts import Outcome, Record, ServicesLetIn, ServiceUse, SessionResult
 from bench.simspec import AgentSpec, Mission, OutsideService, SimSpec, load_simspec
-from bench.simulation import SessionEnd, SessionPlan, run_session, session_faults
+from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._service_relay import MAX_CONNECTIONS
 from bench.simulation._service_relays import open_services
 from bench.testing import agent_manifest
@@ -44,15 +44,29 @@ def ask(client: socket.socket, question: bytes) -> bytes:
     return answer
 
 
+class Used:
+    """Keeps what the services were used for, once they have ended."""
+
+    uses: tuple[ServiceUse, ...] = ()
+
+    def __call__(self, services: ServicesLetIn) -> None:
+        self.uses = services.uses
+
+
+@pytest.fixture
+def used() -> Used:
+    return Used()
+
+
 def counts(use: ServiceUse) -> tuple[int, int, int]:
     return use.connections, use.failed, use.refused
 
 
-def test_two_services_and_their_counts() -> None:
+def test_two_services_and_their_counts(used: Used) -> None:
     """Each variable leads to its own service; the bytes are the agent's, to the last one."""
     with server(echo) as first, server(shout) as second:
         services = (service("first", first), service("far-map", second, "localhost"))
-        with open_services(services) as opened:
+        with open_services(services, used) as opened:
             assert set(opened.endpoints) == {"REBAR_SERVICE_FIRST", "REBAR_SERVICE_FAR_MAP"}
             with (
                 connect(opened.endpoints["REBAR_SERVICE_FIRST"]) as client,
@@ -64,18 +78,18 @@ def test_two_services_and_their_counts() -> None:
                 assert ask(reader_2, b"you") == b"YOU"
                 assert ask(client, b"de") == b"de"
             endpoints = tuple(opened.endpoints.values())
-    assert [use.name for use in opened.uses] == ["first", "far-map"]
-    assert [counts(use) for use in opened.uses] == [(1, 0, 0), (2, 0, 0)]
-    assert [(use.bytes_sent, use.bytes_received) for use in opened.uses] == [(5, 5), (8, 8)]
+    assert [use.name for use in used.uses] == ["first", "far-map"]
+    assert [counts(use) for use in used.uses] == [(1, 0, 0), (2, 0, 0)]
+    assert [(use.bytes_sent, use.bytes_received) for use in used.uses] == [(5, 5), (8, 8)]
     for endpoint in endpoints:
         with pytest.raises(ConnectionRefusedError):
             connect(endpoint)
 
 
-def test_more_bytes_than_any_buffer_holds() -> None:
+def test_more_bytes_than_any_buffer_holds(used: Used) -> None:
     """Four megabytes to a server that sends all of them back, read only after half is sent; the end travels too."""
     data = random.Random(1).randbytes(4 << 20)
-    with server(echo) as far, open_services((service("far", far),)) as opened:
+    with server(echo) as far, open_services((service("far", far),), used) as opened:
         with connect(*opened.endpoints.values()) as client:
 
             def send() -> None:
@@ -89,14 +103,16 @@ def test_more_bytes_than_any_buffer_holds() -> None:
                 received += part
             sender.join()
         assert received == data
-    assert opened.uses[0].bytes_sent == opened.uses[0].bytes_received == len(data)
+    assert used.uses[0].bytes_sent == used.uses[0].bytes_received == len(data)
 
 
-def test_a_service_that_goes_away_is_counted_and_the_other_goes_on() -> None:
+def test_a_service_that_goes_away_is_counted_and_the_other_goes_on(used: Used) -> None:
     """The agent sees a reset, not a regular end, and so does it where too many connections are open."""
     with server(echo) as stays, ExitStack() as stack:
         with server(echo) as down:
-            opened = stack.enter_context(open_services((service("gone", down), service("stays", stays))))
+            opened = stack.enter_context(
+                open_services((service("gone", down), service("stays", stays)), used)
+            )
         away, here = opened.endpoints.values()
         for _ in range(2):
             with pytest.raises(ConnectionResetError), connect(away) as client:
@@ -108,25 +124,27 @@ def test_a_service_that_goes_away_is_counted_and_the_other_goes_on() -> None:
             client.recv(1)
         for client in clients:
             client.close()
-    assert [counts(use) for use in opened.uses] == [(0, 2, 0), (MAX_CONNECTIONS, 0, 1)]
+    assert [counts(use) for use in used.uses] == [(0, 2, 0), (MAX_CONNECTIONS, 0, 1)]
 
 
-def test_what_is_open_at_the_end_is_closed() -> None:
+def test_what_is_open_at_the_end_is_closed(used: Used) -> None:
     """On both sides, and what was said before is counted."""
     with server(echo) as far:
-        with open_services((service("far", far),)) as opened:
+        with open_services((service("far", far),), used) as opened:
             client = connect(*opened.endpoints.values())
             assert ask(client, b"still here") == b"still here"
         with client:
             assert client.recv(1) == b""
-    assert counts(opened.uses[0]) == (1, 0, 0)
-    assert opened.uses[0].bytes_sent == 10
+    assert counts(used.uses[0]) == (1, 0, 0)
+    assert used.uses[0].bytes_sent == 10
 
 
-def test_a_lost_process_refuses_the_agent_and_costs_the_counts() -> None:
+def test_a_lost_process_refuses_the_agent_and_costs_the_counts(used: Used) -> None:
     """An unconfined agent can kill it: nobody listens then, and no count is made up."""
     with server(echo) as first, server(shout) as second, ExitStack() as stack:
-        opened = stack.enter_context(open_services((service("first", first), service("second", second))))
+        opened = stack.enter_context(
+            open_services((service("first", first), service("second", second)), used)
+        )
         client = stack.enter_context(connect(opened.endpoints["REBAR_SERVICE_FIRST"]))
         assert ask(client, b"abc") == b"abc"
         os.kill(relay_pid(), signal.SIGKILL)
@@ -135,8 +153,8 @@ def test_a_lost_process_refuses_the_agent_and_costs_the_counts() -> None:
         for endpoint in opened.endpoints.values():
             with pytest.raises(ConnectionRefusedError):
                 connect(endpoint)
-    assert [use.counted for use in opened.uses] == [False, False]
-    assert str(opened.uses[1]) == f"second (127.0.0.1:{second}), not counted"
+    assert [use.counted for use in used.uses] == [False, False]
+    assert str(used.uses[1]) == f"second (127.0.0.1:{second}), not counted"
 
 
 def relay_pid() -> int:
@@ -173,10 +191,15 @@ def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> Non
     assert not records
 
 
-def fly(folder: Path, spec: SimSpec) -> tuple[SessionEnd, list[Record]]:
+def fly(folder: Path, spec: SimSpec) -> tuple[SessionResult, list[Record]]:
     records: list[Record] = []
     plan = SessionPlan(spec, agent_manifest("idle"), folder, open_agent, folder / "scratch", records.append)
     return run_session(plan), records
+
+
+def uses_of(end: SessionResult) -> tuple[ServiceUse, ...]:
+    services = end.fact(ServicesLetIn)
+    return services.uses if services else ()
 
 
 def test_a_service_that_nobody_asks_changes_no_record(tmp_path: Path) -> None:
@@ -188,8 +211,8 @@ def test_a_service_that_nobody_asks_changes_no_record(tmp_path: Path) -> None:
     alone, unserved = fly(tmp_path / "without", session_simspec(mission=mission))
     assert records == unserved
     assert end.outcome is alone.outcome is Outcome.TIME_LIMIT
-    assert [counts(use) for use in end.services] == [(0, 0, 0), (0, 0, 0)]
-    assert alone.services == ()
+    assert [counts(use) for use in uses_of(end)] == [(0, 0, 0), (0, 0, 0)]
+    assert uses_of(alone) == ()
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,8 @@ from warp_host import library_or_skip
 
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, Outcome
+from bench.contracts import AgentManifest, Outcome, SessionResult, WarpLibrary
 from bench.simspec import AgentSpec, Budgets, Environment, Isolation, Mission, OutsideService, Pace, SimSpec
-from bench.simulation import SessionEnd
 
 pytestmark = pytest.mark.process
 
@@ -41,7 +40,7 @@ def warped(limit_s: float, **changes: object) -> SimSpec:
     return session_simspec(pace=Pace(mode="warp"), mission=Mission(time_limit_s=limit_s), **changes)
 
 
-def flown(folder: Path, manifest: AgentManifest, spec: SimSpec) -> tuple[SessionEnd, list[str]]:
+def flown(folder: Path, manifest: AgentManifest, spec: SimSpec) -> tuple[SessionResult, list[str]]:
     library_or_skip()
     starter = AgentStarter(open_agent)
     end, _ = run(folder, manifest, spec, open_agent=starter.open)
@@ -67,7 +66,9 @@ def test_the_clock_of_an_agent_is_the_session_clock_on_every_rung(
     assert float(spans[4]) == pytest.approx(1.119, abs=0.002)
     assert end.outcome is Outcome.COMPLETED
     assert end.simulated_s == pytest.approx(1.12, abs=0.021)
-    assert end.warp.startswith("library sha256:")
+    library = end.fact(WarpLibrary)
+    assert library is not None
+    assert library.description.startswith("library sha256:")
     assert end.counters["warp_by_cpu_ms"] == 0
 
 

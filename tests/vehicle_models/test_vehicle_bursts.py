@@ -61,7 +61,7 @@ def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(
     )
     records: list[Record] = []
     end = run_session(SessionPlan(spec, manifest, tmp_path, open_agent, tmp_path / "scratch", records.append))
-    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
     assert end.wall_s < 5.0
     assert end.counters["mavlink_dropped"] == 0
     recorded = b"".join(bytes(record.data) for record in records if record.topic.endswith("from_agent"))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bench.contracts import LinkSpec
-from bench.simulation import run_standalone
+from bench.simulation import StandalonePlan, run_standalone
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -31,7 +31,7 @@ def test_the_examples_fly(script: str, package: str) -> None:
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
     flying = threading.Thread(
-        target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop}
+        target=run_standalone, args=(StandalonePlan("px4", [link], speed=4.0),), kwargs={"stop": stop}
     )
     flying.start()
     try:

@@ -64,8 +64,8 @@ def test_another_process_flies_the_same(make: Make) -> None:
 
 def test_jsbsim_is_silent_and_writes_nothing(tmp_path: Path) -> None:
     """Building and flying a vehicle prints nothing and leaves nothing in the working directory."""
-    code = "from vehicle_models import open_x500; from bench.simulation import standalone_simspec; from bench.contracts import VehiclePlan\n"
-    code += "with open_x500(VehiclePlan(standalone_simspec('px4', (47.0, 8.0, 400.0, 0.0), {}), ())) as v:\n"
+    code = "from vehicle_models import open_x500; from bench.simulation import StandalonePlan, standalone_simspec; from bench.contracts import VehiclePlan\n"
+    code += "with open_x500(VehiclePlan(standalone_simspec(StandalonePlan(home=(47.0, 8.0, 400.0, 0.0))), ())) as v:\n"
     code += "    for _ in range(100): v.step()\n"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
-from bench.simulation import run_standalone
+from bench.simulation import StandalonePlan, run_standalone
 from vehicle_models import open_x500
 
 
@@ -84,8 +84,8 @@ def test_ten_times_as_fast() -> None:
     client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
     flying = threading.Thread(
         target=run_standalone,
-        args=("px4", [LinkSpec("onboard", "udp_out", port=port)]),
-        kwargs={"speed": 10.0, "stop": stop},
+        args=(StandalonePlan("px4", [LinkSpec("onboard", "udp_out", port=port)], speed=10.0),),
+        kwargs={"stop": stop},
     )
     flying.start()
     try:

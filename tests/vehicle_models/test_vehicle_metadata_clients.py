@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bench.contracts import LinkSpec
-from bench.simulation import run_standalone
+from bench.simulation import StandalonePlan, run_standalone
 
 CLIENT = """
 import json, sys, time
@@ -53,7 +53,7 @@ def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
     flying = threading.Thread(
-        target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop}
+        target=run_standalone, args=(StandalonePlan("px4", [link], speed=4.0),), kwargs={"stop": stop}
     )
     flying.start()
     try:

@@ -10,7 +10,7 @@ from vehicle_client import mavlink
 
 from bench.contracts import LinkSpec
 from bench.errors import SetupError
-from bench.simulation import run_standalone
+from bench.simulation import StandalonePlan, run_standalone
 from bench.simulation._parameter_file import ParameterFile
 
 
@@ -32,7 +32,8 @@ def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
             for message in messages:
                 client.send(message)
 
-        run_standalone("px4", [link], speed=100.0, duration_s=2.5, parameter_file=file, say=say)
+        plan = StandalonePlan("px4", [link], speed=100.0, duration_s=2.5, parameter_file=file)
+        run_standalone(plan, say)
         datagrams = []
         while True:
             try:
@@ -62,5 +63,5 @@ def test_a_bad_file_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "parameters.json"
     file.write_text(text)
     with pytest.raises(SetupError):
-        run_standalone("px4", duration_s=0.1, parameter_file=file)
+        run_standalone(StandalonePlan(duration_s=0.1, parameter_file=file))
     assert file.read_text() == text

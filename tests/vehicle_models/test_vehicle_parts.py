@@ -14,7 +14,7 @@ from vehicle_client import simspec
 
 from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
-from bench.simulation import fly, run_standalone, standalone_simspec
+from bench.simulation import HostClock, StandalonePlan, fly, run_standalone, standalone_simspec
 from vehicle_models import TangentPlane, open_x500
 from vehicle_models._jsbsim import StartPose
 from vehicle_models.x500 import X500Plant
@@ -115,12 +115,12 @@ def test_pacing_does_not_drift_and_lets_lost_time_go() -> None:
         now += span * 1.1  # a host that oversleeps
 
     with open_x500(VehiclePlan(simspec(), ())) as vehicle:
-        fly(vehicle, 4.0, 2.0, threading.Event(), clock, wait)
+        fly(vehicle, 4.0, 2.0, threading.Event(), clock=HostClock(clock, wait))
         assert vehicle.time.s == pytest.approx(2.0)
         assert now == pytest.approx(100.5, abs=0.01)
         now += 3600.0
         begun = now
-        fly(vehicle, 1.0, 1.0, threading.Event(), clock, wait)
+        fly(vehicle, 1.0, 1.0, threading.Event(), clock=HostClock(clock, wait))
         assert now - begun == pytest.approx(1.0, abs=0.01)
         assert max(waits) < 0.03
 
@@ -130,16 +130,16 @@ def test_standalone_flight_stops_and_names_its_links() -> None:
     lines: list[str] = []
     stop = threading.Event()
     stop.set()
-    run_standalone(
-        "ardupilot", [LinkSpec("serial0", "tcp_in")], (10.0, 20.0, 5.0, 90.0), stop=stop, say=lines.append
-    )
+    plan = StandalonePlan("ardupilot", [LinkSpec("serial0", "tcp_in")], (10.0, 20.0, 5.0, 90.0))
+    run_standalone(plan, lines.append, stop)
     assert len(lines) == 1
     assert "tcp:127.0.0.1:" in lines[0]
     with pytest.raises(SetupError, match="inav"):
-        run_standalone("inav")
+        run_standalone(StandalonePlan("inav"))
     with pytest.raises(SetupError, match="NO_SUCH"):
-        run_standalone("px4", [LinkSpec("a", "tcp_in")], parameters={"NO_SUCH": 1.0})
-    assert standalone_simspec("px4", (1.0, 2.0, 3.0, 360.0), {}).vehicle.home.heading_deg == 0.0
+        run_standalone(StandalonePlan("px4", [LinkSpec("a", "tcp_in")], parameters={"NO_SUCH": 1.0}))
+    northward = standalone_simspec(StandalonePlan(home=(1.0, 2.0, 3.0, 360.0)))
+    assert northward.vehicle.home.heading_deg == 0.0
 
 
 def test_the_aircraft_file_ships_with_the_package() -> None:

@@ -15,8 +15,8 @@ import pytest
 from test_vehicle_missions import bare, to, upload
 from vehicle_client import NAN, Client, mavlink, simspec
 
-from bench.contracts import START, CarriesCamera, LinkSpec, SimTime, VehiclePlan
-from bench.simulation._standalone import Shutter, fly, standalone_simspec
+from bench.contracts import START, CarriesCamera, LinkSpec, VehiclePlan
+from bench.simulation._standalone import Periodic, StandalonePlan, fly, standalone_simspec
 from vehicle_models import open_x500
 
 Make = Callable[..., Client]
@@ -495,7 +495,7 @@ def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> No
     with ExitStack() as stack:
         client = Client()
         stack.callback(client.socket.close)
-        spec = standalone_simspec("px4", (47.0, 8.0, 400.0, 0.0), {}, camera=True)
+        spec = standalone_simspec(StandalonePlan(home=(47.0, 8.0, 400.0, 0.0), camera=True))
         link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
         client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec, (link,))))
         client.fly(1.1)
@@ -505,10 +505,6 @@ def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> No
         assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1) == [0]
         exposed: list[float] = []
 
-        class Counting:
-            def record_exposure(self, frame: int, time: SimTime) -> None:
-                exposed.append(time.s)
-
-        shutter = Shutter(Counting(), 5.0)
-        fly(client.vehicle, 1e6, 2.0, threading.Event(), after_step=shutter)
+        shutter = Periodic(lambda number, time: exposed.append(time.s), 5.0)
+        fly(client.vehicle, 1e6, 2.0, threading.Event(), [shutter])
         assert len(exposed) == 10

@@ -12,9 +12,9 @@ from collections import Counter
 from collections.abc import Collection
 
 from bench.contracts import (
-    AGENT_EXIT_CODE,
-    FIRMWARE_ENDS,
     FIRMWARE_FAILED,
+    AgentExit,
+    FirmwareEnds,
     Outcome,
     SessionResult,
 )
@@ -146,8 +146,9 @@ def is_worth_a_retry(result: SessionResult) -> bool:
         return True
     if result.simulated_s > 0.0:
         return False
+    end = result.fact(AgentExit)
     return result.outcome is Outcome.AGENT_NEVER_CONNECTED or (
-        result.outcome is Outcome.AGENT_CRASHED and result.details.get(AGENT_EXIT_CODE) in _ENDED_BY_OTHERS
+        result.outcome is Outcome.AGENT_CRASHED and end is not None and end.code in _ENDED_BY_OTHERS
     )
 
 
@@ -207,8 +208,7 @@ class FirmwareWatch:
     def marked(self, result: SessionResult) -> SessionResult:
         """The result with how its firmware failed in earlier attempts; also one that went well in the end."""
         ends = self._ends(result)
-        details = {**result.details, FIRMWARE_ENDS: ends}
-        return result.model_copy(update={"details": details}) if ends else result
+        return result.with_facts(FirmwareEnds(texts=tuple(ends))) if ends else result
 
     def _ends(self, result: SessionResult) -> list[str]:
         return firmware_ends(self._journal).get(result.realization, [])

@@ -8,33 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
-    AGENT_EXIT_CODE,
-    ARITHMETIC,
-    DETECTOR,
-    FIRMWARE,
-    LEAVES_OPEN,
-    SERVICES,
-    TIMING,
-    WARP,
     AgentManifest,
     AgentPlan,
     AgentProcess,
-    Observation,
+    AgentStart,
+    Arithmetic,
+    Confinement,
+    Fact,
     OnProgress,
     OpenAgent,
     Outcome,
     Record,
     SessionFailure,
     SessionResult,
+    TruthGiven,
     ignore_progress,
-    traceback_details,
 )
 from bench.documents import dump_json
 from bench.errors import PlacementInfeasible, SetupError
@@ -42,19 +36,18 @@ from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
 from bench.simspec import AgentSpec, Isolation, SimSpec
-from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
+from bench.simulation import SessionPlan, open_forfeit, run_session
 from bench.temporary_folders import temporary_folder
+from bench.visible_text import visible
 from decompositions import Decomposition
 
 from .._versions import arithmetic, versions
-from ..planning._honeypots import truth_details
+from ..planning._honeypots import truth_sightings
 from ..planning._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
 
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"
-# In the details of a result, where the manifest asks for a fork.
-AGENT_PROCESS = "agent_process"
 # Of a real autopilot: its console, and its logs where the SimSpec asks for them.
 AUTOPILOT_LOGS = "autopilot"
 
@@ -82,7 +75,7 @@ def fly_confined(
 ) -> SessionResult:
     """As `fly_here`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
 
-    SimSpec and recording stay those of the campaign; the rung stands in the details of the result.
+    SimSpec and recording stay those of the campaign; the rung stands in the result.
     """
     return _fly(simspec, decomposition, folder, realization, _open_confined, on_progress, isolation="auto")
 
@@ -124,7 +117,11 @@ def _fly(
     with (
         temporary_folder("agent") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=_truth(manifest)
+            folder / RECORDING,
+            simspec=placed,
+            versions=versions(),
+            # What sets the session of an oracle apart.
+            metadata={"truth": f"given to {manifest.name}"} if manifest.truth else {},
         ) as recording,
     ):
 
@@ -148,43 +145,42 @@ def _fly(
         (folder / AGENT_LOG).write_bytes(starter.output)
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
-    details = {
-        **traceback_details(end.traceback),
-        **_truth(manifest),
-        **({"reset": manifest.reset} if manifest.reset != "process" else {}),
-        **truth_details(placed, flown),
-        **host,
-        ARITHMETIC: arithmetic(),
-        **starter.details,
-        **_services(end),
-        **({DETECTOR: end.detector} if end.detector else {}),
-        **({FIRMWARE: end.firmware} if end.firmware else {}),
-        **({TIMING: end.timing.model_dump()} if end.timing else {}),
-        **({WARP: end.warp} if end.warp else {}),
-        **({} if end.agent_exit_code is None else {AGENT_EXIT_CODE: end.agent_exit_code}),
-    }
-    return result_of(realization, end, recording.sha256, observations, details)
+    return end.with_facts(
+        *starter.facts(host),
+        *([TruthGiven(agent=manifest.name)] if manifest.truth else []),
+        *truth_sightings(placed, flown),
+        Arithmetic(**arithmetic()),
+    ).model_copy(
+        update={
+            "realization": realization,
+            "recording_sha256": recording.sha256,
+            "observations": observations,
+        }
+    )
 
 
 @dataclass(slots=True)
 class AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open, whether it was forked, and what it wrote: known only
-    once it has started, or has ended.
+    """Starts the agent, and keeps which walls its box leaves open, how it began, and what it wrote: known only once it has
+    started, or has ended.
     """
 
     open_agent: OpenAgent
-    details: dict[str, list[str]] = field(default_factory=dict)
+    open_walls: tuple[str, ...] | None = None
+    start: AgentStart | None = None
     output: bytes | None = None
 
     @contextmanager
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
+        reset = plan.manifest.reset
         with ExitStack() as stack:
+            self.start = AgentStart(reset=reset) if reset != "process" else None
             agent = stack.enter_context(self.open_agent(plan))
             if isinstance(agent, LocalProcess):
-                self.details[LEAVES_OPEN] = [wall_name(wall) for wall in agent.open_walls]
-                if plan.manifest.reset == "fork":
-                    self.details[AGENT_PROCESS] = ["forked" if agent.is_forked else "fresh"]
+                self.open_walls = tuple(wall_name(wall) for wall in agent.open_walls)
+                if self.start:
+                    self.start = AgentStart(reset=reset, forked=agent.is_forked)
             try:
                 yield agent
             finally:
@@ -193,13 +189,18 @@ class AgentStarter:
                 if isinstance(agent, LocalProcess):
                     self.output = agent.output()
 
+    def facts(self, host: Confinement) -> list[Fact]:
+        """What is known of the agent's start, on a host that confines it so."""
+        confinement = host.model_copy(update={"open_walls": self.open_walls})
+        return [confinement, self.start] if self.start else [confinement]
+
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
 # situation, and could remove its own files to be rid of a session that goes badly. Chosen, not measured.
 _STARTING_S = 5.0
 
 
-def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
+def _without_host_faults(end: SessionResult, plan: SessionPlan) -> SessionResult:
     """The end as it was, or SETUP_INVALID where the agent could not start because its files are gone."""
     if end.outcome not in (Outcome.AGENT_CRASHED, Outcome.AGENT_NEVER_CONNECTED):
         return end
@@ -208,55 +209,20 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
     faults = program_faults(plan.manifest, plan.manifest_folder, plan.simspec.agent.options)
     if not faults:
         return end
-    return replace(end, outcome=Outcome.SETUP_INVALID, reason=f"{SetupError(faults)}; {end.reason}")
+    reason = visible(f"{SetupError(faults)}; {end.reason}")
+    return end.model_copy(update={"outcome": Outcome.SETUP_INVALID, "reason": reason})
 
 
-def _truth(manifest: AgentManifest) -> dict[str, str]:
-    """What sets the session of an oracle apart, for the head of the recording and for the result."""
-    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
-
-
-def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
+def _host(manifest: AgentManifest, agent: AgentSpec) -> Confinement:
     """How this host confines the agent, for the result alone: the recording is the same on every host. Raises
     SetupError when the agent cannot be confined as it asks.
     """
     shared = namespace_fault()
     network = "own" if shared is None else f"the host's: {shared}"
-    return {
-        "isolation": rung_of(manifest, agent).name,
-        "network": network,
-    }
-
-
-def _services(end: SessionEnd) -> dict[str, Any]:
-    """What went over the services that were let in, for the result alone: no two sessions have the same."""
-    return {SERVICES: [use.model_dump() for use in end.services]} if end.services else {}
+    return Confinement(isolation=rung_of(manifest, agent).name, network=network)
 
 
 def _checked(simspec: SimSpec) -> SimSpec:
     if faults := check_placement(simspec):
         raise SetupError(faults)
     return simspec
-
-
-def result_of(
-    realization: str,
-    end: SessionEnd,
-    sha256: str | None,
-    observations: tuple[Observation, ...],
-    details: dict[str, Any],
-) -> SessionResult:
-    """The result document of a session that ended."""
-    return SessionResult(
-        realization=realization,
-        outcome=end.outcome,
-        reason=end.reason,
-        simulated_s=end.simulated_s,
-        wall_s=round(end.wall_s, 3),
-        cpu_s=round(end.cpu_s, 3),
-        agent_cpu_s=round(end.agent_cpu_s, 3),
-        recording_sha256=sha256,
-        counters=end.counters,
-        observations=observations,
-        details=details,
-    )

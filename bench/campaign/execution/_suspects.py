@@ -6,15 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from bench.contracts import FIRMWARE_FAILED, LEAVES_OPEN, SUSPECT, Outcome, SessionResult
+from bench.contracts import FIRMWARE_FAILED, Confinement, Outcome, SessionResult, SuspectEnds
 from bench.errors import SetupError
 from bench.realization import RealizationPlan
 
 from ._executor import FLIGHTS, Jobs
 
 UNCONFINED = "none"
-ISOLATION = "isolation"
-"""In `SessionResult.details`: the rung that confined the agent."""
 ATTEMPTS_TO_CHARGE = 2
 
 _REASON_CHARACTERS = 300
@@ -88,8 +86,8 @@ class SuspectWatch:
         """The result with what its attempts are suspected of; also one that went well in the end."""
         if not (ends := self._ends.get(result.realization)):
             return result
-        texts = [f"{end.outcome}: {end.reason}"[:_REASON_CHARACTERS] for end in ends]
-        return result.model_copy(update={"details": {**result.details, SUSPECT: texts}})
+        texts = (f"{end.outcome}: {end.reason}"[:_REASON_CHARACTERS] for end in ends)
+        return result.with_facts(SuspectEnds(texts=tuple(texts)))
 
     def _kinds(self, realization: str) -> set[str]:
         return {_kind(end) for end in self._ends.get(realization, ())}
@@ -106,8 +104,9 @@ def is_suspect(result: SessionResult) -> bool:
     """Whether the bench failed while the agent was there, so that the agent may have had a part in it."""
     if result.outcome is Outcome.WORKER_LOST:
         return True
-    # What is known of the walls of an agent is known once it has started. Without any details the worker could not say.
-    never_started = ISOLATION in result.details and LEAVES_OPEN not in result.details
+    # What is known of the walls of an agent is known once it has started. Without any facts the worker could not say.
+    confinement = result.fact(Confinement)
+    never_started = confinement is not None and confinement.open_walls is None
     return result.outcome is Outcome.BENCH_ERROR and not never_started
 
 

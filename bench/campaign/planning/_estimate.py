@@ -5,13 +5,14 @@ power.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Annotated, Any
 
 import polars as pl
 from pydantic import Field
 
+from bench.contracts import OverheadFidelity, SessionResult
 from bench.documents import Document
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 from bench.scoring import ScoredRun, difficulty_of, score_table, studied_key_attributes
@@ -168,7 +169,7 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
     return CampaignEstimate(
         realizations=len(plans),
         flown=len(placed),
-        not_computed=tuple(results[0].details["not_computed"]) if results else (),
+        not_computed=_not_computed(results),
         outcomes=dict(outcomes),
         simulated_s=round(simulated_s, 1),
         session_s=round(each_s, 3),
@@ -179,6 +180,12 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
         nodes=tuple(_node(table, agent, node) for agent in agents for node in study),
         pairs=tuple(_pair(table, node, *pair, scale) for pair in combinations(agents, 2) for node in study),
     )
+
+
+def _not_computed(results: Sequence[SessionResult]) -> tuple[str, ...]:
+    """The same in all results: it depends on the decomposition."""
+    fidelity = results[0].fact(OverheadFidelity) if results else None
+    return fidelity.not_computed if fidelity else ()
 
 
 def _records_pictures(simspec: SimSpec) -> bool:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from bench.contracts import SAW_TRUTH, Tape
+from bench.contracts import Tape, TruthSightings
 from bench.simspec import SimSpec
 
 NEAR_M = 15.0
 """Within this distance a report is about a honeypot. Chosen: reports of what cameras show are some metres off."""
 
 
-def truth_details(simspec: SimSpec, tape: Tape) -> dict[str, Any]:
-    """`SessionResult.details` of a session whose agent reported a honeypot; empty when it did not."""
+def truth_sightings(simspec: SimSpec, tape: Tape) -> list[TruthSightings]:
+    """The fact of a session whose agent reported a honeypot; empty when it did not."""
     apart = simspec.realized.honeypots if simspec.realized is not None else ()
     chance = chance_of_a_hit(len(tape.reports), simspec.world.area.area_m2)
     texts = [
@@ -29,7 +28,7 @@ def truth_details(simspec: SimSpec, tape: Tape) -> dict[str, Any]:
         <= NEAR_M
     ]
     # One is enough, and an agent may report the same place a thousand times.
-    return {SAW_TRUTH: texts[:5]} if texts else {}
+    return [TruthSightings(texts=tuple(texts[:5]))] if texts else []
 
 
 def chance_of_a_hit(reports: int, area_m2: float) -> float:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bench.contracts import Outcome, SessionResult, truth_sightings_of
+from bench.contracts import Outcome, SessionResult, TruthSightings
 from bench.errors import SetupError
 
 from ..early_stopping._decisions import PointKey, outcome_name
@@ -63,7 +63,7 @@ class CampaignResults:
         for entry in self.entries:
             result = self._result(entry)
             self._ends.append(result.outcome if result else None)
-            if result and truth_sightings_of(result.details):
+            if result and result.fact(TruthSightings):
                 self.saw_truth.append(entry.id)
             if result:
                 self.failed_measures.update(

@@ -12,9 +12,9 @@ from pathlib import Path
 import anyio
 
 from bench.contracts import (
-    ARITHMETIC,
     CAMERA_OPENED,
     SESSION_EVENTS,
+    Arithmetic,
     EventDocument,
     Outcome,
     SessionResult,
@@ -50,7 +50,7 @@ from ._finish import read_campaign_folder
 _TIMED_BY_HOST = frozenset({Outcome.AGENT_TIMEOUT, Outcome.AGENT_NEVER_CONNECTED})
 _NEED_NOT_REPEAT = "a real autopilot flew, which need not repeat itself"
 # What is no property of the session: seconds of the host, connections of strangers, paths in texts.
-_OF_HOST = {"wall_s", "cpu_s", "agent_cpu_s", "counters", "reason", "details"}
+_OF_HOST = {"wall_s", "cpu_s", "agent_cpu_s", "counters", "reason", "facts"}
 
 
 class ReflownStatus(StrEnum):
@@ -292,10 +292,8 @@ def _other_versions(recording: Path, reflown: Path) -> list[str]:
 
 def _other_arithmetic(result: SessionResult, reflown: SessionResult) -> list[str]:
     """Where the hosts of two flights compute differently; nothing for a result that does not say where it was flown."""
-    written, here = (run.details.get(ARITHMETIC) for run in (result, reflown))
-    if not isinstance(written, dict) or not isinstance(here, dict):
-        return []
-    return _version_differences(written, here)
+    written, here = (run.fact(Arithmetic) for run in (result, reflown))
+    return _version_differences(written.model_dump(), here.model_dump()) if written and here else []
 
 
 def _version_differences(written: Mapping[str, str], here: Mapping[str, str]) -> list[str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
-from bench.contracts import SAW_TRUTH, Outcome, SessionResult, Tape
+from bench.contracts import Outcome, SessionResult, Tape, TruthSightings
 from bench.documents import dump_json, load_json_document
 from bench.errors import Fault, SetupError
 from bench.recording import check_whole, read_simspec, read_tape
 from decompositions import Decomposition
 
-from ..planning._honeypots import truth_details
+from ..planning._honeypots import truth_sightings
 from ..planning._measures import measure_all, measures_of
 from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of
@@ -52,14 +52,13 @@ def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult
     tape = read_tape(recording, simspec)
     result = written or _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, simspec) if result.outcome.counts else ()
-    details = {name: value for name, value in result.details.items() if name != SAW_TRUTH}
     return result.model_copy(
         update={
             "observations": observations,
             "recording_sha256": digest_of(recording),
-            "details": {**details, **truth_details(simspec, tape)},
+            "facts": {key: fact for key, fact in result.facts.items() if key != TruthSightings.key},
         }
-    )
+    ).with_facts(*truth_sightings(simspec, tape))
 
 
 def pack_rescored(folder: Path, decomposition: Decomposition) -> bytes:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
-from bench.contracts import FIRMWARE_ENDS, FIRMWARE_FAILED, Outcome
+from bench.contracts import FIRMWARE_FAILED, FirmwareEnds, Outcome
 
 from ._journal import Journal
 
@@ -20,7 +20,7 @@ MAX_RERUNS = 1
 
 def firmware_ends(journal: Journal) -> dict[str, list[str]]:
     """How the firmware failed in flight, one text for each attempt, by realization."""
-    return dict(json.loads(journal.fact(FIRMWARE_ENDS) or "{}"))
+    return dict(json.loads(journal.fact(FirmwareEnds.key) or "{}"))
 
 
 def add_firmware_ends(journal: Journal, ends: Mapping[str, Sequence[str]]) -> None:
@@ -29,7 +29,7 @@ def add_firmware_ends(journal: Journal, ends: Mapping[str, Sequence[str]]) -> No
     for realization, texts in ends.items():
         noted[realization] = [*noted.get(realization, []), *texts]
     if noted:
-        journal.note(FIRMWARE_ENDS, json.dumps(noted, sort_keys=True))
+        journal.note(FirmwareEnds.key, json.dumps(noted, sort_keys=True))
 
 
 def drawn_out_realizations(journal: Journal) -> frozenset[str]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench.contracts import TruthGiven, TruthSightings
+
 from .._campaign_data import ReportData, Tally, stopped_early
 from ._campaign_sentences import missing_sentence
 from ._fidelity import fidelity_note
@@ -99,7 +101,7 @@ def _weakest(data: ReportData, tallies: Sequence[Tally]) -> str:
 def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str]:
     """What weakens the answer, most serious first; the last one always holds."""
     sentences = []
-    if informed := [run for run in data.runs if run.agent == agent and run.saw_truth]:
+    if informed := [run for run in data.runs if run.agent == agent and run.fact(TruthSightings)]:
         sentences.append(
             f"It saw the truth in {plural(len(informed), 'run')}: it reported a honeypot, which nothing but the SimSpec shows."
         )
@@ -107,7 +109,7 @@ def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str
         sentences.append(incomplete.strip())
     if note := fidelity_note(data.campaign):
         sentences.append(f"{note} No session was flown.")
-    if any(run.truth_given for run in data.runs if run.agent == agent):
+    if any(run.fact(TruthGiven) for run in data.runs if run.agent == agent):
         sentences.append(
             "It was given the truth, so this shows what can be reached, and is no agent’s result."
         )

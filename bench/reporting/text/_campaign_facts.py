@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome
+from bench.contracts import FirmwareBuild, Outcome, StepTiming
 from bench.simspec import FACTORS, SimSpec
 
 from .._campaign_data import Configuration, ReportData
@@ -115,13 +115,13 @@ def _pace_override(data: ReportData) -> list[Fact]:
 
 def _firmware(data: ReportData) -> list[Fact]:
     """The real autopilots that flew; nothing where all were imitated."""
-    texts = [run.firmware for run in data.runs if run.firmware]
+    texts = [build.description for run in data.runs if (build := run.fact(FirmwareBuild))]
     return [_fact_over_runs("Autopilot firmware", texts)] if texts else []
 
 
 def _real_time(data: ReportData) -> list[Fact]:
     """How punctual the runs in real time were, and what was lost on their links; nothing where none was in real time."""
-    timings = [run.timing for run in data.runs if run.timing]
+    timings = [timing for run in data.runs if (timing := run.fact(StepTiming))]
     if not timings:
         return []
     steps, late = sum(timing.steps for timing in timings), sum(timing.late for timing in timings)
@@ -134,7 +134,7 @@ def _real_time(data: ReportData) -> list[Fact]:
     )
     lost: Counter[str] = Counter()
     for run in data.runs:
-        if run.timing:
+        if run.fact(StepTiming):
             lost.update(run.losses)
     losses = ", ".join(f"{count:,} {what}" for what, count in sorted(lost.items())) or "none"
     return [Fact("Real time", punctuality), Fact("Losses on links in real time", losses)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
+from bench.agents.confinement import wall_text
+from bench.contracts import Confinement, ServicesLetIn
 
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
@@ -37,81 +38,51 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
     runs = [run for run in data.runs if run.agent == agent and run.outcome and run.outcome.counts]
     if not runs or fidelity_note(data.campaign):
         return None
-    ways = Counter(map(_way, runs))
+    ways = Counter(run.fact(Confinement) for run in runs)
     sentences = []
     for way, count in sorted(ways.items(), key=lambda item: (_rank(item[0]), -item[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
         sentences.append(_sentence(way, where))
     if services := services_sentence(runs):
         sentences.append(services)
-    free = [way.gaps for way in ways if way.isolation == UNCONFINED]
-    open_walls = dict.fromkeys(gap for gaps in free for gap in gaps)
+    free = [way for way in ways if way is not None and way.isolation == UNCONFINED]
+    open_walls = dict.fromkeys(gap for way in free for gap in _gaps(way))
     return ConfinementNote(agent, " ".join(sentences), bool(free), tuple(open_walls))
 
 
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """One way in which sessions were confined. `gaps` are the walls that it left open, in words."""
-
-    isolation: str | None
-    network: str | None
-    gaps: tuple[str, ...]
-    recorded: bool
-    """Whether the results name the gaps of their host; otherwise they are those on the best of hosts."""
+def _gaps(way: Confinement) -> list[str]:
+    """The walls that it left open, in words; none where its agent never started."""
+    return [wall_text(name) for name in way.open_walls or ()]
 
 
-def _way(run: Run) -> _Way:
-    isolation, network = run.isolation, run.network
-    if isolation is None:
-        return _Way(None, None, (), recorded=False)
-    if run.open_walls is not None:
-        return _Way(isolation, network, tuple(map(wall_text, run.open_walls)), recorded=True)
-    return _Way(isolation, network, _open(isolation, network), recorded=False)
-
-
-def _rank(way: _Way) -> tuple[int, int, str]:
+def _rank(way: Confinement | None) -> tuple[int, int, str]:
     """Order of the sentences: unconfined runs first, then by the number of open walls, unknown ones last."""
-    place = 0 if way.isolation == UNCONFINED else 2 if way.isolation is None else 1
-    return place, -len(way.gaps), way.isolation or ""
+    if way is None:
+        return 2, 0, ""
+    return int(way.isolation != UNCONFINED), -len(way.open_walls or ()), way.isolation
 
 
-def _sentence(way: _Way, where: str) -> str:
-    if way.isolation is None:
+def _sentence(way: Confinement | None, where: str) -> str:
+    if way is None:
         return f"How it was confined is {NOT_RECORDED}{f' for {where[4:]}' if where else ''}."
     if way.isolation == UNCONFINED:
         return (
             f"It was NOT CONFINED{where} (isolation none): it had the rights of the bench, so that its results "
             "hold only for an agent that is trusted."
         )
-    network = {None: "", OWN_NETWORK: ", with a network of its own"}.get(
-        way.network, ", on the host’s network"
-    )
-    missing = f" Walls that were missing: {'; '.join(way.gaps)}." if way.gaps else ""
-    complete = " No wall was missing." if way.recorded and not way.gaps else ""
+    network = ", with a network of its own" if way.network == OWN_NETWORK else ", on the host’s network"
+    missing = f" Walls that were missing: {'; '.join(_gaps(way))}." if way.open_walls else ""
+    complete = " No wall was missing." if way.open_walls == () else ""
     return f"It was confined by {way.isolation}{where}{network}.{missing}{complete}"
-
-
-def _open(isolation: str, network: str | None) -> tuple[str, ...]:
-    """What a rung leaves open on the best of hosts, but for the network: for results that do not say it."""
-    if isolation not in HOLDINGS or (isolation != UNCONFINED and network in (None, OWN_NETWORK)):
-        return ()
-    best = Host(
-        root=True,
-        landlock=100,
-        memory_groups=True,
-        process_groups=True,
-        own_network=network == OWN_NETWORK,
-        own_user=True,
-        own_root=True,
-    )
-    return tuple(leaves_open(isolation, best))
 
 
 def isolation_cell(run: Run) -> str:
     """The cell in the list of runs."""
-    if run.isolation is None:
-        return NOT_RECORDED
-    shared = ", host’s network" if run.network not in (None, OWN_NETWORK) else ""
-    gaps = f", {plural(len(run.open_walls), 'wall')} open" if run.open_walls else ""
-    services = f", let in: {listed([use.name for use in run.services])}" if run.services else ""
-    return f"{run.isolation}{shared}{gaps}{services}"
+    confinement, services = run.fact(Confinement), run.fact(ServicesLetIn)
+    if confinement is None or confinement.isolation == UNCONFINED:
+        return UNCONFINED if confinement else NOT_RECORDED
+    shared = "" if confinement.network == OWN_NETWORK else ", host’s network"
+    walls = confinement.open_walls
+    gaps = f", {plural(len(walls), 'wall')} open" if walls else ""
+    names = f", let in: {listed([use.name for use in services.uses])}" if services else ""
+    return f"{confinement.isolation}{shared}{gaps}{names}"

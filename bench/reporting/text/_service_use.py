@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from bench.contracts import ServiceUse
+from bench.contracts import ServicesLetIn, ServiceUse
 
 from .._campaign_data import Run
 from ._format import plural
 
+_COUNTS = ("connections", "failed", "refused", "bytes_sent", "bytes_received")
+
 
 def services_sentence(runs: Sequence[Run]) -> str:
     """The services of these runs and what went over each; empty where nothing was let in."""
-    served = [run for run in runs if run.services]
+    served = [services for run in runs if (services := run.fact(ServicesLetIn))]
     if not served:
         return ""
-    totals = _totals(use for run in served for use in run.services)
+    totals = _totals(use for services in served for use in services.uses)
     return (
         f"Services from outside were let in, in {plural(len(served), 'run')}: {'; '.join(map(str, totals))}. "
         "Nobody can repeat what they answered."
@@ -26,21 +28,9 @@ def _totals(uses: Iterable[ServiceUse]) -> list[ServiceUse]:
     """One use for each service, in the order in which they come; counted when every run could tell."""
     totals: dict[tuple[str, str, int], ServiceUse] = {}
     for use in uses:
-        key = (use.name, use.host, use.port)
-        total = totals.get(key)
-        totals[key] = use if total is None else _sum(total, use)
+        total = totals.setdefault((use.name, use.host, use.port), use)
+        if total is not use:
+            sums = {count: getattr(total, count) + getattr(use, count) for count in _COUNTS}
+            sums["counted"] = total.counted and use.counted
+            totals[use.name, use.host, use.port] = total.model_copy(update=sums)
     return list(totals.values())
-
-
-def _sum(first: ServiceUse, second: ServiceUse) -> ServiceUse:
-    return ServiceUse(
-        name=first.name,
-        host=first.host,
-        port=first.port,
-        connections=first.connections + second.connections,
-        failed=first.failed + second.failed,
-        refused=first.refused + second.refused,
-        bytes_sent=first.bytes_sent + second.bytes_sent,
-        bytes_received=first.bytes_received + second.bytes_received,
-        counted=first.counted and second.counted,
-    )

@@ -11,8 +11,8 @@ import pytest
 from made_run import at_s, tape
 
 from bench.campaign import load_measurable_decomposition
-from bench.campaign.planning._honeypots import NEAR_M, chance_of_a_hit, truth_details
-from bench.contracts import TargetReport, Timed, cast_of, truth_sightings_of
+from bench.campaign.planning._honeypots import NEAR_M, chance_of_a_hit, truth_sightings
+from bench.contracts import TargetReport, Timed, cast_of
 from bench.documents import dump_json, load_json_document
 from bench.realization import check_placement, place
 from bench.realization.placement._honeypot import CLEAR_M
@@ -138,10 +138,12 @@ def test_a_report_of_it_is_named_with_its_chance() -> None:
         )
         for number, offset_m in enumerate((NEAR_M + 0.1, NEAR_M - 0.1))
     ]
-    (text,) = truth_sightings_of(truth_details(placed, tape(placed, reports=tuple(reports))))
+    ((text,),) = (
+        sightings.texts for sightings in truth_sightings(placed, tape(placed, reports=tuple(reports)))
+    )
     assert text.startswith("report 'r1' at 4.0 s is 14.9 m from " + honeypot.id)
-    assert truth_details(placed, tape(placed, reports=(reports[0],))) == {}
-    assert truth_details(_without_honeypots(placed), tape(placed, reports=tuple(reports))) == {}
+    assert truth_sightings(placed, tape(placed, reports=(reports[0],))) == []
+    assert truth_sightings(_without_honeypots(placed), tape(placed, reports=tuple(reports))) == []
 
 
 def test_the_chance_of_an_innocent_hit_is_that_of_random_places() -> None:
