@@ -243,7 +243,7 @@ def _belief_in_log(tape: Tape, simspec: SimSpec) -> float:
         unfounded |= {id(decision) for decision in tape.decisions if decision.value.subject in unkept}
         return 1.0 - len(unfounded) / len(tape.decisions)
 
-    return tape.cached((_belief_in_log, id(simspec)), weigh)
+    return tape.cached(_belief_in_log, weigh, simspec)
 
 
 def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
