@@ -23,8 +23,8 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from .._time_shares import fresh_share
-from ..ground_truth import FlownTrack, GroundTruth
-from ..operator.order_outcomes import EXACT_S, OrderOutcomes
+from ..ground_truth import EXACT_S, FlownTrack, GroundTruth
+from ..operator.order_outcomes import OrderOutcomes
 from ..reliability.faults import FAULT_AFTERMATH_S, false_alarms
 from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility, subjects_of_reports
 from .verdicts import Verdict, share_of_reports, share_right
