@@ -58,7 +58,7 @@ class FlownTrack:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The flown track of a tape, worked out once."""
-        return tape.cached(cls, lambda: cls(tape, simspec), simspec)
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     @cached_property
     def airborne(self) -> Bools:

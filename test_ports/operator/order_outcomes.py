@@ -141,7 +141,7 @@ class OrderOutcomes:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The outcomes on a tape, worked out once."""
-        return tape.cached(cls, lambda: cls(tape, simspec), simspec)
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def of_kind(self, *kinds: str) -> list[CountedOrder]:
         """The orders of these kinds that count (`any`: all), in order of time."""

@@ -79,7 +79,7 @@ class TrackMessages:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The messages of a tape, gathered once."""
-        return tape.cached(cls, lambda: cls(tape, simspec), simspec)
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""

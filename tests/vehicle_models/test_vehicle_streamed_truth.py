@@ -468,11 +468,7 @@ def take_off(client: Client, autopilot: str) -> None:
         client.airborne(10.0)
         client.offboard(0.0, 0.0, -10.0)
         return
-    client.fly(42.0)
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == [0]
-    client.fly(10.0)
+    client.guided()
 
 
 def legs(client: Client) -> Iterable[tuple[Any, Truth]]:
