@@ -66,7 +66,7 @@ def test_the_work_of_a_campaign_grows_with_its_realizations(
     for size in (REPLICATES, SIZE, 4 * SIZE):
         (tmp_path / str(size)).mkdir()
         counts.append(lines_of(partial(work, tmp_path / str(size) / "out", size)))
-    assert steep(*counts[1:], SIZE) == {}
+    assert steep(counts[1], counts[2], SIZE) == {}
 
 
 def test_reading_runs_grows_with_them(tmp_path: Path) -> None:
@@ -75,4 +75,4 @@ def test_reading_runs_grows_with_them(tmp_path: Path) -> None:
         (tmp_path / str(size)).mkdir()
         with_a_stopping_rule(tmp_path / str(size) / "out", size)
         counts.append(lines_of(partial(read_runs, tmp_path / str(size) / "out")))
-    assert steep(*counts[1:], SIZE) == {}
+    assert steep(counts[1], counts[2], SIZE) == {}

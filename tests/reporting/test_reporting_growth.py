@@ -20,5 +20,5 @@ def test_scores_and_rows_grow_with_the_runs(tmp_path: Path) -> None:
         made.append(lines_of(partial(make_campaign, folder, Made(scenes=scenes))))
         read.append(lines_of(partial(load_report_data, folder)))
     runs = SCENES * len(AGENTS)
-    assert steep(*made[1:], runs) == {}
-    assert steep(*read[1:], runs) == {}
+    assert steep(made[1], made[2], runs) == {}
+    assert steep(read[1], read[2], runs) == {}

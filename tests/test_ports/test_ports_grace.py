@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from cases import Run, scene
 from cases.bystanders import RADAR_AT
+from cases.mission import OVER_BOTH, went
 from cases.orders import GOES_ON, NAME, decided, flew, phases, state
-from cases.reliability import OVER_BOTH, went
 from made_run import answer, order, report
 
 from bench.contracts import load_plugin

@@ -76,11 +76,11 @@ class Truth:
 
     @property
     def north_m(self) -> float:
-        return self.vehicle._plant.motion.north_m - HOME_NORTH_M
+        return float(self.vehicle._plant.motion.north_m) - HOME_NORTH_M
 
     @property
     def east_m(self) -> float:
-        return self.vehicle._plant.motion.east_m - HOME_EAST_M
+        return float(self.vehicle._plant.motion.east_m) - HOME_EAST_M
 
     @property
     def attitude(self) -> Rotation:
@@ -100,7 +100,7 @@ class Truth:
 
     @property
     def amperes(self) -> float:
-        return self.battery.power_w / self.volts
+        return float(self.battery.power_w) / self.volts
 
     @property
     def volts(self) -> float:
@@ -168,7 +168,7 @@ def inertial(t: Truth, force: float, rate: float, field: float) -> dict[str, Any
 
 def pressure_hpa(t: Truth) -> float:
     """The standard atmosphere, by temperature and lapse rate."""
-    return 1013.25 * (1.0 - 0.0065 * (GROUND_M + t.up_m) / 288.15) ** 5.2559
+    return float(1013.25 * (1.0 - 0.0065 * (GROUND_M + t.up_m) / 288.15) ** 5.2559)
 
 
 def wanted(t: Truth) -> dict[str, Any]:
@@ -181,7 +181,7 @@ def course_rad(t: Truth) -> float:
 
 
 def is_px4(t: Truth) -> bool:
-    return t.vehicle._autopilot is t.vehicle.autopilots["px4"]
+    return bool(t.vehicle._autopilot is t.vehicle.autopilots["px4"])
 
 
 def battery_volts(t: Truth) -> float:
@@ -476,10 +476,10 @@ def legs(client: Client) -> Iterable[tuple[Any, Truth]]:
     for seconds, x, y, z, yaw in LEGS:
         client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -30.0 - 10.0 * yaw, 40.0 * yaw)
         for _ in range(round(seconds * 50)):
-            before = client.vehicle.truth()
+            before: Any = client.vehicle.truth()
             client.setpoint(x, y, z, yaw=yaw)
             messages = client.fly(0.02)
-            after = client.vehicle.truth()
+            after: Any = client.vehicle.truth()
             pan_rad = math.remainder(after.camera_pan_rad - before.camera_pan_rad, math.tau)
             turned_radps = ((before.camera_tilt_rad - after.camera_tilt_rad) * 50.0, pan_rad * 50.0)
             truth = Truth(client.vehicle, {"x": x, "y": y, "z": z, "yaw": yaw}, turned_radps)
