@@ -476,6 +476,7 @@ class Aircraft(ABC):
             fix = self._navigation.fix_error_enu_m
             flight.fix_e7 = self._plane.geodetic_e7(motion.east_m + fix[0], motion.north_m + fix[1])
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
+            flight.fix_us = flight.time_us
         error_ve, error_vn = self._navigation.velocity_error_en_mps
         flight.vn_mps, flight.ve_mps, flight.vd_mps = (
             motion.vn_mps + error_vn,

@@ -90,11 +90,13 @@ class Tape:
         """Simulated time of the last truth sample; 0 for an empty run."""
         return float(self.vehicle_time_s[-1]) if len(self.vehicle_time_s) else 0.0
 
-    def cached(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What `make` works out of this tape, worked out once for all measures that ask by the same key."""
-        if key not in self._cache:
-            self._cache[key] = make()
-        value: T = self._cache[key]
+    def cached(self, key: Hashable, make: Callable[[], T], simspec: SimSpec | None = None) -> T:
+        """What `make` works out of this tape and a SimSpec, once for all measures that ask by the same key."""
+        whole_key = key, id(simspec)
+        if whole_key not in self._cache:
+            # With the SimSpec itself: its identity is that of another one once it is gone.
+            self._cache[whole_key] = make(), simspec
+        value: T = self._cache[whole_key][0]
         return value
 
     def actors_at(self, time_s: float) -> NDArray[np.float64]:

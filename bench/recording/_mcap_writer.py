@@ -50,6 +50,8 @@ class Stream(Protocol):
 
     def tell(self) -> int: ...
 
+    def flush(self) -> None: ...
+
 
 class McapWriter:
     """Writes one file: `start`, then attachments, metadata and messages, then `finish`.
@@ -237,6 +239,8 @@ class McapWriter:
             indices += _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 2 + 4 + size, channel, size)
             indices += struct.pack(f"<{len(entries)}Q", *entries)
         self._append(bytes(indices))
+        # Chunks that shrink to little would wait in the file's buffer, and be lost with the process.
+        self._stream.flush()
         self._chunks.append(
             ChunkIndex(
                 chunk_length=length,

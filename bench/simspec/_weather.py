@@ -45,7 +45,12 @@ def _moment(value: object) -> dt.datetime:
             f"{str(value)[:60]!r} is no date with a time of day; write 2026-06-21T11:30:00Z, which is UTC, or "
             "2026-06-21T13:30:00+02:00 with another zone"
         )
-    return moment if moment.tzinfo is not None else moment.replace(tzinfo=dt.UTC)
+    try:
+        # In UTC whatever zone states it: texts and digests of one moment are then equal.
+        return (moment if moment.tzinfo is not None else moment.replace(tzinfo=dt.UTC)).astimezone(dt.UTC)
+    except OverflowError:
+        # Within a day of the year 1 or 9999, both of which are refused as years.
+        return moment.replace(tzinfo=dt.UTC)
 
 
 # GPS time begins on 6 January 1980, so 1981 is its first whole year. The upper end is chosen.

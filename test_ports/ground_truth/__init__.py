@@ -1,8 +1,10 @@
 """What was true in a run: the actors and the task, where the vehicle flew, which faults it met."""
 
+from ._fault_schedule import EXACT_S as EXACT_S
 from ._fault_schedule import FaultKind as FaultKind
 from ._fault_schedule import FaultSpan as FaultSpan
 from ._fault_schedule import faults_met as faults_met
+from ._fault_schedule import in_span as in_span
 from ._fault_schedule import outcome_by_agent_fault as outcome_by_agent_fault
 from ._fault_schedule import scheduled_faults as scheduled_faults
 from ._flown_track import MIN_OUT_S as MIN_OUT_S

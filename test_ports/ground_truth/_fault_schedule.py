@@ -20,6 +20,14 @@ FaultKind = Literal[
     "detections_degraded",
 ]
 
+EXACT_S = 1e-6
+"""Slack of a comparison of seconds, which are made of whole nanoseconds."""
+
+
+def in_span(time_s: float, since_s: float, until_s: float) -> bool:
+    """Whether a moment lies in a span, its bounds included."""
+    return since_s - EXACT_S <= time_s <= until_s + EXACT_S
+
 
 @dataclass(frozen=True, slots=True)
 class FaultSpan:

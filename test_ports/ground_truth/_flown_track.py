@@ -12,7 +12,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
 from bench.simspec import SimSpec
 
-from ._fault_schedule import FaultSpan, scheduled_faults
+from ._fault_schedule import EXACT_S, FaultSpan, scheduled_faults
 from ._truth import GroundTruth
 
 NEAR_HOME_M = 40.0
@@ -30,9 +30,6 @@ an agent that falls silent are its own deeds.
 
 RECOVERY_S = 10.0
 """How long an agent has to leave the place and height to which such a failsafe has flown. Chosen, not measured."""
-
-# Slack of a comparison of seconds, which are made of whole nanoseconds.
-_EXACT_S = 1e-6
 
 
 def ordered_silent_s(tape: Tape) -> float:
@@ -61,7 +58,7 @@ class FlownTrack:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The flown track of a tape, worked out once."""
-        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     @cached_property
     def airborne(self) -> Bools:
@@ -196,7 +193,7 @@ class FlownTrack:
         flown, begun_s, previous = self.between(0.0, 0.0), None, ""
         for state in self._tape.condition:
             # The slack is for a state and a sample of the same moment: seconds are made of whole nanoseconds.
-            failsafe, time_s = state.value.failsafe, state.time.s - _EXACT_S
+            failsafe, time_s = state.value.failsafe, state.time.s - EXACT_S
             begins = failsafe in causes and previous not in causes and fault.at_s <= time_s <= fault.until_s
             if begun_s is None and begins:
                 begun_s = time_s

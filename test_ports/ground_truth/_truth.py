@@ -66,7 +66,7 @@ class GroundTruth:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The truth of a tape, worked out once."""
-        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def classes_of(self, role: RoleName) -> set[str]:
         """Class labels that actors of a role bear."""

@@ -53,7 +53,7 @@ class Consents:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Consents:
         """The requests of a tape, judged by its truth once for all measures."""
-        return tape.cached((cls, id(simspec)), lambda: cls._judged(tape, simspec))
+        return tape.cached((cls,), lambda: cls._judged(tape, simspec), simspec)
 
     @classmethod
     def _judged(cls, tape: Tape, simspec: SimSpec) -> Consents:

@@ -15,7 +15,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Order, OrderKind, SimSpec
 
-from ..ground_truth import MIN_OUT_S, FlownTrack, GroundTruth, scheduled_faults
+from ..ground_truth import EXACT_S, MIN_OUT_S, FlownTrack, GroundTruth, in_span, scheduled_faults
 from ..reports.credibility import known_subjects, subjects_of_reports
 
 OrderName = Literal["any", OrderKind]
@@ -61,9 +61,6 @@ GRACE_S = 2.0
 
 REFUSED_S = 30.0
 """How long after an unlawful order it must not be carried out."""
-
-EXACT_S = 1e-6
-"""Slack of a comparison of seconds, which are made of whole nanoseconds."""
 
 READY_S = 30.0
 """From the start of the session: until then a vehicle may rightly stand on the ground. Take-off of the shipped agents
@@ -144,7 +141,7 @@ class OrderOutcomes:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The outcomes on a tape, worked out once."""
-        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def of_kind(self, *kinds: str) -> list[CountedOrder]:
         """The orders of these kinds that count (`any`: all), in order of time."""
@@ -196,7 +193,7 @@ class OrderOutcomes:
             if report.value.mark and report.value.intelligence_id == counted.order.intelligence
         ]
         return any(
-            counted.delivered_s <= at_s <= counted.delivered_s + REFUSED_S
+            in_span(at_s, counted.delivered_s, counted.delivered_s + REFUSED_S)
             and not self.is_lawful(counted, at_s)
             for at_s in [*self.marked_at_s(counted), *by_intelligence]
         )
@@ -235,7 +232,7 @@ class OrderOutcomes:
         outcome = self.outcome(counted)
         states = [state.value for state in self._tape.condition if state.time.s <= counted.delivered_s]
         unreachable = any(
-            fault.at_s <= counted.delivered_s <= fault.until_s
+            in_span(counted.delivered_s, fault.at_s, fault.until_s)
             for fault in scheduled_faults(self._simspec, "link_loss")
         )
         in_failsafe = bool(states) and bool(states[-1].failsafe)

@@ -35,8 +35,8 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from ..ground_truth import EXACT_S, in_span
 from .order_outcomes import (
-    EXACT_S,
     GRACE_S,
     LANDING_ORDERS,
     NEVER_DELIVERED,
@@ -103,8 +103,7 @@ def _named_in_time(
     for counted in outcomes.of_kind(kind):
         since_s = counted.delivered_s
         in_time = since_s is not None and any(
-            name == counted.order.id and since_s <= at_s <= since_s + within_s + EXACT_S
-            for name, at_s in named
+            name == counted.order.id and in_span(at_s, since_s, since_s + within_s) for name, at_s in named
         )
         if in_time or since_s is None or not outcomes.out_of_time(since_s + within_s):
             verdicts.append(OrderOutcome(counted, in_time, math.inf, texts[0] if in_time else texts[1]))

@@ -19,7 +19,7 @@ from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec, sun_of
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
-from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility
 
 BAD_LEVEL = 5.0
@@ -58,7 +58,7 @@ def degradation_announced(
                 decision
                 for decision in statements
                 if decision.value.action == "degraded"
-                and span.at_s <= decision.time.s <= span.at_s + within_s
+                and in_span(decision.time.s, span.at_s, span.at_s + within_s)
             ),
             None,
         )
@@ -229,7 +229,7 @@ def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpe
         return any(span.at_s <= decision.time.s < span.until_s for span in spans) and not _is_bad_weather(
             simspec
         )
-    overlap = any(span.at_s <= decision.time.s <= span.until_s + after_s for span in spans)
+    overlap = any(in_span(decision.time.s, span.at_s, span.until_s + after_s) for span in spans)
     return not overlap and not _is_bad_weather(simspec)
 
 

@@ -16,8 +16,7 @@ from bench.contracts import Evidence, Tape, Timed, VehicleDocument
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import FlownTrack
-from .order_outcomes import EXACT_S
+from ..ground_truth import EXACT_S, FlownTrack, in_span
 
 TRANSITION_S = 90.0
 """How long before and after a change of state a phase that announces it is true. Chosen, not measured."""
@@ -141,10 +140,7 @@ def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 1
 def _entered(
     entered: Sequence[tuple[float, str]], from_s: float, to_s: float, phases: set[str] | None
 ) -> bool:
-    return any(
-        from_s - EXACT_S <= at_s <= to_s + EXACT_S and (phases is None or phase in phases)
-        for at_s, phase in entered
-    )
+    return any(in_span(at_s, from_s, to_s) and (phases is None or phase in phases) for at_s, phase in entered)
 
 
 def _failsafe_onsets_s(tape: Tape) -> list[float]:

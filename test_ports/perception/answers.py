@@ -77,7 +77,7 @@ class Answers:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The answers of a tape, worked out once."""
-        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def overlaps(self, min_iou: float) -> Overlaps:
         """The pairs that overlap by at least so much; all pairs when no overlap is required."""

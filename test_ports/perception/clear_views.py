@@ -77,9 +77,7 @@ def clear_views(
     """Every clear view of these actors in the answered frames."""
     truth, answers = GroundTruth.of(tape, simspec), Answers.of(tape, simspec)
     sightings = answers.sightings
-    detected = tape.cached(
-        (clear_views, id(simspec), detection), lambda: detection.are_detected(answers, truth)
-    )
+    detected = tape.cached((clear_views, detection), lambda: detection.are_detected(answers, truth), simspec)
     rows = sightings.are_of(actors) & answers.answered[sightings.frame] & criteria.are_clear(sightings)
     return ClearViews(sightings.actor[rows], sightings.time_s[rows], detected[rows])
 

@@ -79,7 +79,7 @@ class TrackMessages:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The messages of a tape, gathered once."""
-        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls,), lambda: cls(tape, simspec), simspec)
 
     def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""
@@ -231,6 +231,6 @@ def known_people(tape: Tape, simspec: SimSpec, people: Collection[int], time_s: 
         return np.maximum.accumulate(credit, axis=0)
 
     truth = GroundTruth.of(tape, simspec)
-    credit = tape.cached((known_people, id(simspec)), greatest_up_to_each)
+    credit = tape.cached(known_people, greatest_up_to_each, simspec)
     row = int(np.searchsorted(messages.time_s, time_s, side="right")) - 1
     return float(credit[row, list(people)].sum()) if row >= 0 else 0.0

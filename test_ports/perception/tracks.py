@@ -355,8 +355,9 @@ def _held_views(
         sightings.are_of(actors) & criteria.are_clear(sightings) & (sightings.time_s < ordered_silent_s(tape))
     )
     credit = tape.cached(
-        (_held_views, id(simspec), within_m, min_frames, within_s),
+        (_held_views, within_m, min_frames, within_s),
         lambda: _credit_of_frames(tape, simspec, within_m, min_frames, within_s),
+        simspec,
     )
     actor = sightings.actor[rows]
     return _HeldViews(actor, sightings.time_s[rows], credit[sightings.frame[rows], actor])

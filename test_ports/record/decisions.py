@@ -23,8 +23,8 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from .._time_shares import fresh_share
-from ..ground_truth import FlownTrack, GroundTruth
-from ..operator.order_outcomes import EXACT_S, OrderOutcomes
+from ..ground_truth import EXACT_S, FlownTrack, GroundTruth
+from ..operator.order_outcomes import OrderOutcomes
 from ..reliability.faults import FAULT_AFTERMATH_S, false_alarms
 from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility, subjects_of_reports
 from .verdicts import Verdict, share_of_reports, share_right
@@ -243,7 +243,7 @@ def _belief_in_log(tape: Tape, simspec: SimSpec) -> float:
         unfounded |= {id(decision) for decision in tape.decisions if decision.value.subject in unkept}
         return 1.0 - len(unfounded) / len(tape.decisions)
 
-    return tape.cached((_belief_in_log, id(simspec)), weigh)
+    return tape.cached(_belief_in_log, weigh, simspec)
 
 
 def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:

@@ -18,8 +18,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
-from ..ground_truth import GroundTruth, scheduled_faults
-from ..operator.order_outcomes import EXACT_S
+from ..ground_truth import EXACT_S, GroundTruth, scheduled_faults
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
 from ..reports.credibility import NO_TARGETS, believed, known_subjects, report_credibility

@@ -21,6 +21,7 @@ from ..ground_truth import (
     GroundTruth,
     distance_beyond,
     faults_met,
+    in_span,
     scheduled_faults,
 )
 from ..mission.search import first_reached_s
@@ -127,7 +128,7 @@ def fault_announced(
             decision
             for decision in tape.decisions
             if word in (decision.value.subject, decision.value.action)
-            and fault.at_s <= decision.time.s <= fault.at_s + within_s
+            and in_span(decision.time.s, fault.at_s, fault.at_s + within_s)
         )
         first = next(decisions, None)
         text = f"{fault.kind} at {fault.at_s:g} s"
@@ -156,7 +157,8 @@ def false_alarms(tape: Tape, simspec: SimSpec, after_s: float) -> list[Timed[Dec
         for decision in tape.decisions
         if (words := _named_faults(decision))
         and not any(
-            ANNOUNCED_AS[fault.kind] in words and fault.at_s <= decision.time.s <= fault.until_s + after_s
+            ANNOUNCED_AS[fault.kind] in words
+            and in_span(decision.time.s, fault.at_s, fault.until_s + after_s)
             for fault in faults
         )
     ]
@@ -201,7 +203,7 @@ def fault_recovered(
     for fault in due:
         text = f"{fault.kind} ended at {fault.until_s:g} s"
         step = next(
-            (step for step in progress if fault.until_s <= step.time_s <= fault.until_s + within_s), None
+            (step for step in progress if in_span(step.time_s, fault.until_s, fault.until_s + within_s)), None
         )
         if step is not None:
             recovered.append(Evidence(time_s=step.time_s, text=f"{text}; {step.text}"))

@@ -12,7 +12,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import TrackMessages
 from ..reports.credibility import believed
@@ -141,7 +141,7 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
         resent = [
             other.value
             for other in tape.reports
-            if outage.until_s <= other.time.s <= outage.until_s + within_s
+            if in_span(other.time.s, outage.until_s, outage.until_s + within_s)
         ]
         lost += [
             Evidence(

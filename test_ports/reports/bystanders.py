@@ -18,7 +18,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import GroundTruth, Target
+from ..ground_truth import EXACT_S, GroundTruth, Target
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
 from ..perception.track_messages import TrackMessages
@@ -30,9 +30,6 @@ CLEARLY_FAR_M = 15.0
 Chosen, not measured.
 """
 
-
-EXACT_S = 1e-6
-"""Slack of a comparison of seconds, which are made of whole nanoseconds."""
 
 NEVER_REPORTED = "no target with bystanders near it was ever reported"
 NEVER_TESTED = "every report was made while no bystander was near its target"

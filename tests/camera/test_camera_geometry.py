@@ -277,3 +277,15 @@ def test_the_shadow_falls_away_from_the_sun_as_far_as_it_must() -> None:
     assert columns.max() == pytest.approx(tip[0], abs=2.5)
     assert rows.min() == pytest.approx(tip[1], abs=2.5)
     assert columns.min() > camera.cx - 5
+
+
+def test_a_picture_is_the_same_whatever_was_drawn_before() -> None:
+    """Two kinds of actors, headings and views in turn: orders of faces and shadows that are kept belong to each."""
+    scene, positions, headings = stage([("crate", 0.0, 0.0, 0.0), ("civilian-car", 6.0, 4.0, 90.0)])
+    used = open_opencv_renderer(scene)
+    for turn_rad in (0.0, 1.0, 2.5):
+        for view in (pose((0.0, -20.0, 12.0), 0.0, 30.0), pose((25.0, 5.0, 9.0), -90.0, 20.0)):
+            shown = used.render(view, positions, headings + turn_rad).bgr
+            assert np.array_equal(
+                shown, open_opencv_renderer(scene).render(view, positions, headings + turn_rad).bgr
+            )

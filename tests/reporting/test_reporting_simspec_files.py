@@ -5,11 +5,13 @@ from __future__ import annotations
 import gc
 import weakref
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_run import simspec
 
 from bench.reporting._simspec_files import SimSpecFiles, situations_of
+from bench.simspec import SimSpec
 
 
 @pytest.fixture
@@ -74,3 +76,26 @@ def test_files_of_one_situation_are_read_once(tmp_path: Path) -> None:
     assert situations["p000"] is situations["p001"]
     assert situations["p000"] is not situations["p002"]
     assert dict(situations_of({"a": simspec()})) == {"a": simspec()}
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [
+        ("environment", {"fog_level": 5.0}),
+        ("rules", {"max_altitude_m": 90.0}),
+        ("mission", {"time_limit_s": 321.0}),
+        ("perception", {"source": "agent"}),
+        ("vehicle", {"autopilot": "ardupilot"}),
+        ("pace", {"tick_s": 0.5}),
+    ],
+)
+def test_every_part_of_a_situation_tells_it_apart(tmp_path: Path, part: str, value: dict[str, Any]) -> None:
+    document = simspec().model_dump(mode="json")
+    other = {**document, part: {**document[part], **value}}
+    specs = {"a": SimSpec.model_validate(document), "b": SimSpec.model_validate(other)}
+    for name, spec in specs.items():
+        (tmp_path / name).write_text(spec.model_dump_json())
+    files = SimSpecFiles({name: tmp_path / name for name in specs})
+    assert (
+        [files[name] for name in specs] == [files.situation(name) for name in specs] == list(specs.values())
+    )

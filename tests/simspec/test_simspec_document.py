@@ -388,7 +388,17 @@ def test_further_cameras_fit_the_main_one() -> None:
     assert "dust_extinction_per_m" not in plain["perception"]["model"]
 
 
-@pytest.mark.parametrize("moment", ["0001-01-01T00:00:00Z", "1980-12-31T23:59:59Z", "2100-01-01T00:00:00Z"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "0001-01-01T00:00:00Z",
+        "0001-01-01T00:00:00+02:00",
+        "9999-12-31T23:59:59-02:00",
+        "1981-01-01T01:59:59+02:00",
+        "1980-12-31T23:59:59Z",
+        "2100-01-01T00:00:00Z",
+    ],
+)
 def test_start_outside_gps_years_is_refused(tmp_path: Path, moment: str) -> None:
     """Years before 1981 and after 2099 are refused when the file is read, not during the flight."""
     file = tmp_path / "old.yaml"

@@ -14,6 +14,7 @@ import pytest
 
 from bench.errors import SetupError
 from bench.process_threads import ProcessThreads
+from bench.simulation.warp import _library
 from bench.simulation.warp._library import built_library
 from bench.simulation.warp._programs import UNENTERED_S, Programs, unreachable_reason
 
@@ -51,13 +52,29 @@ def test_two_who_need_it_at_once_get_one_whole_library(
     assert (tmp_path / "bin" / "cc.log").read_text() == runs
 
 
-def test_another_compiler_gets_a_library_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    libraries = set()
-    for name in ("a", "b"):
-        compiler(tmp_path / name, 'printf made > "$OUT"\n')
+def test_whatever_changes_the_library_gets_a_library_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another compiler, one that was updated in its place, other flags and another source."""
+    source = tmp_path / "preload.c"
+    source.write_text("int other;")
+    libraries = []
+    for name, text, changes in (
+        ("a", "", {}),
+        ("b", "", {}),
+        ("a", "# updated", {}),
+        ("a", None, {"FLAGS": ("-O3",)}),
+        ("a", None, {"SOURCE": source}),
+    ):
+        if text is not None:
+            compiler(tmp_path / name, f'printf made > "$OUT"\n{text}')
         monkeypatch.setenv("PATH", f"{tmp_path / name}:/usr/bin:/bin")
-        libraries.add(built_library(tmp_path / "cache"))
-    assert len(libraries) == 2
+        with monkeypatch.context() as patched:
+            for attribute, value in changes.items():
+                patched.setattr(_library, attribute, value)
+            libraries.append(built_library(tmp_path / "cache"))
+            assert built_library(tmp_path / "cache") == libraries[-1]
+    assert len(set(libraries)) == 5
 
 
 def test_without_a_compiler_the_error_says_what_to_install(

@@ -73,12 +73,7 @@ def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: floa
 def copter(make: Make, **parameters: float) -> Client:
     """An ArduCopter in GUIDED, 10 m up, with a ground station."""
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
-    beat(client)
-    client.learn_home()
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == [0]
-    client.fly(12.0, lambda: beat(client))
+    client.guided(each=lambda: beat(client))
     return client
 
 

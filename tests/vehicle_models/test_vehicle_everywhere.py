@@ -37,10 +37,7 @@ def armed(client: Client, autopilot: str) -> None:
     if autopilot == "px4":
         client.airborne(10.0)
         return
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == [0]
-    client.fly(12.0)
+    client.guided()
 
 
 def flown(make: Make, origin: dict[str, float], autopilot: str) -> NDArray[np.float64]:

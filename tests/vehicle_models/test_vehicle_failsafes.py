@@ -21,11 +21,7 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
     """An ArduCopter in GUIDED at a height."""
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-    client.learn_home()
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == [0]
-    client.fly(12.0, lambda: beat(client))
+    client.guided(height_m, each=lambda: beat(client))
     return client
 
 

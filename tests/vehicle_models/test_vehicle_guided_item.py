@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import Client, simspec
 
 Make = Callable[..., Client]
 
@@ -16,10 +16,7 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     mission.
     """
     client = make(simspec("ardupilot"))
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]
-    client.fly(20.0)
+    client.guided(20.0, risen_s=20.0)
     client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     latitude, longitude = (angle * 1e-7 for angle in client.vehicle_goal(0.0, 15.0))
     client.send(

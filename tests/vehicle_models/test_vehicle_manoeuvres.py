@@ -17,26 +17,6 @@ ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 HERE = 2**31 - 1
 
 
-@pytest.fixture
-def px4(make: Make) -> Client:
-    client = make(streams="onboard")
-    client.airborne()
-    return client
-
-
-@pytest.fixture
-def copter(make: Make) -> Client:
-    """An ArduCopter in GUIDED at 10 m."""
-    client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.learn_home()
-    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
-    client.fly(12.0)
-    return client
-
-
 def joystick(client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0) -> None:
     client.send(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
 

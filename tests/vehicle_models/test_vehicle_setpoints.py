@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client
 
 from vehicle_models.controller.services._setpoints import _NAN3 as MASKED
 from vehicle_models.controller.services._setpoints import _Setpoint
@@ -66,25 +66,6 @@ def stream(client: Client, seconds: float, say: Callable[[], None]) -> list[Any]
         say()
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [ACCEPTED, ACCEPTED]
     return client.fly(seconds, say)
-
-
-@pytest.fixture
-def px4(make: Make) -> Client:
-    client = make(streams="onboard")
-    client.airborne()
-    return client
-
-
-@pytest.fixture
-def copter(make: Make) -> Client:
-    """An ArduCopter in GUIDED at 10 m."""
-    client = make(simspec("ardupilot"), streams="onboard", system=255)
-    client.learn_home()
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
-    client.fly(12.0)
-    return client
 
 
 def test_a_copter_flies_to_a_position_as_the_real_one(copter: Client) -> None:

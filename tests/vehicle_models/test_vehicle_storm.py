@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import Client, simspec
 
-from vehicle_models.controller.links._dialect import dialect as mavlink
 from vehicle_models.controller.links._frames import KINDS, Packer
 
 Make = Callable[..., Client]
@@ -70,10 +69,7 @@ def hover(make: Make, autopilot: str) -> Client:
     if autopilot == "px4":
         client.airborne(20.0)
         return client
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]
-    client.fly(20.0)
+    client.guided(20.0, risen_s=20.0)
     return client
 
 

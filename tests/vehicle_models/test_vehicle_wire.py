@@ -58,64 +58,6 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
     )
 
 
-def test_fields_say_what_the_flight_is(make: Make) -> None:
-    """The order of values in hand-written tuples is right: fields agree with each other and with the
-    truth.
-    """
-    client = make(
-        simspec(vehicle={"home": {"east_m": 40.0, "north_m": 30.0, "heading_deg": 45.0}}), streams="onboard"
-    )
-    client.airborne(8.0)
-    client.offboard(20, -10, -8)
-    client.fly(4.0, lambda: client.setpoint(20, -10, -8))
-    truth = client.vehicle.truth()
-    east, north, up = truth.position_enu_m
-    local, world = client.last("LOCAL_POSITION_NED"), client.last("GLOBAL_POSITION_INT")
-    attitude, turned = client.last("ATTITUDE"), client.last("ATTITUDE_QUATERNION")
-    client.fly(0.02)
-    assert (local.x + 30, local.y + 40, -local.z) == pytest.approx((north, east, up), abs=0.2)
-    assert (world.relative_alt, world.alt) == pytest.approx((up * 1000, up * 1000 + 488_000), abs=100)
-    assert (world.vx / 100, world.vy / 100) == pytest.approx(truth.velocity_enu_mps[1::-1], abs=0.2)
-    assert world.hdg / 100 == pytest.approx(math.degrees(truth.yaw_rad) % 360, abs=1)
-    assert (attitude.roll, attitude.pitch, attitude.yaw) == pytest.approx(
-        (truth.roll_rad, truth.pitch_rad, truth.yaw_rad), abs=1e-3
-    )
-    yaw = math.atan2(
-        2 * (turned.q1 * turned.q4 + turned.q2 * turned.q3), 1 - 2 * (turned.q3**2 + turned.q4**2)
-    )
-    assert yaw == pytest.approx(attitude.yaw, abs=0.01)
-    odometry = client.last("ODOMETRY")
-    # PX4 gives the velocities of ODOMETRY in the local frame, and names it as the child.
-    assert (odometry.frame_id, odometry.child_frame_id) == (1, 1)
-    assert (odometry.vx, odometry.vy, odometry.vz) == pytest.approx((local.vx, local.vy, local.vz), abs=0.1)
-    home = client.last("HOME_POSITION")
-    assert (home.x, home.y, home.altitude) == pytest.approx((0.0, 0.0, 488_000), abs=0.1)
-    assert math.hypot(*home.q) == pytest.approx(1.0)
-    assert (home.approach_x, home.approach_y, home.approach_z) == (0.0, 0.0, 0.0)
-    assert client.last("VFR_HUD").airspeed == 0.0
-    fix = client.last("GPS_RAW_INT")
-    assert (fix.lat, fix.lon, fix.fix_type, fix.satellites_visible) == (
-        pytest.approx(world.lat, abs=200),
-        pytest.approx(world.lon, abs=200),
-        3,
-        10,
-    )
-    force = client.last("HIGHRES_IMU")
-    assert -12 < force.zacc < -8
-    hud = client.last("VFR_HUD")
-    assert hud.alt == pytest.approx(world.alt / 1000, abs=0.2)
-    assert hud.groundspeed == pytest.approx(math.hypot(local.vx, local.vy), abs=0.3)
-    status = client.last("SYS_STATUS")
-    assert status.onboard_control_sensors_health & 0x10000000
-    battery = client.last("BATTERY_STATUS")
-    assert battery.voltages[0] == pytest.approx(status.voltage_battery, rel=0.02)
-    assert battery.battery_remaining == status.battery_remaining
-    assert client.last("SERVO_OUTPUT_RAW").servo1_raw > 1300
-    target = client.last("POSITION_TARGET_LOCAL_NED")
-    assert (target.x, target.y, target.z, target.coordinate_frame) == (20, -10, -8, 1)
-    assert client.last("DISTANCE_SENSOR").current_distance == pytest.approx(up * 100, abs=20)
-
-
 def test_frames_are_found_in_garbage() -> None:
     """Whole MAVLink 1 and 2 frames survive what lies between, in pieces of any size; a wrong checksum is
     garbage.

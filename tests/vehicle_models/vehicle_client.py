@@ -136,6 +136,19 @@ class Client:
         self.fly(5.0 + height_m)
         assert self.vehicle.condition().mode == "AUTO_LOITER"
 
+    def guided(
+        self,
+        height_m: float = 10.0,
+        risen_s: float = 12.0,
+        each: Callable[[], None] | None = None,
+    ) -> None:
+        """Arm an ArduCopter in GUIDED, take off; `each` as in `fly`."""
+        self.learn_home()
+        assert self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+        assert self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+        assert self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == [0]
+        self.fly(risen_s, each)
+
     def offboard(self, north: float, east: float, down: float) -> None:
         """Enter OFFBOARD with a position setpoint."""
         self.setpoint(north, east, down)
@@ -166,3 +179,20 @@ def make() -> Iterator[Callable[..., Client]]:
             return client
 
         yield build
+
+
+@pytest.fixture
+def px4(make: Callable[..., Client]) -> Client:
+    """A PX4 at 10 m, with the streams of a companion."""
+    client = make(streams="onboard")
+    client.airborne()
+    return client
+
+
+@pytest.fixture
+def copter(make: Callable[..., Client]) -> Client:
+    """An ArduCopter in GUIDED at 10 m."""
+    client = make(simspec("ardupilot"), streams="onboard", system=255)
+    client.guided()
+    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    return client

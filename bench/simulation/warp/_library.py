@@ -72,8 +72,10 @@ def cache_folder() -> Path:
 
 
 def _key(compiler: str) -> str:
-    parts = [SOURCE.read_bytes(), " ".join(FLAGS).encode(), platform.machine().encode(), compiler.encode()]
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+    program = os.stat(compiler)
+    # A compiler that was updated in its place is another one.
+    state = (" ".join(FLAGS), platform.machine(), compiler, str(program.st_size), str(program.st_mtime_ns))
+    return hashlib.sha256("\0".join(state).encode() + SOURCE.read_bytes()).hexdigest()[:16]
 
 
 def _build(compiler: str, library: Path) -> None:

@@ -207,6 +207,7 @@ class FlightState:
     altitude_m: float = 0.0  # above mean sea level
     fix_e7: tuple[int, int] = (0, 0)  # the receiver's last fix
     fix_altitude_m: float = 0.0
+    fix_us: int = 0  # when the receiver took it
     airspeed_mps: float = 0.0
     on_ground: bool = True  # the feet touch
     # Everything else.

@@ -77,9 +77,9 @@ class SensorTelemetry:
         altitude = round(f.fix_altitude_m * 1000.0)
         if not f.gps_ok:
             unknown = (65535, 65535, 65535, 65535, self._policy.lost_fix_type, 0)
-            return (0, *f.fix_e7, altitude, *unknown, altitude, *(0,) * 5)
+            return (f.fix_us, *f.fix_e7, altitude, *unknown, altitude, *(0,) * 5)
         motion = (quality.eph, quality.epv, min(round(speed * 100.0), 65534), course)
-        head = (0, *f.fix_e7, altitude, *motion, quality.fix_type, quality.satellites)
+        head = (f.fix_us, *f.fix_e7, altitude, *motion, quality.fix_type, quality.satellites)
         return (*head, altitude, quality.h_acc_mm, quality.v_acc_mm, 400, 0, 0)
 
     def _distance(self) -> Values:

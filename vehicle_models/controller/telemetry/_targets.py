@@ -91,7 +91,8 @@ class TargetTelemetry:
         f, target = self._flight, self._flight.target
         place = target.north_east_m or (f.north_m, f.east_m)
         north, east = place[0] - f.north_m, place[1] - f.east_m
-        bearing = round(math.degrees(math.atan2(east, north)))
         rise = f.down_m - target.down_m if target.down_m is not None else 0.0
-        attitude = (math.degrees(f.roll_rad), math.degrees(f.pitch_rad), rise, 0.0, 0.0)
-        return (*attitude, bearing, bearing, min(round(math.hypot(north, east)), 65535))
+        # What is steered to, as MAVLink defines it, not what is flown; the first bearing is the desired heading.
+        roll, pitch, yaw = (math.degrees(angle) for angle in self._context.airframe.commanded_attitude()[:3])
+        bearings = (round(yaw), round(math.degrees(math.atan2(east, north))))
+        return (roll, pitch, rise, 0.0, 0.0, *bearings, min(round(math.hypot(north, east)), 65535))
