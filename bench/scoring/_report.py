@@ -70,7 +70,7 @@ class NodeReport(Document):
     competence_50: Annotated[
         Points | None,
         Field(
-            description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it."
+            description="Highest tested difficulty at which half of such runs pass; in `all`, and only where `failures_rise`. A failure never raises it."
         ),
     ] = None
     competence_50_low: Annotated[
@@ -84,6 +84,12 @@ class NodeReport(Document):
     ] = None
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
+    failures_rise: Annotated[
+        bool | None,
+        Field(
+            description="The runs show that failures rise with difficulty (95 % interval of the slope); in `all` only."
+        ),
+    ] = None
     exercisable: Annotated[
         Count,
         Field(description="Runs whose configuration gives the node a difficulty, spoilt ones included."),
@@ -274,6 +280,9 @@ def _node(
     row: Mapping[str, Any], standings: Mapping[tuple[str, str, str], Mapping[str, Any]]
 ) -> dict[str, Any]:
     named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
+    if not row.get("failures_rise"):
+        # Competence assumes it (docs/rulings.md 17).
+        named = {name: value for name, value in named.items() if not name.startswith("competence_")}
     named |= standings.get((row["agent"], row["configuration"], row["node"]), {})
     return {name: value for name, value in named.items() if name in NodeReport.model_fields}
 
