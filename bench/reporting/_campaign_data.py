@@ -89,7 +89,7 @@ class Tally:
     `passed_low` and `passed_high` are the 95 % interval of the share of considered runs that pass.
     `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its
     threshold. `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and
-    where nothing was considered.
+    where the runs do not show that failures rise with difficulty (docs/rulings.md 17).
     """
 
     agent: str
@@ -205,7 +205,7 @@ def _tally(row: Mapping[str, Any]) -> Tally:
     competence = {
         rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
         for rate in PASS_RATES
-        if (value := row[f"competence_{rate}"]) is not None
+        if row["failures_rise"] and (value := row[f"competence_{rate}"]) is not None
     }
     return Tally(**{name: row[_COLUMNS.get(name, name)] for name in names}, competence=competence)
 

@@ -69,7 +69,7 @@ class NodeReport(Document):
     method: Annotated[str, Field(description="Method of the interval of the confidence.")]
     competence_50: Points | None = Field(
         None,
-        description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it.",
+        description="Highest tested difficulty at which half of such runs pass; in `all`, and only where `failures_rise`. A failure never raises it.",
     )
     competence_50_low: Points | None = Field(None, description="One-sided 95 % lower bound of competence_50.")
     competence_50_at_least: bool | None = Field(
@@ -78,6 +78,10 @@ class NodeReport(Document):
     competence_90: Points | None = Field(None, description="Like competence_50, for nine runs in ten.")
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
+    failures_rise: bool | None = Field(
+        None,
+        description="The runs show that failures rise with difficulty (95 % interval of the trend); in `all` only.",
+    )
     exercisable: Count = Field(
         0, description="Runs whose configuration gives the node a difficulty, spoilt ones included."
     )
@@ -254,6 +258,9 @@ def _node(
     row: Mapping[str, Any], standings: Mapping[tuple[str, str, str], Mapping[str, Any]]
 ) -> dict[str, Any]:
     named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
+    if not row.get("failures_rise"):
+        # Competence assumes it (docs/rulings.md 17).
+        named = {name: value for name, value in named.items() if not name.startswith("competence_")}
     named |= standings.get((row["agent"], row["configuration"], row["node"]), {})
     return {name: value for name, value in named.items() if name in NodeReport.model_fields}
 

@@ -165,8 +165,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
         values, is_known = column_values(scores, name)
         yield known_name, count_rows(is_known)
         yield name, np.bincount(slot, weights=values, minlength=size)
-        if name == "confidence":
-            yield "confidence_squared", np.bincount(slot, weights=values**2, minlength=size)
+        if name != "passed_score":
+            yield f"{name}_squared", np.bincount(slot, weights=values**2, minlength=size)
     achieved, considered = column_values(scores, "achieved")[0], column_values(scores, "considered")[0]
     yield "achieved", count_rows(achieved)
     yield "asked", count_rows(considered)

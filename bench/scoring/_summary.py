@@ -16,15 +16,16 @@ from bench.statistics import (
     DIFFICULTY_DECIMALS,
     TrialCounts,
     Trials,
-    bootstrap_means,
     bounded_mean,
     clopper_pearson,
     competence,
     count_design_points,
     count_trials,
     effective_size,
+    failures_rise,
     mean_bounds,
     pass_rate_bounds,
+    replicate_interval,
 )
 from decompositions import Decomposition, Level, Policies
 
@@ -46,6 +47,7 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
         for name in COMPETENCE_SHARES
         for part, dtype in (("", pl.Float64), ("_low", pl.Float64), ("_at_least", pl.Boolean))
     },
+    "failures_rise": pl.Boolean,
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 
@@ -55,9 +57,11 @@ considered runs. `passed` counts the considered runs in which every considered o
 `passed_low` and `passed_high` are the interval of the share of considered runs that pass, by the same rule as
 the interval of an observable's confidence. `difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
 above `passed_score_mean`, the mean that the runs would have if every failed observable had passed at its
-threshold. `score_low` and `score_high` are null below five design points with a score. `method` names the
+threshold. `score_low` and `score_high` are what the mean would vary if the same design were flown again with new seeds; null where too
+few design points were flown more than once. `method` names the
 interval of the confidence. `competence_*` is over all difficulties: only the rows of `all` have it, and it is
-null where the node was never considered.
+null where the node was never considered. It assumes that failures rise with difficulty; `failures_rise` says whether these
+runs show it, by the 95 % interval of the slope of failure on difficulty. Reports give no competence where they do not.
 """
 
 
@@ -210,15 +214,11 @@ def _spread(scenes: SceneSums, points: Counts, name: str, squares: str) -> Float
 
 
 def _score_ends(scenes: SceneSums) -> tuple[Floats, Floats]:
-    starts = scenes.starts
-    bounds = np.full((2, starts.size, len(scenes.nodes)), np.nan)
-    names = (*scenes.design_points, "")
-    # Each block has its own design points, and with them its own seed.
-    for block, (first, last) in enumerate(pairwise([*starts.tolist(), scenes.agent.size])):
-        point_names = [names[number] for number in scenes.point[first:last]]
-        bounds[:, block] = bootstrap_means(
-            scenes.sums["score"][first:last], scenes.sums["scored"][first:last], point_names
-        )
+    """What the mean score of each block would vary if the same design points were flown again."""
+    bounds = np.full((2, scenes.starts.size, len(scenes.nodes)), np.nan)
+    for block, (first, last) in enumerate(pairwise([*scenes.starts.tolist(), scenes.agent.size])):
+        names = ("score", "score_squared", "scored", "considered")
+        bounds[:, block] = replicate_interval(*(scenes.sums[name][first:last] for name in names))
     return bounds[0], bounds[1]
 
 
@@ -274,7 +274,7 @@ def _competence(scenes: SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]
             f"competence_{name}{part}": _masked(pl.Series(values), has_trials)
             for part, values in columns_of_share
         }
-    return columns
+    return columns | {"failures_rise": pl.Series(failures_rise(counted))}
 
 
 def _tally(scenes: SceneSums, groups: int) -> TrialCounts:

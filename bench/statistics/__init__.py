@@ -13,7 +13,6 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
-    from ._bootstrap import bootstrap_means as bootstrap_means
     from ._claims import claim as claim
     from ._comparison import SIGNIFICANCE as SIGNIFICANCE
     from ._comparison import NodeComparison as NodeComparison
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from ._competence import competence_of as competence_of
     from ._competence import count_design_points as count_design_points
     from ._competence import count_trials as count_trials
+    from ._competence import failures_rise as failures_rise
     from ._curve import Curve as Curve
     from ._curve import CurveState as CurveState
     from ._curve import difficulty_response as difficulty_response
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from ._regression import OddsRatio as OddsRatio
     from ._regression import correlation as correlation
     from ._regression import logistic as logistic
+    from ._replicates import replicate_interval as replicate_interval
     from ._rounding import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
     from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
     from ._screening import NodeFactorAnalysis as NodeFactorAnalysis

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from bench.arrays import Bools, Counts, Floats
 
 from ._intervals import CONFIDENCE_LEVEL
+from ._rank_association import MIN_DESIGN_POINTS
 from ._rounding import DIFFICULTY_DECIMALS
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
@@ -148,6 +150,35 @@ def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
     value, at_least = _isotonic_value(group, difficulty, share[1] * passed - share[0] * tried, counted.groups)
     low = _lower_bound(counted, group, difficulty, share[0] / share[1])
     return Competence(total, value, np.minimum(value, low), at_least)
+
+
+def failures_rise(counted: TrialCounts) -> Bools:
+    """Whether the trials of each group show that failures rise with difficulty, which competence assumes.
+
+    The score test of a linear trend in proportions (Cochran 1954, Armitage 1955), with the empirical variance of the sums of
+    design points (Liang and Zeger 1986) and Student's quantile: the two-sided 95 % interval of the slope lies above 0. False with
+    fewer than five design points, and where all pass or all fail.
+    """
+    cells, alike = counted.cells, counted.alike
+    group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
+    difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
+
+    def summed(of: Counts, values: Floats) -> Floats:
+        return np.bincount(of, weights=values, minlength=counted.groups)
+
+    trials = np.maximum(summed(group, tried), 1.0)
+    centred = difficulty - (summed(group, tried * difficulty) / trials)[group]
+    failure_rate = summed(group, tried - passed) / trials
+    cell, point_tried, point_passed, points = (alike[name].to_numpy() for name in alike.columns)
+    of = group[cell]
+    residual = centred[cell] * (point_tried - point_passed - point_tried * failure_rate[of])
+    count = summed(of, points)
+    trend = summed(of, points * residual)
+    # About their mean: a true trend must not widen its own interval.
+    spread = summed(of, points * residual**2) - trend**2 / np.maximum(count, 1.0)
+    error = np.sqrt(np.maximum(spread, 1e-12) * count / np.maximum(count - 1.0, 1.0))
+    quantile = stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2.0, np.maximum(count - 2.0, 1.0))
+    return np.asarray((count >= MIN_DESIGN_POINTS) & (trend > quantile * error), dtype=np.bool_)
 
 
 def competence_of(

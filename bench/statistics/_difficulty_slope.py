@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from bench.arrays import Bools, Floats
 
 from ._anova import cluster_codes
-from ._bootstrap import MIN_DESIGN_POINTS
 from ._comparison import SIGNIFICANCE
-from ._rank_association import rank_association
+from ._rank_association import MIN_DESIGN_POINTS, rank_association
 from ._regression import FIRTH, FirthFit, fit_logistic
 from ._rounding import DIFFICULTY_DECIMALS
 

@@ -20,10 +20,12 @@ from scipy import stats
 from bench.arrays import Bools, Counts, Floats
 
 from ._anova import cluster_codes
-from ._bootstrap import MIN_DESIGN_POINTS
 from ._comparison import SIGNIFICANCE
 from ._intervals import CONFIDENCE_LEVEL
 from ._rounding import DIFFICULTY_DECIMALS
+
+# With fewer design points no slope or association is tested: by chance alone all would agree. Chosen, not measured.
+MIN_DESIGN_POINTS = 5
 
 # The least p is one in a thousand. Chosen, not measured.
 SHUFFLES = 999

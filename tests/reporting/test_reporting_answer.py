@@ -58,9 +58,25 @@ def test_numbers_are_those_of_the_tables(data: ReportData, agent: str) -> None:
         f"{100 * (lowest.confidence or 0.0):.1f} %, 95 % interval {100 * (lowest.confidence_low or 0.0):.0f} to "
         f"{100 * (lowest.confidence_high or 0.0):.0f} %." in text
     )
-    half = min(tally.competence["50"].value for tally in tallies)
-    assert (f"up to difficulty {half:.1f}" in text) is (half > 0.0)
-    assert ("even half of such runs" in text) is (half <= 0.0)
+    shown = [tally.competence["50"].value for tally in tallies if tally.competence]
+    assert ("No limit of difficulty is given" in text) is not shown
+    assert ("No limit is given for" in text) is (0 < len(shown) < len(tallies))
+    assert ("up to difficulty" in text) is (bool(shown) and min(shown) > 0.0)
+
+
+def test_a_limit_is_given_only_where_failures_rise(data: ReportData) -> None:
+    """The nodes without one are named; with none at all the paragraph says why."""
+    tallies = {key: replace(tally, competence={}) for key, tally in data.tallies.items()}
+    text = paragraph(replace(data, tallies=tallies), AWARE)
+    assert (
+        "No limit of difficulty is given: these runs do not show that failures rise with the rated difficulty."
+        in text
+    )
+    competence = {rate: ReportedCompetence(40.0, 20.0, at_least=False) for rate in ("50", "90")}
+    tallies[AWARE, "all", STUDY[0]] = replace(tallies[AWARE, "all", STUDY[0]], competence=competence)
+    text = paragraph(replace(data, tallies=tallies), AWARE)
+    assert f"Half of such runs pass {STUDY[0]} up to difficulty 40.0" in text
+    assert f"No limit is given for {STUDY[1]}, " in text
 
 
 def test_two_limits_with_their_bounds(data: ReportData) -> None:
@@ -75,11 +91,11 @@ def test_two_limits_with_their_bounds(data: ReportData) -> None:
         tallies[AWARE, "all", node] = replace(tallies[AWARE, "all", node], competence=competence)
     text = paragraph(replace(data, tallies=tallies), AWARE)
     assert (
-        f"Half of such runs pass each key attribute under study up to difficulty 60.0 (the hardest flown of {STUDY[1]}); "
+        f"Half of such runs pass each of {', '.join(STUDY[:-1])} and {STUDY[-1]} up to difficulty 60.0 (the hardest flown of {STUDY[1]}); "
         "with 95 % confidence they do up to 30.0." in text
     )
     assert (
-        f"Nine in ten of such runs pass each key attribute under study up to difficulty 40.0 (where {STUDY[1]} ends); "
+        f"Nine in ten of such runs pass each of {', '.join(STUDY[:-1])} and {STUDY[-1]} up to difficulty 40.0 (where {STUDY[1]} ends); "
         "with 95 % confidence, these runs support no difficulty above 0." in text
     )
 

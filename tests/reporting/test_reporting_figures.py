@@ -315,7 +315,11 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
     """
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
-    tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
+    competence = {
+        "50": ReportedCompetence(20.0, 10.0, at_least=True),
+        "90": ReportedCompetence(0.0, 0.0, at_least=False),
+    }
+    tallies = {agent: replace(data.tallies[agent, "all", "KA-03"], competence=competence) for agent in AGENTS}
     traces = curve_figure(agent_styles(AGENTS), flown, tallies).to_plotly_json()["data"]
     rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
     rates = (
@@ -360,16 +364,30 @@ def test_curve_remark_gives_its_reason(difficulty: list[float], passed: list[boo
     assert remark in curve_remark(trials.curve())
 
 
-def test_claim_names_shared_design_points(data: ReportData) -> None:
-    """The claim assumes independent runs, and names the design points where runs share them."""
-    tally = data.tallies[AGENTS[0], "all", "KA-03"]
-    trials = trials_of(data.scores)[AGENTS[0], "KA-03"]
-    assert not any("are independent" in sentence for sentence in node_sentences(tally, trials))
-    sentences = node_sentences(replace(tally, design_points=20), trials)
-    assert any(
-        "This assumes that the runs are independent, but they come from 20 design points." in sentence
-        for sentence in sentences
+@pytest.mark.parametrize(
+    ("difficulty", "passed", "why"),
+    [
+        ([10.0, 20.0] * 6, [True] * 12, "no run failed"),
+        ([10.0, 20.0] * 6, [False] * 12, "no run passed"),
+        ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
+        ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 8 + [False], "the curve rises"),
+        ([10.0, 20.0] * 2, [True, False] * 2, "too few"),
+    ],
+)
+def test_no_competence_without_its_assumption(
+    data: ReportData, difficulty: list[float], passed: list[bool], why: str
+) -> None:
+    """The reason stands in its place, and one bound of the pass rate is enough."""
+    tally = replace(
+        data.tallies[AGENTS[0], "all", "KA-03"], competence={}, considered=len(passed), passed=sum(passed)
     )
+    points = tuple(str(number) for number in range(len(passed)))
+    sentences = node_sentences(tally, NodeTrials(tuple(difficulty), tuple(passed), points))
+    assert (
+        sum(sentence.startswith("No competence is given: ") and why in sentence for sentence in sentences)
+        == 1
+    )
+    assert not any("one-sided" in sentence for sentence in sentences)
 
 
 def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:

@@ -11,7 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.statistics import Trials, competence, competence_of, count_trials
+from bench.statistics import (
+    Direction,
+    Trials,
+    competence,
+    competence_of,
+    count_trials,
+    difficulty_slope,
+    failures_rise,
+)
 
 HALF, NINE_TENTHS = (1, 2), (9, 10)
 Trial = tuple[float, bool, str]
@@ -187,3 +195,40 @@ def test_the_bound_is_worth_having() -> None:
     ]
     assert np.mean(np.array(claimed) == 50.0) > 0.7
     assert max(claimed) == 50.0
+
+
+def test_failures_rise_where_a_logistic_slope_with_clusters_says_so() -> None:
+    """Beside the fit of `rebar calibrate`, over random campaigns; and where nothing rises, in one of forty at most."""
+    rng = np.random.default_rng(11)
+    agree, claimed = 0, 0
+    for campaign in range(300):
+        points, replicates = int(rng.integers(6, 40)), int(rng.integers(1, 4))
+        difficulty = np.repeat(rng.choice([20.0, 35.0, 50.0, 80.0], points), replicates)
+        slope = 0.0 if campaign % 2 else 0.06
+        chance = 1.0 / (1.0 + np.exp(-slope * (difficulty - 50.0)))
+        failed = rng.random(points * replicates) < chance
+        point = np.repeat(np.arange(points), replicates)
+        group = np.zeros(points * replicates, dtype=np.int64)
+        rises = bool(failures_rise(count_trials(Trials(group, difficulty, ~failed, point), 1))[0])
+        fit = difficulty_slope(difficulty, failed, ["an agent"] * failed.size, point.astype(str).tolist())
+        agree += rises == (fit.direction is Direction.RISES)
+        claimed += rises and not slope
+    assert agree >= 285
+    assert claimed <= 8  # 2.5 % of 150, and chance
+
+
+@pytest.mark.parametrize("failed", [(0, 0, 0, 0, 0, 0), (1, 1, 1, 1, 1, 1)])
+def test_nothing_rises_where_all_runs_end_alike_or_are_few(failed: tuple[int, ...]) -> None:
+    def rises(difficulty: tuple[float, ...], failures: tuple[int, ...]) -> bool:
+        size = len(failures)
+        trials = Trials(
+            np.zeros(size, dtype=np.int64),
+            np.array(difficulty),
+            ~np.array(failures, dtype=np.bool_),
+            np.arange(size),
+        )
+        return bool(failures_rise(count_trials(trials, 1))[0])
+
+    assert not rises((10.0, 20.0, 30.0, 40.0, 50.0, 60.0), failed)
+    assert not rises((10.0, 20.0, 80.0, 90.0), (0, 0, 1, 1))
+    assert rises((10.0, 11.0, 20.0, 80.0, 89.0, 90.0), (0, 0, 0, 1, 1, 1))

@@ -22,6 +22,11 @@ from ._design_quality import campaign_design_points
 
 # The conventional level. For effects it is compared with adjusted p values.
 SIGNIFICANCE_LEVEL = 0.05
+# A smaller share is printed as 0.0 %: no reader would believe that it matters.
+LEAST_SHARE = 0.0005
+# With fewer failures a factor that seems to matter is chance: ten events for each term, as for logistic regression (Peduzzi et
+# al. 1996, Journal of Clinical Epidemiology 49(12), 1373-1379).
+MIN_FAILURES = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +48,16 @@ class FactorRow:
     @property
     def significant_tests(self) -> tuple[str, ...]:
         """The tests that are significant: confidence, passes, score."""
-        tests = (("confidence", self.confidence_p), ("passes", self.passes_p), ("score", self.score_p))
-        return tuple(name for name, p in tests if p is not None and p < SIGNIFICANCE_LEVEL)
+        tests = (
+            ("confidence", self.confidence_p, self.confidence_share),
+            ("passes", self.passes_p, None),
+            ("score", self.score_p, self.score_share),
+        )
+        return tuple(
+            name
+            for name, p, share in tests
+            if p is not None and p < SIGNIFICANCE_LEVEL and (share is None or share >= LEAST_SHARE)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +75,15 @@ class FactorTable:
 class FactorEffects:
     """The whole section.
 
-    `note` is the reason why there is none, else empty; `frame` holds every test (FACTOR_COLUMNS).
+    `note` is the reason why there is none, else empty; `frame` holds every test (FACTOR_COLUMNS). `too_few` names nodes and
+    agents with too few failures to ask.
     """
 
     tables: tuple[FactorTable, ...]
     independence: FactorIndependence | None
     frame: pl.DataFrame
     note: str = ""
+    too_few: tuple[str, ...] = ()
 
     @property
     def significant_effects(self) -> list[tuple[FactorTable, FactorRow]]:
@@ -93,14 +108,23 @@ class FactorEffects:
 def factor_effects(data: ReportData) -> FactorEffects:
     """Every node under study, each agent for itself, over the factors of the campaign's design."""
     levels, note = _levels(data)
-    analyses = [
-        analysis
+    tallies = [
+        tally
         for node in data.study
         for agent in data.agents
-        if (analysis := node_factors(data.scores, levels, agent, node)) is not None
+        if (tally := data.tally(agent, node)) is not None and tally.considered
     ]
-    if levels and not analyses:
+    few = [tally for tally in tallies if tally.considered - tally.passed < MIN_FAILURES]
+    analyses = [
+        analysis
+        for tally in tallies
+        if tally not in few
+        and (analysis := node_factors(data.scores, levels, tally.agent, tally.node)) is not None
+    ]
+    if levels and not tallies:
         note = "No run was considered, so there is no analysis."
+    elif levels and not analyses:
+        note = f"Fewer than {MIN_FAILURES} runs of each agent failed each node, too few to ask which factor matters."
     # All tests of the section at once: their p values are adjusted together, and the tables below read them
     # from here.
     frame = factor_frame(analyses)
@@ -109,6 +133,9 @@ def factor_effects(data: ReportData) -> FactorEffects:
         independence=analyses[0].confidence.independence if analyses else None,
         frame=frame,
         note=note,
+        too_few=tuple(
+            f"{tally.node} of {tally.agent} ({tally.considered - tally.passed} failed)" for tally in few
+        ),
     )
 
 

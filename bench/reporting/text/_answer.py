@@ -58,14 +58,16 @@ def _difficulties(tallies: Sequence[Tally]) -> str:
 
 
 def _limits(considered: Sequence[Tally]) -> list[str]:
-    # A node without a difficulty has no competence.
     tallies = [tally for tally in considered if tally.competence]
+    others = [tally.node for tally in considered if not tally.competence]
+    unknown = "these runs do not show that failures rise with the rated difficulty"
     if not tallies:
-        return []
-    subject = "each key attribute under study" if len(tallies) > 1 else "the key attribute under study"
+        return [f"No limit of difficulty is given: {unknown}."]
+    subject = f"each of {listed([tally.node for tally in tallies])}" if len(tallies) > 1 else tallies[0].node
+    rest = [f"No limit is given for {listed(others)}: {unknown}."] if others else []
     if min(tally.competence["50"].value for tally in tallies) <= 0.0:
-        return [f"At no difficulty does even half of such runs pass {subject}."]
-    return [_limit(tallies, rate, subject) for rate in RATE_WORDS]
+        return [f"At no difficulty does even half of such runs pass {subject}.", *rest]
+    return [*(_limit(tallies, rate, subject) for rate in RATE_WORDS), *rest]
 
 
 def _limit(tallies: Sequence[Tally], rate: str, subject: str) -> str:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 
-from bench.statistics import Curve, CurveState, claim
+from bench.statistics import Curve, CurveState
 
 from .._campaign_data import Tally
 from ..statistics._trials import NodeTrials
@@ -44,8 +43,8 @@ def _sentences(tally: Tally | None, trials: NodeTrials) -> list[str]:
         f"Passed {passed_runs(tally)}.",
         *_score(tally),
         *(_competence(tally, rate) for rate in tally.competence),
+        *([] if tally.competence else [_no_competence(tally, trials)]),
         _confidence(tally),
-        _claim(tally, trials),
     ]
 
 
@@ -56,7 +55,7 @@ def _score(tally: Tally) -> Iterator[str]:
         return
     ends = ""
     if tally.score_low is not None and tally.score_high is not None:
-        ends = f" (95 % interval {number(tally.score_low)} to {number(tally.score_high)})"
+        ends = f" (flown again with new seeds: {number(tally.score_low)} to {number(tally.score_high)}, 95 %)"
     yield f"ARL score {number(tally.score)}{ends}, the mean of the {tally.scored} of {considered} that have a score."
     if tally.raised:
         yield (
@@ -89,22 +88,18 @@ def _confidence(tally: Tally) -> str:
     return f"Confidence {percent(tally.confidence)}{ends}."
 
 
-def _claim(tally: Tally, trials: NodeTrials) -> str:
-    claim_sentences = _claim_text(trials.passes, len(trials.passed))
-    if tally.design_points < len(trials.passed):
-        claim_sentences += f" This assumes that the runs are independent, but they come from {plural(tally.design_points, 'design point')}."
-    # Both anytime-valid methods mean that the number of runs depended on the results (METHODS of _glossary).
-    if tally.method.startswith("anytime"):
-        claim_sentences += (
-            " It also assumes a fixed number of runs, but here the number depended on the results."
-        )
-    return claim_sentences
-
-
-@lru_cache(maxsize=4096)
-def _claim_text(passed: int, tried: int) -> str:
-    # Cached: hundreds of nodes share a few counts, and an exact bound is slow to compute.
-    return claim(passed, tried)
+def _no_competence(tally: Tally, trials: NodeTrials) -> str:
+    if tally.passed == tally.considered:
+        why = "no run failed"
+    elif not tally.passed:
+        why = "no run passed"
+    elif len(set(trials.difficulty)) < 2:
+        why = "all runs have one difficulty"
+    else:
+        curve = trials.curve()
+        is_rising = curve.drawn and curve.probability[-1] > curve.probability[0]
+        why = "the curve rises" if is_rising else "the runs are too few, or difficulty explains too little"
+    return f"No competence is given: {why}, so these runs do not show that failures rise with the rated difficulty."
 
 
 def curve_remark(curve: Curve) -> str:
