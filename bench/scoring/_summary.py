@@ -217,8 +217,10 @@ def _score_ends(scenes: SceneSums) -> tuple[Floats, Floats]:
     """What the mean score of each block would vary if the same design points were flown again."""
     bounds = np.full((2, scenes.starts.size, len(scenes.nodes)), np.nan)
     for block, (first, last) in enumerate(pairwise([*scenes.starts.tolist(), scenes.agent.size])):
-        names = ("score", "score_squared", "scored", "considered")
-        bounds[:, block] = replicate_interval(*(scenes.sums[name][first:last] for name in names))
+        total, squared, scored, runs = (
+            scenes.sums[name][first:last] for name in ("score", "score_squared", "scored", "considered")
+        )
+        bounds[:, block] = replicate_interval(total, squared, scored, runs)
     return bounds[0], bounds[1]
 
 

@@ -164,7 +164,7 @@ def failures_rise(counted: TrialCounts) -> Bools:
     difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
 
     def summed(of: Counts, values: Floats) -> Floats:
-        return np.bincount(of, weights=values, minlength=counted.groups)
+        return np.asarray(np.bincount(of, weights=values, minlength=counted.groups), dtype=np.float64)
 
     trials = np.maximum(summed(group, tried), 1.0)
     centred = difficulty - (summed(group, tried * difficulty) / trials)[group]

@@ -14,6 +14,9 @@ from in_process_executor import open_in_process
 
 from bench.campaign import (
     CampaignFolder,
+    Collaborators,
+    Jobs,
+    RunOptions,
     load_measurable_decomposition,
     open_journal,
     read_runs,
@@ -39,11 +42,8 @@ def with_a_stopping_rule(folder: Path, size: int) -> None:
     run_campaign_sync(
         stopping_campaign(decomposition, REPLICATES, size // REPLICATES),
         folder,
-        load_measurable_decomposition(decomposition),
-        workers=2,
-        job=MIXED_ENDS,
-        finish=no_finish,
-        open_executor=open_in_process(),
+        RunOptions(load_measurable_decomposition(decomposition), workers=2),
+        Collaborators(finish=no_finish, open_executor=open_in_process(), jobs=Jobs(MIXED_ENDS)),
     )
 
 

@@ -59,7 +59,7 @@ def test_numbers_are_those_of_the_tables(data: ReportData, agent: str) -> None:
         f"{100 * (lowest.confidence_high or 0.0):.0f} %." in text
     )
     shown = [tally.competence["50"].value for tally in tallies if tally.competence]
-    assert ("No limit of difficulty is given" in text) is not shown
+    assert ("No limit of difficulty is given" in text) is (not shown)
     assert ("No limit is given for" in text) is (0 < len(shown) < len(tallies))
     assert ("up to difficulty" in text) is (bool(shown) and min(shown) > 0.0)
 

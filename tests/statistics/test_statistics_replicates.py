@@ -3,21 +3,19 @@
 import numpy as np
 import pytest
 
+from bench.arrays import Floats
 from bench.statistics import replicate_interval
 
 POINTS, REPLICATES = 24, 3
 
 
-def sums(scores: np.ndarray) -> tuple[np.ndarray, ...]:
+def interval(scores: Floats) -> tuple[Floats, Floats]:
     """Of scores (design points, replicates), NaN where a run has none, as one node."""
     known = ~np.isnan(scores)
     values = np.nan_to_num(scores)
     runs = np.full((len(scores), 1), scores.shape[1])
-    return (
-        values.sum(axis=1)[:, None],
-        (values**2).sum(axis=1)[:, None],
-        known.sum(axis=1)[:, None],
-        runs,
+    return replicate_interval(
+        values.sum(axis=1)[:, None], (values**2).sum(axis=1)[:, None], known.sum(axis=1)[:, None], runs
     )
 
 
@@ -30,7 +28,7 @@ def test_it_covers_the_mean_of_the_same_design_and_not_the_spread_of_the_design(
     for _ in range(600):
         noise = rng.normal(0.0, 1.0, (POINTS, REPLICATES))
         scores = np.where(rng.random((POINTS, REPLICATES)) < pass_rate, difficulty + noise, np.nan)
-        low, high = replicate_interval(*sums(scores))
+        low, high = interval(scores)
         held += bool(low[0] <= truth <= high[0])
         widths.append(high[0] - low[0])
     assert 0.92 <= held / 600 <= 0.98
@@ -38,12 +36,12 @@ def test_it_covers_the_mean_of_the_same_design_and_not_the_spread_of_the_design(
 
 
 def test_runs_that_all_pass_at_fixed_difficulties_leave_nothing_to_vary() -> None:
-    low, high = replicate_interval(*sums(np.repeat(np.linspace(20.0, 80.0, 12)[:, None], 3, axis=1)))
+    low, high = interval(np.repeat(np.linspace(20.0, 80.0, 12)[:, None], 3, axis=1))
     assert low[0] == pytest.approx(50.0)
     assert high[0] == pytest.approx(50.0)
 
 
 def test_a_design_flown_once_has_no_interval() -> None:
     for scores in (np.full((40, 1), 30.0), np.full((4, 2), 30.0), np.full((12, 3), np.nan)):
-        assert np.isnan(replicate_interval(*sums(scores))).all()
-    assert not np.isnan(replicate_interval(*sums(np.full((5, 2), 30.0)))).any()
+        assert np.isnan(interval(scores)).all()
+    assert not np.isnan(interval(np.full((5, 2), 30.0))).any()
