@@ -234,7 +234,8 @@ def competence_cells(row: Mapping[str, Any]) -> tuple[str, str]:
     cells = []
     for share in (90, 50):
         value = row[f"competence_{share}"]
-        if value is None:  # what describes the simulated detector alone is no competence of an agent
+        # None of what describes the simulated detector alone, nor where failures do not rise with the rated difficulty.
+        if value is None or not row["failures_rise"]:
             return "–", "–"
         # Sums of floats: the easiest difficulty is met to the last digits alone.
         inside = value > row["difficulty_low"] + 1e-6 and not row[f"competence_{share}_at_least"]
@@ -275,8 +276,8 @@ def limits_text(numbers: Numbers) -> str:
     together = [node for node, row in found.items() if all("**" in row[agent][0] for agent in agents)]
     by_agent = listed([f"{count} for `{agent}`" for agent, count in zip(agents, counts[0], strict=True)])
     return paragraph(
-        "- **It locates limits.** The competence at a pass rate of nine tenths (C_0.9, [scoring.md](scoring.md#competence)) lies "
-        f"strictly between the easiest and the hardest difficulty on some key attributes: {by_agent}; on "
+        "- **It locates limits.** Competence is given where failures rise with the rated difficulty (ruling 17). That at a pass rate of nine tenths (C_0.9, [scoring.md](scoring.md#competence)) lies "
+        f"strictly between the easiest and the hardest difficulty of so many key attributes: {by_agent}; on "
         f"{listed(together) if together else 'none'} for all of them. At a pass rate of one half (C_0.5) it does so on "
         f"{listed([str(count) for count in counts[1]])}.",
         "  ",
