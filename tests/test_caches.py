@@ -67,7 +67,7 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (12, 3, 2),
     ),
     "bench.realization.design._space_filling._latin": ((12, 3, 1), (13, 3, 1), (12, 4, 1), (12, 3, 2)),
-    "bench.realization.placement._check._grown_polygon": ((square(9.0),), (square(8.0),)),
+    "bench.realization.placement._check_geometry.grown_polygon": ((square(9.0),), (square(8.0),)),
     "bench.realization.placement._fitting.may_fit": (
         (shapely.box(0.0, 0.0, 3.0, 3.0), ASSETS["civilian-car"]),
         (shapely.box(0.0, 0.0, 9.0, 9.0), ASSETS["civilian-car"]),
@@ -85,7 +85,6 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (square(9.0), 2.0),
     ),
     "bench.recording.viewers._pictures._png": ((2, 3), (3, 3), (2, 4)),
-    "bench.reporting.text._node_sentences._claim_text": ((3, 4), (4, 4), (3, 5)),
     "bench.scoring._arrays._arrays": (
         (_DocumentKey(DECOMPOSITION),),
         (_DocumentKey(stricter(DECOMPOSITION)),),
@@ -111,14 +110,16 @@ OF_PROCESS = {
         "bench.agents._manifest.installed_agents",
         "bench.camera._looks.look_tables",
         "bench.contracts._plugins.plugins",
+        "bench.lazy.declared_names",
         "bench.reporting._page._environment",
         "vehicle_models.tables.constant_subscripts",
     ),
     "of a class or of its layout on the wire: test_streams_cdr and test_documents_faults compare each class": (
         "bench.documents._document._hasty_validator",
-        *(f"agent_adapters.client._json_documents.{name}" for name in ("_reader", "_writer")),
+        "agent_adapters.client.documents._reader",
+        "bench.contracts._documents._adapter",
         *(f"bench.streams._cdr.{name}" for name in ("_builder", "_many", "_phased", "_reader", "_writers")),
-        *(f"bench.streams._types.{name}" for name in ("fields_of", "schema_text", "type_hash")),
+        *(f"bench.streams._schemas.{name}" for name in ("fields_of", "schema_text", "type_hash")),
     ),
     "of contact sheets, which are looked at": ("bench.camera.sheet._ground",),
 }

@@ -242,7 +242,7 @@ def test_tracks_and_status_are_published_every_second() -> None:
 
 TWIN = """
 import hashlib, json, sys
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from test_agent_mission import NEAR_RADAR, RADAR, TRUCK, world
 flown = world(RADAR, TRUCK, NEAR_RADAR).fly("bystander_aware")
 print(json.dumps([hashlib.sha256(json.dumps(flown.published).encode()).hexdigest(), flown.vehicle.commands]))
@@ -251,7 +251,7 @@ print(json.dumps([hashlib.sha256(json.dumps(flown.published).encode()).hexdigest
 
 def test_same_inputs_give_the_same_bytes() -> None:
     """Two processes with different hash seeds say the same, word for word."""
-    code = TWIN.format(folder=str(Path(__file__).parent))
+    code = TWIN.format(folders=[str(Path(__file__).parent), str(Path(__file__).parents[1])])
     outputs = [
         subprocess.run(
             [sys.executable, "-c", code],

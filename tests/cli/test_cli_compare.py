@@ -257,6 +257,18 @@ def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None
     assert "Example: rebar compare" in " ".join(capsys.readouterr().out.split())
 
 
+def test_factors_are_asked_about_where_ten_runs_failed(campaign_folder: Path) -> None:
+    data = load_report_data(campaign_folder)
+    for failed, is_asked in ((9, False), (10, True)):
+        tallies = {
+            key: replace(tally, considered=18, passed=18 - failed) for key, tally in data.tallies.items()
+        }
+        matter = factor_effects(replace(data, tallies=tallies))
+        assert bool(matter.tables) is is_asked
+        assert bool(matter.too_few) is not is_asked
+        assert ("Fewer than 10 runs" in matter.note) is not is_asked
+
+
 def test_the_report_finds_the_factor_that_was_planted(campaign_folder: Path) -> None:
     """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and
     no other.
@@ -273,7 +285,9 @@ def test_the_report_finds_the_factor_that_was_planted(campaign_folder: Path) -> 
         pl.col("design_point").replace_strict({k: v[1] for k, v in named.items()}).alias("replicate"),
     ).with_columns((pl.when(spoilt).then(0.2).otherwise(0.9) + base).alias("confidence"))
 
-    matter = factor_effects(replace(data, scores=scores))
+    # So many failed that one may ask.
+    tallies = {key: replace(tally, considered=18, passed=8) for key, tally in data.tallies.items()}
+    matter = factor_effects(replace(data, scores=scores, tallies=tallies))
     significant = [
         (table.agent, table.node, row.factor)
         for table, row in matter.significant_effects

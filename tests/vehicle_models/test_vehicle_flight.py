@@ -371,7 +371,7 @@ def test_landing_in_wind_disarms_near_home(make: Make) -> None:
     )
     assert math.dist(flown[-1], (0.0, 0.0, 0.0)) < 1.0
     texts = [text.strip() for text in client.texts()]
-    assert texts[-3:] == ["Returning to launch", "Landing detected", "Disarmed by landing"]
+    assert texts[-3:] == ["RTL: land at destination", "Landing detected", "Disarmed by landing"]
 
 
 def test_a_hard_landing_is_a_crash(make: Make) -> None:

@@ -75,6 +75,11 @@ class Truth:
         return float(self.vehicle.time.s)
 
     @property
+    def clock_s(self) -> float:
+        """Since the autopilot has started: ArduPilot 50 s before the session."""
+        return self.time_s + (0.0 if is_px4(self) else 50.0)
+
+    @property
     def north_m(self) -> float:
         return float(self.vehicle._plant.motion.north_m) - HOME_NORTH_M
 
@@ -272,12 +277,23 @@ FIELDS: dict[str, Callable[[Truth], dict[str, Any]]] = {
         **all_of("terrain_alt_variance airspeed_variance", NOT_MODELLED),
         "flags": MODES,
     },
+    # Made up as by PX4's simulator link.
+    "ESC_INFO": lambda t: {
+        "temperature": Near([2000.0 + 4000.0 * rotor for rotor in t.rotors], 1.0),
+        **all_of("counter failure_flags error_count count connection_type index info", CONSTANT),
+    },
+    "ESC_STATUS": lambda t: {
+        "rpm": Near([rotor * 6000.0 for rotor in t.rotors], 1.0),
+        "voltage": Near([battery_volts(t)] * 4, 1e-3),
+        "current": Near([1.0 + 15.0 * rotor for rotor in t.rotors], 1e-3),
+        "index": CONSTANT,
+    },
     "ESC_TELEMETRY_1_TO_4": lambda t: {
         "voltage": Near([battery_volts(t) * 100.0] * 4),
         "current": Near([t.amperes * 100.0 / 4.0] * 4),
         "totalcurrent": Near([t.battery.used_wh / 14.8 * 250.0] * 4),
         "rpm": Near([rotor * 8000.0 for rotor in t.rotors]),
-        "count": Near([t.time_s * 50.0] * 4, 1.0),
+        "count": Near([t.clock_s * 50.0] * 4, 1.0),
         "temperature": NOT_MODELLED,
     },
     "ESTIMATOR_STATUS": lambda t: {
@@ -312,7 +328,7 @@ FIELDS: dict[str, Callable[[Truth], dict[str, Any]]] = {
         # Of the last fix, up to an eighth of a second ago, at up to 6 m/s.
         **named(("lat", "lon"), geodetic(t.north_m, t.east_m), 120.0),
         **named(("alt", "alt_ellipsoid"), ((GROUND_M + t.up_m) * 1000.0,) * 2, 600.0),
-        "time_usec": Near(t.time_s * 1e6, 130_000.0),
+        "time_usec": Near(t.clock_s * 1e6, 130_000.0),
         "vel": Near(t.speed_mps * 100.0),
         "cog": Near(math.degrees(course_rad(t)) * 100.0, None, 36000.0) if t.speed_mps > 0.1 else Fixed(0),
         **all_of("eph epv h_acc v_acc vel_acc fix_type satellites_visible", CONSTANT),
@@ -438,7 +454,7 @@ FIELDS: dict[str, Callable[[Truth], dict[str, Any]]] = {
         "mask lat lon grid_spacing", NoTruth("the corner of a grid: test_vehicle_protocols")
     ),
     "TIMESYNC": lambda t: {
-        "ts1": Near(t.time_s * 1e9, 1.0),
+        "ts1": Near(t.clock_s * 1e9, 1.0),
         **all_of("tc1 target_system target_component", CONSTANT),
     },
     "TIME_ESTIMATE_TO_TARGET": lambda t: all_of(
@@ -488,9 +504,9 @@ def legs(client: Client) -> Iterable[tuple[Any, Truth]]:
 
 def entries(name: str, truth: Truth) -> dict[str, Any]:
     times = {
-        "time_boot_ms": truth.time_s * 1e3,
-        "time_usec": truth.time_s * 1e6,
-        "timestamp": truth.time_s * 1e3,
+        "time_boot_ms": truth.clock_s * 1e3,
+        "time_usec": truth.clock_s * 1e6,
+        "timestamp": truth.clock_s * 1e3,
     }
     return {field: Near(value, 1.0) for field, value in times.items()} | FIELDS[name](truth)
 

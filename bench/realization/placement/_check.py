@@ -101,6 +101,8 @@ class _Judge:
 
     def collisions(self) -> Iterator[Fault]:
         known = [actor for actor in self.realized.actors if actor.id in self.outlines]
+        if not known:  # a tree of nothing cannot be asked
+            return
         places = [self.simspec.group(actor.group).placement for actor in known]
         outlines = [self.outlines[actor.id] for actor in known]
         widest_m = max((place.separation_m for place in places), default=0.0)
