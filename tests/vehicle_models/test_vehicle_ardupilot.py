@@ -93,6 +93,15 @@ def test_guided_flight(copter: Client) -> None:
     assert "Arm: RTL mode not armable" in copter.texts()
 
 
+def test_a_takeoff_begun_late_is_flown(copter: Client) -> None:
+    """Idle for 10 s it would be disarmed, but its rotors spool up by then."""
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    copter.fly(9.0)
+    assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
+    copter.fly(9.0)
+    assert copter.vehicle.truth().position_enu_m[2] > 9.0
+
+
 def test_mode_refusals(copter: Client) -> None:
     """No such mode, a mode that refuses, a request without the custom flag; and a change is followed by a
     heartbeat.

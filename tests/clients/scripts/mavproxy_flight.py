@@ -99,12 +99,14 @@ class Flight:
         if not self.console.detected.wait(PATIENCE_S):
             sys.exit("no vehicle was detected")
         self.console.ask("mode guided", r"Mode GUIDED|GUIDED>")
+        # Before it is armed: idle on the ground it is disarmed after 10 simulated seconds.
+        start = self.here()
         end = time.monotonic() + PATIENCE_S
         while self.console.ask("arm throttle", r"COMPONENT_ARM_DISARM: (\w+)") != "ACCEPTED":
             if time.monotonic() > end:
                 sys.exit("never armed")
             time.sleep(0.5)
-        return self.here()
+        return start
 
     def up(self) -> tuple[float, float]:
         start = self.ready()
@@ -209,7 +211,8 @@ class Flight:
         loaded = self.console.ask(f"wp load {path}", r"TYPE_MISSION: (\w+)")
         listed = self.console.ask("wp list", r"Requesting (\d+) waypoints")
         start = self.ready()
-        self.console.ask("mode auto", r"Mode AUTO")
+        # The console shows the mode seconds later while it takes in parameters.
+        self.console.ask("mode auto", r"DO_SET_MODE: ACCEPTED")
         self.console.type("long MISSION_START 0 0")
         reached = [self.console.expect(rf"Reached command #({number})").group(1) for number in (3, 4)]
         from_start_m = self.down(start)

@@ -218,5 +218,6 @@ MODES = ModePolicy(
     prearm_failures=_prearm_failures,
     checks_when_armed=CommandResult.TEMPORARILY_REJECTED,
     manual_landing_disarms=False,
+    spools_up_armed=True,
     booted_s=_BOOTED_S,
 )

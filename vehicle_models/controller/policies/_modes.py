@@ -77,6 +77,8 @@ class ModePolicy:
     """Result of RUN_PREARM_CHECKS while armed."""
     manual_landing_disarms: bool
     """Whether the vehicle is disarmed after a landing by sticks as after any other."""
+    spools_up_armed: bool = False
+    """Whether a takeoff that has begun on the ground is flown though the idle time ends meanwhile."""
     booted_s: float = 0.0
     """For so long the autopilot has run when the session begins; after a restart it begins anew."""
 

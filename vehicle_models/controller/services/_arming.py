@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from ..guidance._guidance import Guidance
+from ..guidance._manoeuvres import Takeoff
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, LandedState
@@ -49,6 +50,9 @@ class Arming:
         """Disarm after a landing, and after idling on the ground."""
         flight, limits = self._context.flight, self._guidance.limits
         if not flight.armed or flight.flying:
+            return
+        # Source: ArduCopter counts no idle time while its rotors spool up.
+        if self._policy.spools_up_armed and isinstance(self._guidance.manoeuvre, Takeoff):
             return
         # After a landing by sticks ArduPilot waits for the idle time, not for the short time after a landing.
         if flight.mode.behaviour is Behaviour.PILOT and not self._policy.manual_landing_disarms:
