@@ -428,7 +428,7 @@ def test_the_answer_begins_with_the_verdicts(campaign_folder: Path, page: Page) 
         assert len(rows) == of_agent["node"].n_unique()
         for row, node in zip(rows, of_agent["node"].unique(maintain_order=True), strict=True):
             verdicts = of_agent.filter(node=node)["verdict"]
-            low, high = clopper_pearson(verdicts.sum(), len(verdicts))
+            low, high = clopper_pearson(int(verdicts.sum()), len(verdicts))
             assert row[1:3] == [
                 f"{verdicts.sum()} of {len(verdicts)}",
                 f"{100 * low:.0f} to {100 * high:.0f} %",
