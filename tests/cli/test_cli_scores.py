@@ -241,7 +241,7 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
-        "passed 1 of 2 considered runs (50.0%, 95 % [1.3%, 98.7%])",
+        "passed 1 of 2 considered runs (1 to 99 %)",
         "score 40.00: the mean of the 2 runs",
         "2: FAILED, score 50.00",
         "x 0 < 0.5",
@@ -250,6 +250,34 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     ):
         assert words in shown
     assert "1: PASSED" not in shown
+
+
+def test_a_principle_has_its_verdict_everywhere(
+    worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By its essential key attribute alone: in text, in JSON, and explained with the reason of the document."""
+    principles = (
+        'principles:\n  - {id: careful, title: Careful, asks: "?", children: [KA1, KA2], essential: [KA2], '
+        'essential_reason: The rest is a means.}\nkey_attributes:\n  - {id: KA2, title: Two, asks: "?", children: [VAB2]}'
+    )
+    (tmp_path / "worked.yaml").write_text(DECOMPOSITION.replace("key_attributes:", principles))
+    assert run(worked) == 0
+    assert "careful: passed 2 of 2 runs (16 to 100 %)" in capsys.readouterr().out
+    report = printed([*worked, "--json"], capsys)
+    verdicts = {node["id"]: (node["verdict_passed"], node["verdict_considered"]) for node in report["nodes"]}
+    assert (verdicts["careful"], verdicts["KA1"]) == ((2, 2), (None, None))
+    assert run([*worked, "--explain", "careful"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "verdict: passed 2 of 2 runs (16 to 100 %); it rests on KA2",
+        "The rest is a means.",
+        "2: PASSED THE PRINCIPLE",
+        "OBS1 A: failed, x 0 < 0.5",
+    ):
+        assert words in shown
+    assert shown.count("essential: the verdict rests on it") == 2
+    # One quantity in a clause: everything under the principle passed in one run of two, which is not its verdict.
+    assert "passed 1 of 2" not in shown
 
 
 def test_a_decomposition_may_begin_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
