@@ -252,7 +252,7 @@ def test_levels_that_clash_with_each_other() -> None:
 def test_factors_that_undo_each_other() -> None:
     """Two factors on one field are refused, however each writes its path."""
     assert "is set by the factors crowd, again" in faults(
-        CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]}
+        CROWD, CROWD | {"name": "again", "sets": ["actors[3].count"]}
     )
     home = {
         "name": "home",
