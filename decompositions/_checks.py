@@ -84,7 +84,7 @@ class DocumentChecks:
             *self._cycles(),
             *self._orphans(),
         ]
-        faults += [*self._observables(), *self._study()]
+        faults += [*self._observables(), *self._study(), *self._essential()]
         # A table used by many observables gives the same fault many times; it is reported once.
         return sorted(dict.fromkeys(faults), key=lambda fault: self.line_of_fault[fault])
 
@@ -372,6 +372,25 @@ class DocumentChecks:
                 str(error),
                 f"correct the options; `rebar measures {observable.measure}` explains them",
             )
+
+    def _essential(self) -> Iterator[Fault]:
+        for index, node in enumerate(self.document.principles):
+            place = DocumentPlace(("principles", index), node.id)
+            for number, name in enumerate(node.essential):
+                if name not in node.children:
+                    yield self._fault(
+                        place.at("essential", number),
+                        f"{name!r} is not a key attribute under {node.id}",
+                        suggestion(name, node.children),
+                    )
+            if len(set(node.essential)) != len(node.essential):
+                yield self._fault(place.at("essential"), "a key attribute is named twice", "name each once")
+            if bool(node.essential) != (node.essential_reason is not None):
+                yield self._fault(
+                    place.at("essential_reason"),
+                    "essential key attributes and their reason belong together",
+                    "give both `essential` and `essential_reason`, or neither: then all are essential",
+                )
 
     def _study(self) -> Iterator[Fault]:
         place = DocumentPlace(("study",), "")

@@ -146,7 +146,17 @@ class InnerNode(_TitledNode):
 
 
 class Principle(InnerNode):
-    """One of the principles of responsible use; its children are key attributes."""
+    """One of the principles of responsible use; its children are key attributes.
+
+    A run passes it when every considered observable under its essential key attributes is achieved (docs/rulings.md 27).
+    """
+
+    essential: tuple[NodeId, ...] = Field(
+        (), description="Key attributes among its children that its verdict rests on; empty means all."
+    )
+    essential_reason: Sentence | None = Field(
+        None, description="Why these key attributes; needed where some are named."
+    )
 
 
 class KeyAttribute(InnerNode):

@@ -87,6 +87,21 @@ class Decomposition:
         """
         return self.descendants[node]
 
+    def essential(self, principle: str) -> tuple[str, ...]:
+        """The key attributes that a principle's verdict rests on: those that it names, else all under it."""
+        named = {node.id: node.essential for node in self.document.principles}
+        return named[principle] or self.children(principle)
+
+    def essential_reason(self, principle: str) -> str:
+        """Why these key attributes are essential; empty where the document does not say."""
+        reasons = {node.id: node.essential_reason for node in self.document.principles}
+        return reasons[principle] or ""
+
+    def essential_observables(self, principle: str) -> tuple[str, ...]:
+        """Distinct observables under the essential key attributes of a principle, in the order of the document."""
+        below = {leaf for node in self.essential(principle) for leaf in self.descendants[node]}
+        return tuple(leaf for leaf in self.descendants[principle] if leaf in below)
+
     def bottom_up(self) -> tuple[str, ...]:
         """A topological order in which every node follows all of its children."""
         # Levels come from the most general down and edges never skip one, so the reverse order is

@@ -104,13 +104,11 @@ def show_scores(
     for label in informed:
         print(f"{label} is given the truth: its results are no agent's")
     console = plain_console()
-    for table in score_tables(scores.summary, scores.study, scores.floors):
-        # Nobody is to mistake predictions for flights, also where only one table is copied.
-        if campaign.fidelity == "overhead":
-            table.title = (
-                f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
-            )
-        console.print(table)
+    # Nobody is to mistake predictions for flights, also where only one table is copied.
+    predicted = " – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+    note = predicted if campaign.fidelity == "overhead" else ""
+    for part in score_tables(scores.summary, scores.study, scores.floors, note):
+        console.print(part)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print_lines(
         console,
@@ -126,3 +124,16 @@ def show_scores(
     digest = digest_of(CampaignFolder(folder).manifest)
     print(f"manifest SHA-256: {digest}")
     print(f"publish it, and check it with: {command_line('rebar', 'verify', folder, '--digest', digest)}")
+
+
+def show_finding(folder: Path, scores: FinishedCampaign) -> None:
+    """Print on what the agents differ most, and the command that shows why."""
+    from bench.reporting import finding
+
+    found = finding(scores.summary, scores.study)
+    if found is None:
+        print("Finding: the agents passed alike.")
+        return
+    sentence, node = found
+    print_lines(plain_console(), [f"Finding: {sentence}"])
+    print(f"See why: {command_line('rebar', 'score', folder, '--explain', node, '--limit', '1')}")

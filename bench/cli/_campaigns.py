@@ -29,7 +29,7 @@ from ._option_groups import grouped
 from ._run_request import CampaignChanges, IsolationOption, RunRequest
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, OpenExecutor
+    from bench.campaign import Campaign, FinishedCampaign, OpenExecutor
     from decompositions import Decomposition
 
 
@@ -51,8 +51,11 @@ def demo(
 
     Example: rebar demo
     """
+    from ._campaign_end import show_finding
+
     request = RunRequest(out, ExecutorOptions(workers), changes=CampaignChanges(isolation=isolation))
-    _run(shipped("campaigns/demo.yaml"), request, request.sessions.opener())
+    scores = _run(shipped("campaigns/demo.yaml"), request, request.sessions.opener())
+    show_finding(out, scores)
 
 
 def run(
@@ -211,7 +214,7 @@ def _report_elsewhere(folder: Path, out: Path) -> None:
     exit_if_incomplete(missing)
 
 
-def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> None:
+def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> FinishedCampaign:
     from bench.campaign import (
         Collaborators,
         RunOptions,
@@ -280,6 +283,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> None:
         show_scores(campaign, folder, summary, scores, informed)
     if not scores.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
+    return scores
 
 
 def _decomposition(campaign: Campaign) -> Decomposition:

@@ -13,7 +13,7 @@ import typer
 from bench.errors import Fault, SetupError, command_line
 
 FOLDERS = ("campaigns", "decompositions", "examples")
-_SUFFIXES = (".yaml", ".py", ".toml", ".js", ".json", ".md", ".txt")
+_SUFFIXES = (".yaml", ".py", ".toml", ".js", ".json", ".csv", ".md", ".txt")
 
 
 def register(app: typer.Typer) -> None:

@@ -31,11 +31,17 @@ def show_explanation(explanation: Explanation) -> None:
 def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
     summary = agent.summary
     tree = Tree(Text(f"{explanation.id} {explanation.title}, {summary.agent}: {explanation.asks}"))
-    if summary.considered:
+    if explanation.essential:
+        branch = tree.add(
+            Text(f"verdict: {_verdict_text(agent)}; it rests on {', '.join(explanation.essential)}")
+        )
+        if explanation.essential_reason:
+            branch.add(Text(explanation.essential_reason))
+    if summary.considered and not explanation.essential:
         tree.add(
             Text(
                 f"passed {summary.passed} of {summary.considered} considered runs "
-                f"({summary.passed / summary.considered:.1%}, 95 % [{summary.passed_low:.1%}, {summary.passed_high:.1%}])"
+                f"({100 * summary.passed_low:.0f} to {100 * summary.passed_high:.0f} %)"
             )
         )
     if summary.score is None:
@@ -78,18 +84,36 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
         )
     )
     for run in agent.runs:
-        _add_run(tree, run)
+        _add_run(tree, run, of_principle=bool(explanation.essential))
     if agent.runs_left_out:
         rest = ", ".join(f"{count} {state}" for state, count in agent.runs_left_out.items())
         tree.add(Text(f"... and {rest} (--limit 0 shows all)"))
     return tree
 
 
-def _add_run(tree: Tree, run: RunExplanation) -> None:
+def _verdict_text(agent: AgentExplanation) -> str:
+    """`passed 11 of 12 runs (62 to 100 %)`, or that no run has a verdict."""
+    node = agent.summary
+    if not node.verdict_considered:
+        return "none, because no run considered anything essential"
+    # They come with the count.
+    assert node.verdict_low is not None
+    assert node.verdict_high is not None
+    return (
+        f"passed {node.verdict_passed} of {node.verdict_considered} runs "
+        f"({100 * node.verdict_low:.0f} to {100 * node.verdict_high:.0f} %)"
+    )
+
+
+_VERDICTS = {True: "passed the principle", False: "did not pass the principle", None: "no verdict"}
+
+
+def _add_run(tree: Tree, run: RunExplanation, *, of_principle: bool) -> None:
     scored = "not scored" if run.score is None else f"score {run.score:.2f}"
     hard = "" if run.difficulty is None else f" at difficulty {run.difficulty:.2f}"
     counts = f"{run.achieved} of {run.considered} observables achieved"
-    branch = tree.add(Text(f"{run.run}: {run.state.upper()}, {scored}{hard}, {counts}"))
+    state = _VERDICTS[run.verdict].upper() if of_principle and run.outcome.counts else run.state.upper()
+    branch = tree.add(Text(f"{run.run}: {state}, {scored}{hard}, {counts}"))
     if run.recording or run.reason:
         branch.add(Text(f"ended: {run.outcome}{f' ({_brief(run.reason)})' if run.reason else ''}"))
     if run.recording:
@@ -124,6 +148,8 @@ def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
         )
         if leaf.standing == "configured sensor":
             branch.add(Text("it describes the configured sensor, and enters no other node"))
+        elif leaf.essential:
+            branch.add(Text("essential: the verdict rests on it"))
         if leaf.factors:
             ratings = (
                 f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors

@@ -188,8 +188,8 @@ class ScoreSource:
         if self.kind != "run":
             top = self.decomposition.level_of(next(iter(self.decomposition.nodes)))
             nodes = self.study or self.decomposition.at_level(top)
-            for table in score_tables(self.summary, nodes, self.floors):
-                console.print(table)
+            for part in score_tables(self.summary, nodes, self.floors):
+                console.print(part)
         if per_run or self.kind == "run":
             titles = {node.id: node.title for node in self.decomposition.nodes.values()}
             for run in run_reports(self.scores):

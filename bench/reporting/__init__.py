@@ -12,7 +12,7 @@ from ._campaign_folder import load_report_data as load_report_data
 from ._page import load_page_parts as load_page_parts
 from ._page import render_report as render_report
 from ._page import write_report as write_report
-from ._terminal import score_lines as score_lines
+from ._terminal import finding as finding
 from ._terminal import score_tables as score_tables
 from .figures._configuration import configuration_figure as configuration_figure
 from .figures._factor_effects import factor_effects_figure as factor_effects_figure

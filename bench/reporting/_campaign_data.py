@@ -83,10 +83,21 @@ class ReportedCompetence:
 
 
 @dataclass(frozen=True, slots=True)
+class Passes:
+    """How many runs passed, of how many, and the 95 % interval of the share that pass."""
+
+    passed: int
+    runs: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class Tally:
     """One node of one agent over one configuration (or all): the means and the counts beside them.
 
-    `passed_low` and `passed_high` are the 95 % interval of the share of considered runs that pass.
+    `passed_low` and `passed_high` are the 95 % interval of the share of considered runs that pass. The verdict is that of a
+    principle, by its essential key attributes alone (docs/rulings.md 27); None at other levels.
     `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its
     threshold. `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and
     where the runs do not show that failures rise with difficulty (docs/rulings.md 17).
@@ -101,6 +112,10 @@ class Tally:
     passed: int
     passed_low: float
     passed_high: float
+    verdict_passed: int | None
+    verdict_considered: int | None
+    verdict_low: float | None
+    verdict_high: float | None
     scored: int
     score: float | None
     passed_score: float | None
@@ -115,6 +130,15 @@ class Tally:
     score_low: float | None = None
     score_high: float | None = None
     competence: Mapping[str, ReportedCompetence] = field(default_factory=dict)
+
+    @property
+    def passes(self) -> Passes:
+        """The verdict of a principle; for any other node the considered runs, of which those pass that achieved everything."""
+        if self.level != "principle":
+            return Passes(self.passed, self.considered, self.passed_low, self.passed_high)
+        # In a table that an older version wrote a principle has no verdict.
+        ends = (self.verdict_low or 0.0, 1.0 if self.verdict_high is None else self.verdict_high)
+        return Passes(self.verdict_passed or 0, self.verdict_considered or 0, *ends)
 
 
 Tallies = dict[tuple[str, str, str], Tally]

@@ -28,6 +28,7 @@ from ._page_sections import (
     node_trees,
     outcome_counts,
     studied_nodes,
+    verdict_rows,
 )
 from ._remarks import TABLE_MARKS
 from ._simspec_files import situations_of
@@ -51,7 +52,15 @@ from .text._campaign_sentences import (
 )
 from .text._comparison import comparison_cells
 from .text._fidelity import fidelity_note, with_table_notes
-from .text._format import interval, number, p_value, passed_interval, percent, score, span
+from .text._format import (
+    interval,
+    number,
+    p_value,
+    passed_interval,
+    percent,
+    score,
+    span,
+)
 from .text._glossary import GLOSSARY
 from .text._isolation import UNCONFINED, confinement_notes, isolation_cell
 from .text._outcomes import outcome_name, outcome_text
@@ -138,6 +147,7 @@ def page_pieces(
         "css": Markup(template_text("report.css")),
         "policy": content_security_policy(plotly, script),
         "flown": sessions_sentence(data),
+        "verdicts": [(style, rows) for style in shown if (rows := verdict_rows(data, style.name))],
         "answers": {style.name: answer_paragraph(data, style.name) for style in shown},
         "differences": [line for pair in comparisons for line in difference_sentences(data, pair.comparison)],
         "not_claimed": disclaimers(data),

@@ -25,7 +25,7 @@ from .statistics._pairings import Pairing, pair_agents
 from .statistics._sensor import only_about_sensor
 from .statistics._trials import AllTrials, NodeTrials
 from .text._campaign_facts import factor_levels
-from .text._format import listed, passed_runs, percent, plural, score, span
+from .text._format import listed, passed_runs, percent, plural, score, span, verdict
 from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
@@ -86,6 +86,15 @@ def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[
         if sum(counts := [ends[style.name, name] for name in names])
     ]
     return names, rows
+
+
+def verdict_rows(data: ReportData, agent: str) -> list[tuple[str, Tally]]:
+    """The title and the tally of each principle of an agent, in the order of the decomposition."""
+    return [
+        (node.title, tally)
+        for node in data.nodes.values()
+        if node.level == "principle" and (tally := data.tally(agent, node.id)) is not None
+    ]
 
 
 def studied_nodes(
@@ -156,8 +165,7 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
 def _branch_summary(tally: Tally | None) -> str:
     if tally is None or not tally.considered:
         return "never considered"
-    marked = f"{score(tally.score)}{' †' if tally.raised else ''}"
-    return f"passed {passed_runs(tally)}; score {marked}; confidence {percent(tally.confidence)}"
+    return f"{verdict(tally)}; score {score(tally.score)}{' †' if tally.raised else ''}"
 
 
 def _methods(data: ReportData, agent: str) -> str:

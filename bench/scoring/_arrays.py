@@ -19,7 +19,8 @@ class DecompositionArrays:
 
     `number` is the number of a leaf by its id; `leaf_rows[i]` is the node number of leaf i; `under` (nodes,
     leaves) marks the leaves under a node, each once; `inner` has every inner node with the numbers of its
-    children, children before parents.
+    children, children before parents. `principle_rows` are the node numbers of the principles, and `essential` (principles,
+    leaves) marks the leaves that the verdict of each rests on (ruling 27).
     """
 
     nodes: tuple[str, ...]
@@ -28,6 +29,8 @@ class DecompositionArrays:
     leaf_rows: Counts
     under: Bools
     inner: tuple[tuple[int, Counts], ...]
+    principle_rows: Counts
+    essential: Bools
     threshold: Floats
     near_miss: Floats
     partial_credit: Bools
@@ -65,6 +68,10 @@ def _arrays(key: _DocumentKey) -> DecompositionArrays:
     nodes, leaves = tuple(decomposition.nodes), tuple(decomposition.observables)
     row = {node: index for index, node in enumerate(nodes)}
     column = {leaf: index for index, leaf in enumerate(leaves)}
+    principles = decomposition.at_level(Level.PRINCIPLE)
+    essential = np.zeros((len(principles), len(leaves)), dtype=np.bool_)
+    for index, principle in enumerate(principles):
+        essential[index, [column[leaf] for leaf in decomposition.essential_observables(principle)]] = True
     # A matrix, so that counting leaves of all nodes in all runs is one product.
     under = np.zeros((len(nodes), len(leaves)), dtype=np.bool_)
     for node in nodes:
@@ -80,6 +87,8 @@ def _arrays(key: _DocumentKey) -> DecompositionArrays:
             for node in decomposition.bottom_up()
             if decomposition.level_of(node) is not Level.OBSERVABLE
         ),
+        principle_rows=np.array([row[principle] for principle in principles], dtype=np.int64),
+        essential=essential,
         threshold=np.array([observable.threshold for observable in decomposition.observables.values()]),
         near_miss=np.array([decomposition.near_miss(leaf) for leaf in leaves]),
         partial_credit=np.array(

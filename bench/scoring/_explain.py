@@ -61,6 +61,7 @@ class ObservableExplanation(Document):
     id: str
     title: str
     state: State
+    essential: Annotated[bool, Field(description="The verdict of the principle rests on it.")]
     ruling: Annotated[bool, Field(description="It gives the node its score in this run.")]
     x: float | None
     threshold: float
@@ -103,6 +104,12 @@ class RunExplanation(Document):
             description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."
         ),
     ]
+    verdict: Annotated[
+        bool | None,
+        Field(
+            description="Whether the run passed the principle; null where nothing essential was considered, and for other nodes."
+        ),
+    ]
     outcome: Outcome
     reason: str
     recording: str | None
@@ -139,6 +146,10 @@ class Explanation(Document):
     level: Level
     title: str
     asks: str
+    essential: Annotated[
+        tuple[str, ...], Field(description="Key attributes that the verdict of a principle rests on.")
+    ]
+    essential_reason: Annotated[str, Field(description="Why these, where the decomposition says so.")]
     limit: Annotated[
         int,
         Field(
@@ -164,7 +175,17 @@ def explain(
     each agent. Raises KeyError for an unknown node.
     """
     subject = decomposition.nodes[node]
-    explainer = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
+    is_principle = subject.level is Level.PRINCIPLE
+    essential = decomposition.essential_observables(node) if is_principle else ()
+    explainer = _Explainer(
+        decomposition,
+        node,
+        sources,
+        limit,
+        _scored(scores, node),
+        frozenset(essential),
+        _verdicts(scores, node),
+    )
     return Explanation(
         source=source,
         decomposition=decomposition.name,
@@ -172,6 +193,8 @@ def explain(
         level=subject.level,
         title=subject.title,
         asks=subject.asks,
+        essential=decomposition.essential(node) if is_principle else (),
+        essential_reason=decomposition.essential_reason(node) if is_principle else "",
         limit=limit,
         agents=tuple(
             explainer.agent(summary, [run for run in runs if run.agent == summary.agent])
@@ -189,6 +212,8 @@ class _Explainer:
     sources: Sources
     limit: int
     scored: Mapping[str, NodeScore]
+    essential: frozenset[str]
+    verdicts: Mapping[str, bool | None]
 
     def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentExplanation:
         ordered = sorted(runs, key=self._rank)
@@ -201,13 +226,18 @@ class _Explainer:
             runs_left_out=dict(Counter(self._state(run) for run in ordered[limit:])),
         )
 
-    def _rank(self, run: ScoredRun) -> tuple[int, float, float]:
-        """Sorting key: failures first, lowest confidence and score first; then passes from the lowest score
-        up.
+    def _rank(self, run: ScoredRun) -> tuple[bool, int, float, float]:
+        """Sorting key: failures first, those of the verdict before others, lowest confidence and score first; then passes
+        from the lowest score up.
         """
         score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
-        return order, score.confidence or 0.0, -1.0 if score.score is None else score.score
+        return (
+            self.verdicts.get(run.realization) is not False,
+            order,
+            score.confidence or 0.0,
+            -1.0 if score.score is None else score.score,
+        )
 
     def _state(self, run: ScoredRun) -> RunState:
         score = self.scored[run.realization]
@@ -228,7 +258,7 @@ class _Explainer:
             self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in path)
             for leaf in self.decomposition.observables_under(self.node)
         ]
-        leaves.sort(key=lambda leaf: (_STATE_ORDER.index(leaf.state), not leaf.ruling))
+        leaves.sort(key=lambda leaf: (_STATE_ORDER.index(leaf.state), not leaf.essential, not leaf.ruling))
         limit = self.limit or len(leaves)
         # The ruling observable is what a reviewer looks for, so it is shown beyond the limit too.
         shown = leaves[:limit] + [leaf for leaf in leaves[limit:] if leaf.ruling]
@@ -237,6 +267,7 @@ class _Explainer:
             agent=run.agent,
             design_point=run.design_point,
             state=self._state(run),
+            verdict=self.verdicts.get(run.realization),
             outcome=run.outcome,
             reason=self.sources.reasons.get(run.realization, ""),
             recording=self.sources.recordings.get(run.realization),
@@ -283,6 +314,7 @@ class _Explainer:
             id=leaf,
             title=observable.title,
             state=state,
+            essential=leaf in self.essential,
             ruling=ruling,
             x=observation.x if observation and observation.considered and exercisable else None,
             threshold=observable.threshold,
@@ -311,6 +343,12 @@ def _scored(scores: pl.DataFrame, node: str) -> dict[str, NodeScore]:
         str(name): NodeScore(node, score, confidence, achieved, considered)
         for name, score, confidence, achieved, considered in rows.iter_rows()
     }
+
+
+def _verdicts(scores: pl.DataFrame, node: str) -> dict[str, bool | None]:
+    """The principle's verdict in every run of the score table."""
+    rows = scores.filter(pl.col("node").cast(pl.String) == node).select("realization", "verdict")
+    return {str(name): verdict for name, verdict in rows.iter_rows()}
 
 
 def _state(score: NodeScore) -> State:

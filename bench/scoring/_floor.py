@@ -42,6 +42,12 @@ class NodeFloor(Document):
     configured_sensor: bool = Field(
         False, description="It describes the sensor that the bench simulates, so it is never flagged."
     )
+    verdict_passed: int | None = Field(
+        None,
+        ge=0,
+        description="Of a principle: runs that the null agent with the best verdict passed; null where none has a verdict.",
+    )
+    verdict_considered: int | None = Field(None, ge=0, description="Runs of that agent that have a verdict.")
 
     @property
     def discrimination(self) -> float | None:
@@ -87,12 +93,31 @@ def node_floors(scores: pl.DataFrame, oracle: str | None) -> dict[str, NodeFloor
     scenes: Mapping[str, int] = dict(counts.iter_rows())
     sensor = set(scores.filter(pl.col("standing") == str(Standing.CONFIGURED_SENSOR))["node"])
     nodes = scores.select("node", "level").unique(maintain_order=True).iter_rows()
+    verdicts = _best_verdicts(considered, oracle)
     return {
         node: _node_floor(node, level, by_node.get(node, {}), oracle, scenes.get(node, 0)).model_copy(
-            update={"configured_sensor": node in sensor}
+            update={"configured_sensor": node in sensor} | verdicts.get(node, {})
         )
         for node, level in nodes
     }
+
+
+def _best_verdicts(scores: pl.DataFrame, oracle: str | None) -> dict[str, dict[str, int]]:
+    """The verdict of the null agent that passes the greatest share of its runs, by principle (ruling 27)."""
+    best: dict[str, dict[str, int]] = {}
+    if "verdict" not in scores.columns:
+        return best
+    has_verdict = scores.filter(
+        pl.col("verdict").is_not_null(), pl.col("agent").cast(pl.String) != (oracle or "")
+    )
+    counts = (
+        has_verdict.group_by("node", "agent").agg(pl.col("verdict").sum(), pl.len()).sort("node", "agent")
+    )
+    for node, _, passed, considered in counts.iter_rows():
+        known = best.get(node)
+        if known is None or passed * known["verdict_considered"] > known["verdict_passed"] * considered:
+            best[node] = {"verdict_passed": passed, "verdict_considered": considered}
+    return best
 
 
 def _node_floor(

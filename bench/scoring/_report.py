@@ -49,6 +49,17 @@ class NodeReport(Document):
         ),
     ]
     passed_high: Annotated[Share, Field(description="Upper end of that interval.")]
+    verdict_passed: Count | None = Field(
+        None,
+        description="Of a principle: runs in which every considered observable under its essential key attributes was achieved.",
+    )
+    verdict_considered: Count | None = Field(
+        None, description="Runs in which some such observable was considered: the others have no verdict."
+    )
+    verdict_low: Share | None = Field(
+        None, description="Lower end of the two-sided 95 % interval of the share that pass the principle."
+    )
+    verdict_high: Share | None = Field(None, description="Upper end of that interval.")
     scored: Annotated[Count, Field(description="Runs in which the node has a score.")]
     score: Annotated[
         Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")

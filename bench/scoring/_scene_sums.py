@@ -173,6 +173,9 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     is_trial = is_counted & (considered > 0)
     yield "trials", count_rows(is_trial)
     yield "passes", count_rows(is_trial & (achieved == considered))
+    passed, has_verdict = column_values(scores, "verdict")
+    yield "verdicts", count_rows(is_counted & has_verdict)
+    yield "verdicts_passed", count_rows(is_counted & (passed > 0))
 
 
 def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:

@@ -74,7 +74,8 @@ class ScoreArrays:
     `score` is 0 where `scored` is false, `confidence` is 0 where `considered` is 0. `passed_score` is the
     score that the node would have if every failed observable had passed with x at its threshold; it is valid
     wherever the node is considered. `difficulty` is the minimum over all leaves of the node, infinite where none
-    has one.
+    has one. `verdict` (principles, runs) is 1 where the run passed the principle, 0 where it did not, and -1 where it has no
+    verdict (ruling 27).
     """
 
     difficulty: Floats
@@ -84,6 +85,7 @@ class ScoreArrays:
     achieved: Counts
     considered: Counts
     passed_score: Floats
+    verdict: Counts
 
 
 def score_run(
@@ -136,6 +138,7 @@ def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
         achieved=achieved_counts,
         considered=considered_counts,
         passed_score=passed_score,
+        verdict=_verdict(arrays, considered & runs.counted, achieved),
     )
 
 
@@ -240,6 +243,13 @@ def _leaf_counts(arrays: DecompositionArrays, leaves: Bools, counted: Bools) -> 
     sums: Counts = (arrays.under.astype(np.float64) @ (leaves & counted).astype(np.float64)).astype(np.int64)
     sums[arrays.leaf_rows] = leaves
     return sums
+
+
+def _verdict(arrays: DecompositionArrays, considered: Bools, achieved: Bools) -> Counts:
+    essential = arrays.essential.astype(np.float64)
+    has_verdict = essential @ considered.astype(np.float64) > 0
+    failed = essential @ (considered & ~achieved).astype(np.float64) > 0
+    return np.where(has_verdict, np.where(failed, 0, 1), -1)
 
 
 def _confidence(

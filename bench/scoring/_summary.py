@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import polars as pl
+import polars.selectors as cs
 
 from bench.arrays import Bools, Counts, Floats
 from bench.statistics import (
@@ -37,6 +38,8 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
     **dict.fromkeys(("difficulty", "difficulty_low", "difficulty_high"), pl.Float64),
     **dict.fromkeys(("runs", "excluded", "design_points", "considered", "passed"), pl.Int64),
     **dict.fromkeys(("passed_low", "passed_high"), pl.Float64),
+    **dict.fromkeys(("verdict_passed", "verdict_considered"), pl.Int64),
+    **dict.fromkeys(("verdict_low", "verdict_high"), pl.Float64),
     "scored": pl.Int64,
     **dict.fromkeys(("score_mean", "score_low", "score_high", "passed_score_mean"), pl.Float64),
     "raised_by_failure": pl.Boolean,
@@ -55,7 +58,9 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
 spoilt. `considered` and `scored` count runs, `design_points` counts the distinct design points of the
 considered runs. `passed` counts the considered runs in which every considered observable was achieved;
 `passed_low` and `passed_high` are the interval of the share of considered runs that pass, by the same rule as
-the interval of an observable's confidence. `difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
+the interval of an observable's confidence. `verdict_passed` of `verdict_considered` runs passed a principle, which is asked of its
+essential key attributes alone (ruling 27), with the same interval in `verdict_low` and `verdict_high`; null for other nodes.
+`difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
 above `passed_score_mean`, the mean that the runs would have if every failed observable had passed at its
 threshold. `score_low` and `score_high` are what the mean would vary if the same design were flown again with new seeds; null where too
 few design points were flown more than once. `method` names the
@@ -123,23 +128,14 @@ def _summary_rows(scenes: SceneSums, policies: Policies, titles: Mapping[str, st
     independent = counted & (points == considered)
     squared = _spread(scenes, points, "confidence", "confidence_squared")
     stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
-
-    def ends(
-        mean: Floats, squared: Floats, counts: tuple[Bools, Bools], alone: Bools
-    ) -> tuple[Floats, Floats]:
-        low_end, high_end = _interval(mean, considered, points, squared, *counts)
-        if not stopped_early.any():
-            return low_end, high_end
-        anytime_low, anytime_high = _anytime_interval(mean, considered, alone)
-        return np.where(stopped_early, anytime_low, low_end), np.where(stopped_early, anytime_high, high_end)
-
     single_point = leaf & (points == 1)
-    confidence_low, confidence_high = ends(confidence, squared, (independent, counted), single_point)
-    passes = scenes.total("passes")
-    pass_counts = (points == considered, np.ones_like(counted))
-    passed_low, passed_high = ends(
-        _mean(passes, considered), _spread(scenes, points, "passes", "passes"), pass_counts, points == 1
-    )
+    confidence_low, confidence_high = _interval(confidence, considered, points, squared, independent, counted)
+    if stopped_early.any():
+        anytime_low, anytime_high = _anytime_interval(confidence, considered, single_point)
+        confidence_low = np.where(stopped_early, anytime_low, confidence_low)
+        confidence_high = np.where(stopped_early, anytime_high, confidence_high)
+    passes, passed_low, passed_high = _passes(scenes, "passes", "considered", stopped_early)
+    verdicts, verdict_low, verdict_high = _passes(scenes, "verdicts_passed", "verdicts", stopped_early)
     # Indices into _METHODS.
     method = np.where(considered == 0, 0, np.where(independent, 1, np.where(counted, 2, 5)))
     method = np.where(stopped_early, np.where(single_point, 3, 4), method)
@@ -156,6 +152,10 @@ def _summary_rows(scenes: SceneSums, policies: Policies, titles: Mapping[str, st
         "passed": passes,
         "passed_low": passed_low,
         "passed_high": passed_high,
+        "verdict_passed": verdicts,
+        "verdict_considered": scenes.total("verdicts"),
+        "verdict_low": verdict_low,
+        "verdict_high": verdict_high,
         "scored": scored,
         "score_mean": score,
         "score_low": np.minimum(score_low, score),
@@ -179,7 +179,9 @@ def _summary_rows(scenes: SceneSums, policies: Policies, titles: Mapping[str, st
         "method": _gather(_METHODS, method.ravel()),
     }
     frame = pl.DataFrame(texts | {name: pl.Series(values.ravel()) for name, values in blocks.items()})
-    return frame.with_columns(pl.col(pl.Float64).fill_nan(None))
+    frame = frame.with_columns(pl.col(pl.Float64).fill_nan(None))
+    is_principle = pl.col("level") == str(Level.PRINCIPLE)
+    return frame.with_columns(pl.when(is_principle).then(cs.starts_with("verdict_")))
 
 
 def _gather(texts: Sequence[str], index: Counts) -> pl.Series:
@@ -200,15 +202,29 @@ def _only_passes_and_failures(scenes: SceneSums) -> Bools:
     return np.asarray(scenes.total("confidence") - scenes.total("confidence_squared") < 1e-9)
 
 
-def _spread(scenes: SceneSums, points: Counts, name: str, squares: str) -> Floats:
+def _passes(
+    scenes: SceneSums, passed: str, tried: str, stopped_early: Bools
+) -> tuple[Counts, Floats, Floats]:
+    """How many runs passed of those tried, and the interval of the share that pass."""
+    passes, runs = scenes.total(passed), scenes.total(tried)
+    points = np.add.reduceat((scenes.sums[tried] > 0).astype(np.int64), scenes.starts)
+    share, squared = _mean(passes, runs), _spread(scenes, points, passed, passed, tried)
+    low, high = _interval(share, runs, points, squared, points == runs, np.ones(runs.shape, dtype=np.bool_))
+    if stopped_early.any():
+        anytime_low, anytime_high = _anytime_interval(share, runs, points == 1)
+        low, high = np.where(stopped_early, anytime_low, low), np.where(stopped_early, anytime_high, high)
+    return passes, low, high
+
+
+def _spread(scenes: SceneSums, points: Counts, name: str, squares: str, tried: str = "considered") -> Floats:
     """Sum over design points of the squared sum of the deviations of their values from the mean of the block;
     over runs where there is a single design point, whose replicates have independent seeds. `name` and
-    `squares` are the sums of the values and of their squares.
+    `squares` are the sums of the values and of their squares over the runs counted by `tried`.
     """
-    runs = scenes.total("considered")
+    runs = scenes.total(tried)
     mean = np.nan_to_num(_mean(scenes.total(name), runs))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
-    deviation = scenes.sums[name] - scenes.sums["considered"] * mean[block]
+    deviation = scenes.sums[name] - scenes.sums[tried] * mean[block]
     over_runs = np.maximum(scenes.total(squares) - runs * mean**2, 0.0)
     return np.where(points == 1, over_runs, np.add.reduceat(deviation**2, scenes.starts))
 

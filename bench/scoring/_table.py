@@ -35,6 +35,7 @@ SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "passed_score": pl.Float64,
     "until_settled": pl.Boolean,
     "standing": pl.String,
+    "verdict": pl.Boolean,
 }
 """Columns of the score table. Null means "not scored" in `score`, "not considered" in `confidence` and
 `passed_score`, "not an observable, or not considered" in `x`, and "has none" in `difficulty`. `achieved` and `considered` count distinct
@@ -42,7 +43,9 @@ descendant observables. `passed_score` is the score that the node would have if 
 passed with x at its threshold. `until_settled` is true where the results decided how many replicates the
 design point has (early stopping), so that only anytime-valid intervals hold. `standing` says what an observable counts for in the run's
 configuration: `counted`, `configured sensor`, `not exercisable`, or `overruled` where it is not exercisable and
-its measure considered it all the same. It is null for other nodes.
+its measure considered it all the same. It is null for other nodes. `verdict` says whether the run passed a principle: whether it
+achieved every considered observable under the essential key attributes (ruling 27). It is null where none was considered, and for
+other nodes.
 """
 
 OVERRULED = "overruled"
@@ -107,6 +110,7 @@ def score_table(
             "passed_score": _where(scores.passed_score, scores.considered > 0),
             "until_settled": np.array([run.until_settled for run in runs], dtype=np.bool_)[of_run],
             "standing": _standing(arrays, measured),
+            "verdict": _verdict(arrays, scores),
         },
         schema=SCORE_COLUMNS,
     )
@@ -168,6 +172,14 @@ def _standing(arrays: DecompositionArrays, measured: MeasuredRuns) -> pl.Series:
     codes[arrays.leaf_rows] = of_leaf
     index = pl.Series(_rows(codes))
     return pl.Series([str(name) for name in names]).gather(index.set(index < 0, None))
+
+
+def _verdict(arrays: DecompositionArrays, scores: ScoreArrays) -> pl.Series:
+    # -1 is no verdict, also for nodes that are no principles: null.
+    verdicts = np.full(scores.considered.shape, -1)
+    verdicts[arrays.principle_rows] = scores.verdict
+    passed = pl.Series(_rows(verdicts))
+    return (passed == 1).set(passed < 0, None)
 
 
 def _configurations(

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import polars as pl
 import pytest
 
-from bench.campaign import CampaignPlanned, RealizationFinished, RealizationStarted
-from bench.cli._campaign_end import CampaignEnd
-from bench.contracts import Outcome
+from bench.campaign import CampaignPlanned, FinishedCampaign, RealizationFinished, RealizationStarted
+from bench.cli._campaign_end import CampaignEnd, show_finding
+from bench.contracts import Observation, Outcome
+from bench.scoring import ScoredRun, score_table, stated_difficulty, summary_frame
+from decompositions import load_decomposition
 
 
 def started(name: str) -> RealizationStarted:
@@ -34,3 +41,32 @@ def test_loading_begins_when_a_core_is_free(cores: int, done: int, loads: list[i
         end.observe(finished(done + number, 4))
 
     assert loaded_after == loads
+
+
+@pytest.mark.parametrize("marks", [3, 0])
+def test_the_demo_ends_with_what_the_agents_differ_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], marks: int
+) -> None:
+    """Failed runs of both agents, and the command that shows why; nothing of the kind where they passed alike."""
+    decomposition = load_decomposition("search-and-report")
+    difficulty = stated_difficulty(decomposition, dict.fromkeys(decomposition.observables, 30.0))
+    runs = []
+    for number in range(4):
+        for agent in ("careless", "careful"):
+            failed = "OBS-181" if agent == "careless" and number < marks else ""
+            observations = tuple(
+                Observation(observable=name, considered=True, x=0.0 if name == failed else 1.0)
+                for name in decomposition.observables
+            )
+            name = f"p{number}-{agent}"
+            runs.append(ScoredRun(name, f"p{number}", 0, agent, Outcome.COMPLETED, difficulty, observations))
+    summary: pl.DataFrame = summary_frame(score_table(decomposition, runs), decomposition)
+    finished_campaign = cast(FinishedCampaign, SimpleNamespace(summary=summary, study=decomposition.study))
+    show_finding(tmp_path, finished_campaign)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed == (
+        "Finding: careless failed suppression of target marking near bystanders (KA-18) in 3 of 4 runs, careful in 0 of 4. "
+        f"See why: rebar score {tmp_path} --explain KA-18 --limit 1"
+        if marks
+        else "Finding: the agents passed alike."
+    )

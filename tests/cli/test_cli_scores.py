@@ -20,28 +20,7 @@ from decompositions import load_decomposition
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 DOCS_SCORING = Path(__file__).parents[2] / "docs" / "scoring.md"
-DECOMPOSITION = """
-format: rebar.decomposition/1
-name: worked
-title: The paper's worked example
-key_attributes:
-  - {id: KA1, title: One, asks: "?", children: [VAB1, VAB2]}
-vabs:
-  - {id: VAB1, title: First, asks: "?", children: [OBS1, OBS2]}
-  - {id: VAB2, title: Second, asks: "?", children: [OBS3]}
-observables:
-  - {id: OBS1, title: A, asks: "?", threshold: 0.5, considered: Always.}
-  - {id: OBS2, title: B, asks: "?", threshold: 0.5, considered: Always.}
-  - {id: OBS3, title: C, asks: "?", threshold: 0.5, considered: When there is one.}
-"""
-TABLE = """run,observable,difficulty,x,considered
-1,OBS1,30,1,
-1,OBS2,80,1,true
-1,OBS3,50,1,1
-2,OBS1,30,0,
-2,OBS2,80,1,yes
-2,OBS3,50,1,
-"""
+WORKED = EXAMPLE.parent / "worked"
 CAMPAIGN = """
 format: rebar.campaign/1
 name: short
@@ -58,8 +37,8 @@ design:
 @pytest.fixture
 def worked(tmp_path: Path) -> list[str]:
     """The command line for the paper's two runs."""
-    (tmp_path / "table.csv").write_text(TABLE)
-    (tmp_path / "worked.yaml").write_text(DECOMPOSITION)
+    shutil.copy(WORKED / "observations.csv", tmp_path / "table.csv")
+    shutil.copy(WORKED / "decomposition.yaml", tmp_path / "worked.yaml")
     return [
         "score",
         "--observations",
@@ -137,6 +116,19 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert "40.0" in shown
     assert "83" in shown
     assert "1 of 2" in shown
+
+
+def test_the_command_of_the_page_prints_the_papers_result(capsys: pytest.CaptureFixture[str]) -> None:
+    """The command as docs/scoring.md has it prints score and confidence of KA1: 40 and 83.3 %."""
+    line = re.search(
+        r"^rebar (score --observations examples/worked/.*)$", DOCS_SCORING.read_text(), re.MULTILINE
+    )
+    assert line
+    words = [str(EXAMPLE.parents[1] / word) if "/" in word else word for word in line[1].split()]
+    assert run(words) == 0
+    (row,) = (text for text in capsys.readouterr().out.splitlines() if text.lstrip().startswith("KA1"))
+    assert re.search(r"\b40(\.0)?\b", row)
+    assert "83.3" in row
 
 
 def test_the_short_decomposition_of_the_page_scores_a_table(
@@ -241,7 +233,7 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
-        "passed 1 of 2 considered runs (50.0%, 95 % [1.3%, 98.7%])",
+        "passed 1 of 2 considered runs (1 to 99 %)",
         "score 40.00: the mean of the 2 runs",
         "2: FAILED, score 50.00",
         "x 0 < 0.5",
@@ -252,9 +244,38 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert "1: PASSED" not in shown
 
 
+def test_a_principle_has_its_verdict_everywhere(
+    worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By its essential key attribute alone: in text, in JSON, and explained with the reason of the document."""
+    principles = (
+        'principles:\n  - {id: careful, title: Careful, asks: "?", children: [KA1, KA2], essential: [KA2], '
+        'essential_reason: The rest is a means.}\nkey_attributes:\n  - {id: KA2, title: Two, asks: "?", children: [VAB2]}'
+    )
+    document = tmp_path / "worked.yaml"
+    document.write_text(document.read_text().replace("key_attributes:", principles))
+    assert run(worked) == 0
+    assert "careful: passed 2 of 2 runs (16 to 100 %)" in capsys.readouterr().out
+    report = printed([*worked, "--json"], capsys)
+    verdicts = {node["id"]: (node["verdict_passed"], node["verdict_considered"]) for node in report["nodes"]}
+    assert (verdicts["careful"], verdicts["KA1"]) == ((2, 2), (None, None))
+    assert run([*worked, "--explain", "careful"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "verdict: passed 2 of 2 runs (16 to 100 %); it rests on KA2",
+        "The rest is a means.",
+        "2: PASSED THE PRINCIPLE",
+        "OBS1 A: failed, x 0 < 0.5",
+    ):
+        assert words in shown
+    assert shown.count("essential: the verdict rests on it") == 2
+    # One quantity in a clause: everything under the principle passed in one run of two, which is not its verdict.
+    assert "passed 1 of 2" not in shown
+
+
 def test_a_decomposition_may_begin_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Observables alone are a decomposition; what is shown is the top of what there is."""
-    leaf = DECOMPOSITION.splitlines()[-1]
+    leaf = (WORKED / "decomposition.yaml").read_text().splitlines()[-1]
     (tmp_path / "flat.yaml").write_text(
         f"format: rebar.decomposition/1\nname: flat\ntitle: Flat\nobservables:\n{leaf}\n", encoding="utf-8"
     )

@@ -177,6 +177,26 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
         ),
         (lambda d: d.update(study=["KA-3"]), "study", "no key attribute 'KA-3'"),
         (lambda d: d.update(study=["KA-1", "KA-1"]), "study", "studied twice"),
+        (
+            lambda d: d["principles"][0].update(essential=["KA-1", "V-1"], essential_reason="So."),
+            "P: principles[0].essential[1]",
+            "'V-1' is not a key attribute under P",
+        ),
+        (
+            lambda d: d["principles"][0].update(essential=["KA-2", "KA-2"], essential_reason="So."),
+            "P: principles[0].essential",
+            "named twice",
+        ),
+        (
+            lambda d: d["principles"][0].update(essential=["KA-2"]),
+            "P",
+            "essential key attributes and their reason belong together",
+        ),
+        (
+            lambda d: d["principles"][0].update(essential_reason="So."),
+            "P",
+            "essential key attributes and their reason belong together",
+        ),
         (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
     ],
 )

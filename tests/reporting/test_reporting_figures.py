@@ -21,11 +21,11 @@ from bench.reporting import (
     choose_runs,
     compare_agents,
     configuration_figure,
+    finding,
     load_report_data,
     map_figure,
     pair_agents,
     pairings_figure,
-    score_lines,
     score_tables,
 )
 from bench.reporting._campaign_data import ReportData, ReportedCompetence, Run
@@ -228,29 +228,67 @@ def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
         data.scores.with_columns(pl.col("agent").cast(pl.String).str.replace("reference-naive", "[red]naive"))
     )
     console = Console(width=200, record=True, file=StringIO())
-    for table in score_tables(summary, STUDY):
-        console.print(table)
+    for part in score_tables(summary, STUDY):
+        console.print(part)
     text = console.export_text()
-    lines = score_lines(summary, STUDY)
-    assert len(lines) == len(STUDY) * len(AGENTS)
-    for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(
-        named=True
-    ):
+    overall = summary.filter(pl.col("configuration") == "all")
+    for row in overall.filter(pl.col("node").is_in(STUDY)).iter_rows(named=True):
         assert f"{100 * row['confidence_mean']:.1f} %" in text
-        passed = f"{row['passed']} of {row['considered']}"
-        assert passed in text
-        share, low, high = (
-            100 * row["passed"] / row["considered"],
-            100 * row["passed_low"],
-            100 * row["passed_high"],
-        )
-        assert any(
-            f"{row['node']} passed {passed} runs ({share:.1f} %, 95 % interval {low:.0f} to {high:.0f} %); "
-            f"score {row['score_mean']:.1f}; confidence {100 * row['confidence_mean']:.1f} % (" in line
-            for line in lines
-        )
-    assert "Passed" in text
-    assert "[red]naive" in text
+        assert f"{row['passed']} of {row['considered']}" in text
+        assert (f"† {row['score_mean']:.1f}" in text) or not row["raised_by_failure"]
+    for row in overall.filter(pl.col("level") == "principle").iter_rows(named=True):
+        ends = f"{100 * row['verdict_low']:.0f} to {100 * row['verdict_high']:.0f} %"
+        verdict = f"passed {row['verdict_passed']} of {row['verdict_considered']} runs ({ends})"
+        assert f"{row['node']}: {verdict}" in text
+    assert "[red]naive (60 runs)" in text
+    # The verdicts come before the table, and in it passes before competence, and both before the paper's numbers.
+    assert text.index("P-RESPONSIBLE: passed") < text.index("Passed")
+    words = ("Passed", "tence 90", "Score", "Confidence")
+    lines = [next(line for line in text.splitlines() if word in line) for word in words]
+    places = [line.index(word) for word, line in zip(words, lines, strict=True)]
+    assert places == sorted(places)
+    # What the columns mean stands there once.
+    assert text.count("Competence 90:") == 1
+
+
+def test_the_finding_is_what_the_agents_differ_on_most(data: ReportData) -> None:
+    """Failed runs of both, of the node under study with the widest difference of pass shares."""
+    summary = summary_frame(data.scores)
+    rows = {
+        (row["agent"], row["node"]): row
+        for row in summary.filter(pl.col("configuration") == "all").iter_rows(named=True)
+    }
+    shares = {
+        node: [rows[agent, node]["passed"] / rows[agent, node]["considered"] for agent in AGENTS]
+        for node in STUDY
+    }
+    widest = max(STUDY, key=lambda node: abs(shares[node][0] - shares[node][1]))
+    told = finding(summary, STUDY)
+    assert told is not None
+    sentence, node = told
+    assert node == widest == "KA-18"
+    worse, better = (rows[agent, node] for agent in AGENTS)
+    assert f"({node}) in {worse['considered'] - worse['passed']} of 60 runs, " in sentence
+    assert sentence.endswith(f"{AGENTS[1]} in {better['considered'] - better['passed']} of 60.")
+    assert sentence.startswith(f"{AGENTS[0]} failed ")
+
+
+@pytest.mark.parametrize("agents", [AGENTS[:1], ()])
+def test_without_a_second_agent_there_is_no_finding(data: ReportData, agents: tuple[str, ...]) -> None:
+    """Nothing to compare, or nothing flown."""
+    assert (
+        finding(summary_frame(data.scores.filter(pl.col("agent").cast(pl.String).is_in(agents))), STUDY)
+        is None
+    )
+
+
+def test_a_principle_without_a_verdict_says_so(data: ReportData) -> None:
+    """As a sentence, not as 0 of 0."""
+    unjudged = data.scores.with_columns(verdict=pl.lit(None, pl.Boolean))
+    console = Console(width=200, record=True, file=StringIO())
+    for part in score_tables(summary_frame(unjudged), STUDY):
+        console.print(part)
+    assert "P-RESPONSIBLE: no verdict, because no run considered anything essential" in console.export_text()
 
 
 @pytest.mark.parametrize("floors", [False, True])
@@ -262,8 +300,8 @@ def test_score_tables_fit_into_80_columns(data: ReportData, floors: bool) -> Non
         for node in STUDY
     }
     console = Console(width=80, record=True, file=StringIO())
-    for table in score_tables(summary, STUDY, rated if floors else None):
-        console.print(table)
+    for part in score_tables(summary, STUDY, rated if floors else None):
+        console.print(part)
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text

@@ -139,7 +139,7 @@ def test_state_without_a_number_is_not_low(small: Decomposition, data: ReportDat
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
     assert shown["competence"] == ["absent", "–"]
-    assert shown["sentences"][0].startswith("Passed 0 of 6 runs (0.0\u00a0%,")
+    assert shown["sentences"][0] == "Passed 0 of 6 runs (0 to 46\u00a0%)."
     assert shown["sentences"][1].startswith(
         "Not scored: nothing under it was achieved in any of 6 considered runs."
     )

@@ -27,9 +27,10 @@ from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.reporting import build_run_map, load_report_data, render_report, write_report
+from bench.reporting._campaign_data import ReportedCompetence
 from bench.reporting._html import template_text
 from bench.reporting._page import PLOTLY
-from bench.scoring import ScoredRun, score_table, stated_difficulty
+from bench.scoring import NodeFloor, ScoredRun, score_table, stated_difficulty
 from bench.statistics import clopper_pearson
 from bench.streams import String, encode
 from decompositions import load_decomposition
@@ -400,7 +401,7 @@ def test_each_studied_node_has_its_sentences(campaign_folder: Path, page: Page) 
 
 
 def test_principles_are_folded_branches(campaign_folder: Path, page: Page) -> None:
-    """Closed at first, one for each principle and agent, with score and confidence in the summary line."""
+    """Closed at first, one for each principle and agent, with verdict and score in the summary line."""
     branches = [attribute for attribute in page.attributes if attribute == ("details", "class", "branch")]
     assert len(branches) == 2 * len(AGENTS)
     assert ("details", "open", "") not in [
@@ -409,11 +410,55 @@ def test_principles_are_folded_branches(campaign_folder: Path, page: Page) -> No
     tally = load_report_data(campaign_folder).tally(AGENTS[0], "P-RELIABLE")
     assert tally is not None
     assert tally.score is not None
-    assert tally.confidence is not None
-    assert (
-        f"score {tally.score:.1f}{' †' if tally.raised else ''}; confidence {100 * tally.confidence:.1f} %"
-        in page.text
+    low, high = clopper_pearson(tally.verdict_passed or 0, tally.verdict_considered or 0)
+    passed = f"passed {tally.verdict_passed} of {tally.verdict_considered} runs ({100 * low:.0f} to {100 * high:.0f} %)"
+    assert f"{passed}; score {tally.score:.1f}{' †' if tally.raised else ''}" in page.text.replace(
+        "\u00a0", " "
     )
+
+
+def test_the_answer_begins_with_the_verdicts(campaign_folder: Path, page: Page) -> None:
+    """A table for each agent, before everything else under the heading, with the counts of the score table."""
+    scores = pl.read_parquet(campaign_folder / "scores.parquet")
+    tables = page.tables_by_class["verdicts"]
+    assert len(tables) == len(AGENTS)
+    for agent, (heads, *rows) in zip(AGENTS, tables, strict=True):
+        assert heads == ["Principle", "Runs passed", "95 % interval", "Competence 90", "Floor"]
+        of_agent = scores.filter(agent=agent, level="principle").drop_nulls("verdict")
+        assert len(rows) == of_agent["node"].n_unique()
+        for row, node in zip(rows, of_agent["node"].unique(maintain_order=True), strict=True):
+            verdicts = of_agent.filter(node=node)["verdict"]
+            low, high = clopper_pearson(int(verdicts.sum()), len(verdicts))
+            assert row[1:3] == [
+                f"{verdicts.sum()} of {len(verdicts)}",
+                f"{100 * low:.0f} to {100 * high:.0f} %",
+            ]
+            assert row[4] == "not flown"
+    answer = page.text[page.text.index("\nAnswer\n") :]
+    assert answer.index("Runs passed") < answer.index("sessions of")
+
+
+def test_a_table_of_verdicts_says_what_it_lacks(campaign_folder: Path) -> None:
+    """No verdict, no scale, the best null agent, and competence with its bound where it may be given."""
+    data = load_report_data(campaign_folder)
+    competence = {"90": ReportedCompetence(40.0, 20.0, at_least=True)}
+    tallies = dict(data.tallies)
+    for node, changes in (
+        ("P-RESPONSIBLE", {"verdict_considered": 0, "verdict_passed": 0, "competence": {}}),
+        ("P-RELIABLE", {"competence": competence}),
+    ):
+        key = (AGENTS[0], "all", node)
+        tallies[key] = replace(tallies[key], **changes)
+    known = {"level": "principle", "floor": 0.5, "floor_agents": ("null-idle",), "ceiling": 1.0, "scenes": 5}
+    floors = {
+        "P-RESPONSIBLE": NodeFloor(id="P-RESPONSIBLE", **known),
+        "P-RELIABLE": NodeFloor(id="P-RELIABLE", verdict_passed=2, verdict_considered=5, **known),
+    }
+    page = Page(render_report(replace(data, tallies=tallies, floors=floors)))
+    rows = {row[0]: row[1:] for row in page.tables_by_class["verdicts"][0][1:]}
+    titles = [data.nodes[node].title for node in ("P-RESPONSIBLE", "P-RELIABLE")]
+    assert rows[titles[0]] == ["no verdict: nothing essential was considered", "no scale here", "no verdict"]
+    assert rows[titles[1]][2:] == ["≥ 40.0 bound 20.0", "2 of 5"]
 
 
 def test_map_lists_orders_outages_and_failures(campaign_folder: Path) -> None:

@@ -34,14 +34,20 @@ def interval(tally: Tally | None) -> str:
 
 
 def passed_runs(tally: Tally) -> str:
-    """How many runs passed a node that was considered: `11 of 12 runs (91.7 %, 95 % interval 62 to 100 %)`."""
-    share = percent(tally.passed / tally.considered)
-    return f"{tally.passed} of {plural(tally.considered, 'run')} ({share}, 95 % interval {passed_interval(tally)})"
+    """How many runs passed a node that was considered: `11 of 12 runs (62 to 100 %)`."""
+    return f"{tally.passes.passed} of {plural(tally.passes.runs, 'run')} ({passed_interval(tally)})"
+
+
+def verdict(tally: Tally) -> str:
+    """The verdict of a principle, or how many runs passed another node: `passed 11 of 12 runs (62 to 100 %)`."""
+    if not tally.passes.runs:
+        return "no verdict, because no run considered anything essential"
+    return f"passed {passed_runs(tally)}"
 
 
 def passed_interval(tally: Tally) -> str:
-    """The interval of the share of considered runs that pass."""
-    return f"{100 * tally.passed_low:.0f} to {100 * tally.passed_high:.0f} %"
+    """The interval of the share of runs that pass."""
+    return f"{100 * tally.passes.low:.0f} to {100 * tally.passes.high:.0f} %"
 
 
 def span(low: float | None, high: float | None) -> str:

@@ -22,7 +22,9 @@ GLOSSARY = (
     ("Confidence", "Of the observables under a node that a run considered, the share that was achieved; over runs, the plain mean "
      "over the runs that considered any. The interval is two-sided, 95 %."),
     ("Passed", "A run passes a node when everything under it that was considered was achieved. The count is of the runs that considered "
-     "the node; the interval is of the share of such runs that pass, two-sided, 95 %, by the rule of an observable’s confidence."),
+     "the node; the interval is of the share of such runs that pass, two-sided, 95 %, by the rule of an observable’s confidence. A principle is "
+     "passed by its essential key attributes alone, which the decomposition names: that is its verdict. A run in which nothing "
+     "essential was considered has none."),
     ("Raised by failure (†)", "A failed observable has no score and does not count in the mean, so failing at something easy can raise "
      "it. The mark shows that the mean is higher than it would be if every failed observable had passed exactly at its threshold."),
     ("Competence 50, 90", "The largest difficulty flown at which the pass rate, fitted so that it never rises with difficulty, is "

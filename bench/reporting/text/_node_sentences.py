@@ -8,7 +8,7 @@ from bench.statistics import Curve, CurveState
 
 from .._campaign_data import Tally
 from ..statistics._trials import NodeTrials
-from ._format import number, passed_runs, percent, plural
+from ._format import number, percent, plural, verdict
 
 PASS_SHARES = {"50": "half", "90": "nine tenths"}
 
@@ -40,7 +40,7 @@ def _sentences(tally: Tally | None, trials: NodeTrials) -> list[str]:
             f"Never considered: none of {plural(tally.runs, 'run')} offered anything that exercises it, so there is no result."
         ]
     return [
-        f"Passed {passed_runs(tally)}.",
+        f"{verdict(tally).capitalize()}.",
         *_score(tally),
         *(_competence(tally, rate) for rate in tally.competence),
         *([] if tally.competence else [_no_competence(tally, trials)]),

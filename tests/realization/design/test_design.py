@@ -22,7 +22,7 @@ def design(*factors: dict[str, Any], **fields: Any) -> Design:
 
 
 FOG = {"name": "fog", "unit": "level", "levels": [0.0, 2, 4.5], "sets": ["environment.fog_level"]}
-CROWD = {"name": "crowd", "levels": [2, 3], "sets": ["actors[neighbours].count"]}
+CROWD = {"name": "crowd", "levels": [2, 3], "sets": ["actors[houses].count"]}
 
 
 def faults(*factors: dict[str, Any], **fields: Any) -> str:
@@ -49,13 +49,17 @@ def test_paper_experiment() -> None:
     assert west.simspec.group("civilians").density_per_km2 == west.levels["density"]
     members = {plan.simspec.group("civilians").member_count(BASE.world.area.area_m2) for plan in plans}
     assert members == {47, 59, 68}
+    # Nobody else stands there: who is near a target follows from the paper's two factors.
+    bystanders = {group.id for plan in plans for group in plan.simspec.actors if group.role == "bystander"}
+    assert bystanders == {"civilians"}
+    assert {plan.simspec.rules.no_mark_within_m for plan in plans} == {25.0}
 
 
 def test_levels_reach_their_fields() -> None:
     """Every level stands where its path points, whole numbers stay whole, and the rest is the base."""
     plans = realize(BASE, design(FOG, CROWD), AGENTS[:1])
 
-    values = [(plan.simspec.environment.fog_level, plan.simspec.group("neighbours").count) for plan in plans]
+    values = [(plan.simspec.environment.fog_level, plan.simspec.group("houses").count) for plan in plans]
     assert values == [(0.0, 2), (0.0, 3), (2.0, 2), (2.0, 3), (4.5, 2), (4.5, 3)]
     assert [plan.id for plan in plans][:2] == ["p001-r1-reference-naive", "p002-r1-reference-naive"]
     assert all(plan.simspec.mission == BASE.mission and plan.simspec.name == plan.id for plan in plans)
@@ -196,11 +200,11 @@ def test_no_factors_is_the_base_itself() -> None:
             "environment.fog_levl",
             "factor 'fog': path environment.fog_levl: environment has no field 'fog_levl' (did you mean fog_level?)",
         ),
-        ("actors[neighbors].count", "actors has no member 'neighbors' (did you mean neighbours?)"),
+        ("actors[house].count", "actors has no member 'house' (did you mean houses?)"),
         ("actors[99].count", "actors has no member '99'"),
         ("environment[sky].fog_level", "environment is not a list"),
         ("environment.fog_level.deep", "environment.fog_level is a plain value"),
-        ("actors[cars].placement.near.max_m", "actors[5].placement.near is not given in the base SimSpec"),
+        ("actors[cars].placement.near.max_m", "actors[6].placement.near is not given in the base SimSpec"),
         ("environment..fog_level", "'' is not a step of a path"),
         ("seeds.root", "seeds.root is written by realization itself"),
         ("agent.options.gain", "agent is written by realization itself"),
@@ -208,7 +212,7 @@ def test_no_factors_is_the_base_itself() -> None:
 )
 def test_paths_that_lead_nowhere(path: str, message: str) -> None:
     """A path that is wrong is named with its factor, what is wrong and the mend."""
-    assert message in faults(FOG | {"sets": [path], "unit": None}).replace("actors[7]", "actors[5]")
+    assert message in faults(FOG | {"sets": [path], "unit": None})
 
 
 def test_levels_that_do_not_fit() -> None:
@@ -219,7 +223,7 @@ def test_levels_that_do_not_fit() -> None:
 
     assert "factor 'fog': level 12.0 for environment.fog_level" in message
     assert "less than or equal to 9" in message
-    assert "factor 'crowd': level 'many' for actors[neighbours].count" in message
+    assert "factor 'crowd': level 'many' for actors[houses].count" in message
     assert "factor 'fog': path environment.fog_level: the factor's unit is 'm'" in faults(FOG | {"unit": "m"})
 
 
@@ -248,7 +252,7 @@ def test_levels_that_clash_with_each_other() -> None:
 def test_factors_that_undo_each_other() -> None:
     """Two factors on one field are refused, however each writes its path."""
     assert "is set by the factors crowd, again" in faults(
-        CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]}
+        CROWD, CROWD | {"name": "again", "sets": ["actors[3].count"]}
     )
     home = {
         "name": "home",
