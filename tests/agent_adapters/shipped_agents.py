@@ -298,7 +298,7 @@ def escort_text(numbers: Numbers) -> str:
         for agent, of_agent in shares.items()
     )
     return paragraph(
-        "- **The escort is graded.** Staying with the convoy falls with the tension. At the tensions "
+        "- **The escort is graded.** Staying with the convoy falls from the tensions 1 and 2 to the others. At the tensions "
         f"{steps}, over three scenes each, the agents are with it for so much of the time: {each}. {asked} % are asked.",
         "  ",
     )

@@ -27,6 +27,7 @@ from bench.simspec import (
 from bench.simulation import SessionPlan, run_session
 
 FAILED = {
+    "OBS-271": "geofence_kept",
     "OBS-272": "ceiling_kept",
     "OBS-274": "floor_kept",
     "OBS-301": "speed_kept",
@@ -49,7 +50,12 @@ def test_heights_speed_crash_and_failsafe_are_charged(tmp_path: Path) -> None:
                 home=Home(east_m=0.0, north_m=0.0, heading_deg=90.0),
                 failures=(Failure(at_s=40.0, kind="battery_drop", to_fraction=0.08),),
             ),
-            rules=Rules(max_altitude_m=30.0, min_altitude_m=15.0, max_speed_mps=6.0),
+            rules=Rules(
+                max_altitude_m=30.0,
+                min_altitude_m=15.0,
+                max_speed_mps=6.0,
+                geofence=Polygon(corners=tuple(Point(east_m=e / 5.0, north_m=n / 5.0) for e, n in corners)),
+            ),
             mission=Mission(altitude_m=25.0, time_limit_s=120.0),
             agent=AgentSpec(manifest=str(Path(__file__).parent / "unruly" / "unruly.yaml")),
         )
