@@ -60,7 +60,8 @@ def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
         assert over_m < 270.0
         assert factor_values(placed)["bystander_proximity_m"] == plan.levels["proximity"]
         assert factor_values(placed)["bystander_density_per_km2"] == plan.levels["density"]
-        assert factor_values(placed)["nearest_bystander_m"] == 10.0
+        # In the demo some people are put beside the radar; in the paper's experiment nobody is.
+        assert factor_values(placed).get("nearest_bystander_m") == (10.0 if name == "demo" else None)
 
 
 def test_files_beside_the_campaign(tmp_path: Path) -> None:
