@@ -120,5 +120,4 @@ if TYPE_CHECKING:
     from .storage._signature import read_signature as read_signature
     from .storage._signature import sign_manifest as sign_manifest
 
-# Where each name is defined, below this package.
 __getattr__ = lazy_names(__name__)

@@ -58,5 +58,5 @@ if TYPE_CHECKING:
     from ._table_file import ScoreTableWriter as ScoreTableWriter
     from ._table_file import read_score_table as read_score_table
 
-# The module of each name: difficulty, which planning needs, takes neither summaries nor their statistics.
+# Lazy, because difficulty, which planning needs, takes neither summaries nor their statistics.
 __getattr__ = lazy_names(__name__)

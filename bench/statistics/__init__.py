@@ -69,5 +69,5 @@ if TYPE_CHECKING:
     from ._terms import FactorLevel as FactorLevel
     from ._terms import factor_columns as factor_columns
 
-# The module of each name. scipy's distributions take a CPU second to import: what only rates difficulty needs none.
+# Lazy, because scipy's distributions take a CPU second to import: what only rates difficulty needs none.
 __getattr__ = lazy_names(__name__)
