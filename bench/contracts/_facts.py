@@ -112,25 +112,28 @@ class TruthGiven(Fact):
     agent: Words
 
 
-class PixelDetectorBuild(Fact):
-    """Which detector worked on the pictures, with its version as far as it tells."""
+class Software(Fact):
+    """Software beside the bench that had a part in the session, with its version or digest as far as it tells."""
+
+    description: Words
+
+
+class PixelDetectorBuild(Software):
+    """The detector that worked on the pictures."""
 
     key = "detector"
-    description: Words
 
 
-class FirmwareBuild(Fact):
-    """The real autopilot that flew, with version, digest and pace; absent where one is imitated."""
+class FirmwareBuild(Software):
+    """The real autopilot that flew, with its pace; absent where one is imitated."""
 
     key = "firmware"
-    description: Words
 
 
-class WarpLibrary(Fact):
+class WarpLibrary(Software):
     """The library by which the agent's clock was the session's; absent at the other paces."""
 
     key = "warp"
-    description: Words
 
 
 class Arithmetic(Fact):
