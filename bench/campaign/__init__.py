@@ -108,7 +108,6 @@ if TYPE_CHECKING:
     from .storage._journal import RealizationState as RealizationState
     from .storage._journal import open_journal as open_journal
     from .storage._manifest import Manifest as Manifest
-    from .storage._manifest import write_manifest as write_manifest
     from .storage._pause import pause_campaign as pause_campaign
     from .storage._pause import request_retry as request_retry
     from .storage._pause import resume_campaign as resume_campaign

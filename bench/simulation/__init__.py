@@ -17,7 +17,6 @@ from ._session_faults import camera_faults as camera_faults
 from ._session_faults import renderer_faults as renderer_faults
 from ._session_faults import session_faults as session_faults
 from ._session_parts import SessionPlan as SessionPlan
-from ._standalone import DEFAULT_HOME as DEFAULT_HOME
 from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
 from ._standalone import StandalonePlan as StandalonePlan
 from ._standalone import fly as fly
