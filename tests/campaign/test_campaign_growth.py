@@ -25,6 +25,7 @@ from bench.campaign import (
 )
 from bench.campaign.storage._journal import PlannedRealization
 from bench.contracts import Outcome, SessionResult
+from bench.visible_text import visible
 
 REPLICATES, SIZE = 6, 12
 
@@ -55,6 +56,18 @@ def journalled(folder: Path, size: int) -> None:
             journal.start(plan.id, "w1")
             journal.finish(SessionResult(realization=plan.id, outcome=Outcome.COMPLETED), "a" * 64)
         journal.entries()
+
+
+def shown(times: int) -> None:
+    for _ in range(times):
+        visible("a")
+
+
+def test_work_that_grows_with_the_square_is_named() -> None:
+    for power, names in ((1, set()), (2, {"bench/visible_text.py:visible"})):
+        small, large = (lines_of(partial(shown, size**power)) for size in (SIZE, 4 * SIZE))
+        assert small
+        assert steep(small, large, SIZE).keys() == names
 
 
 @pytest.mark.parametrize("work", [flown, with_a_stopping_rule, journalled])
