@@ -11,25 +11,18 @@ import signal
 from collections import Counter
 from collections.abc import Collection
 
-from bench.contracts import (
-    FIRMWARE_FAILED,
-    AgentExit,
-    FirmwareEnds,
-    Outcome,
-    SessionResult,
-)
+from bench.contracts import FIRMWARE_FAILED, AgentExit, FirmwareEnds, Outcome, SessionResult
 
 from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ..storage._firmware_ends import MAX_RERUNS, add_firmware_ends, firmware_ends
 from ..storage._journal import Journal
 from ._executor import BenchBroken, Jobs
-from ._suspects import SuspectWatch
+from ._suspects import MAX_REASON_CHARACTERS, SuspectWatch
 
 FAULTS_BEFORE_GIVING_UP = 5
 """Realizations that fail because of the bench or the host before any session succeeds, after which the bench
 is considered broken.
 """
-_REASON_CHARACTERS = 300
 
 # The pauses are chosen, not measured: attempts 0, 5, 15, 35 and 65 s after the first failure at the default
 # `budgets.retry_s` of 60 s, which is a network drive that is remounted or a neighbour's job that ends.
@@ -199,7 +192,7 @@ class FirmwareWatch:
         if failed_in_flight(result):
             text = f"after {result.simulated_s:.1f} s: {result.reason}"
             # Before the attempt's own end: an agent that kills the runner between the two gains no draw.
-            add_firmware_ends(self._journal, {result.realization: [text[:_REASON_CHARACTERS]]})
+            add_firmware_ends(self._journal, {result.realization: [text[:MAX_REASON_CHARACTERS]]})
 
     def is_exhausted(self, result: SessionResult) -> bool:
         """Whether a failed attempt was the last one, unless a person asks for another."""

@@ -15,7 +15,8 @@ from ._executor import FLIGHTS, Jobs
 UNCONFINED = "none"
 ATTEMPTS_TO_CHARGE = 2
 
-_REASON_CHARACTERS = 300
+MAX_REASON_CHARACTERS = 300
+"""Characters that stay of the reason of an attempt, in the result and in the journal. Chosen."""
 
 
 class SuspectWatch:
@@ -86,7 +87,7 @@ class SuspectWatch:
         """The result with what its attempts are suspected of; also one that went well in the end."""
         if not (ends := self._ends.get(result.realization)):
             return result
-        texts = (f"{end.outcome}: {end.reason}"[:_REASON_CHARACTERS] for end in ends)
+        texts = (f"{end.outcome}: {end.reason}"[:MAX_REASON_CHARACTERS] for end in ends)
         return result.with_facts(SuspectEnds(texts=tuple(texts)))
 
     def _kinds(self, realization: str) -> set[str]:
