@@ -127,7 +127,7 @@ OF_PROCESS = {
 
 def cached_functions() -> set[str]:
     """Every function of the product that functools caches, by decorator or by call."""
-    found = set()
+    names = set()
     for path in (path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))):
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         if module.startswith(WORDS.replace("/", ".")):
@@ -138,10 +138,10 @@ def cached_functions() -> set[str]:
                 ast.unparse(decorator).split("(")[0] in ("cache", "lru_cache")
                 for decorator in node.decorator_list
             ):
-                found.add(f"{module}.{node.name}")
+                names.add(f"{module}.{node.name}")
             if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("lru_cache("):
-                found.add(f"{module}.{ast.unparse(node.args[0])}")
-    return found
+                names.add(f"{module}.{ast.unparse(node.args[0])}")
+    return names
 
 
 def test_every_cached_function_is_here() -> None:

@@ -130,10 +130,10 @@ def show_finding(folder: Path, scores: FinishedCampaign) -> None:
     """Print on what the agents differ most, and the command that shows why."""
     from bench.reporting import finding
 
-    found = finding(scores.summary, scores.study)
-    if found is None:
+    difference = finding(scores.summary, scores.study)
+    if difference is None:
         print("Finding: the agents passed alike.")
         return
-    sentence, node = found
+    sentence, node = difference
     print_lines(plain_console(), [f"Finding: {sentence}"])
     print(f"See why: {command_line('rebar', 'score', folder, '--explain', node, '--limit', '1')}")
