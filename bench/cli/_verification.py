@@ -43,7 +43,10 @@ def verify(
     refly: Annotated[
         int | None,
         typer.Option(
-            "--refly", min=1, metavar="N", help="Fly N drawn lockstep runs again and compare them bit for bit"
+            "--refly",
+            min=1,
+            metavar="N",
+            help="Fly N drawn lockstep runs again and compare them, bit for bit but for real autopilots",
         ),
     ] = None,
     seed: Annotated[
