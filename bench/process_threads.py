@@ -129,7 +129,7 @@ class ProcessThreads:
     def at_rest(self) -> bool:
         """Whether there was a moment during this call at which every thread was asleep, and none about to run.
 
-        Each thread is found off the run queues, between two looks at the CPU time of all. Where no time was used, nobody ran
+        Each thread is found asleep and off the run queues, between two looks at the CPU time of all. Where no time was used, nobody ran
         between them, and so nobody woke another behind its look, and went to sleep before its own: at the moment of the first
         look all slept. The bench's threads have no clock without the calling one, so each is looked at before and behind that
         moment: one that called itself asleep before, is off the run queues behind, and was given no core between has slept all
@@ -142,7 +142,8 @@ class ProcessThreads:
                 return False
             cpu_ns = self._cpu_ns()
             for thread in self._order:
-                if not thread.off_the_queues():
+                # Off the queues is also who waits for the disk.
+                if not (thread.off_the_queues() and thread.rests()):
                     self._put_first(thread)
                     return False
             if self._cpu_ns() != cpu_ns or not all(thread.still_rests() for thread in self._bench.values()):

@@ -74,6 +74,18 @@ while not os.path.exists(sys.argv[1]):
 time.sleep(1000)
 """
 
+# It starts a child as vfork(2) does, and waits for it in state D, as for the disk, until the child ends.
+UNINTERRUPTIBLE = """
+import ctypes, os, platform, signal, time
+clone = {"x86_64": 56, "aarch64": 220}[platform.machine()]
+CLONE_VFORK = 0x4000
+if ctypes.CDLL(None).syscall(clone, CLONE_VFORK | signal.SIGCHLD, 0, 0, 0, 0) == 0:
+    print(flush=True)
+    os.read(0, 1)
+    os._exit(0)
+time.sleep(1000)
+"""
+
 
 @contextmanager
 def started(code: str, *arguments: str) -> Generator[subprocess.Popen[bytes]]:
@@ -107,6 +119,17 @@ def test_threads_that_hand_on_one_turn_are_never_at_rest(count: int) -> None:
         process.stdin.write(b"\n")
         process.stdin.flush()
         process.stdout.readline()
+        assert rests_in_time(threads)
+
+
+def test_a_thread_that_waits_for_the_disk_is_at_work() -> None:
+    """All of its processes are off the run queues, but one of them goes on without being asked."""
+    with started(UNINTERRUPTIBLE) as process, closing(watched(process)) as threads:
+        assert Path(f"/proc/{process.pid}/stat").read_text().split()[2] == "D"
+        assert not any(threads.at_rest() for _ in range(LOOKS))
+        assert process.stdin
+        process.stdin.write(b"x")
+        process.stdin.flush()
         assert rests_in_time(threads)
 
 

@@ -334,8 +334,8 @@ class FirmwareX500:
             self._confirm_by_ns += _CONFIRMATION_NS
             return
         raise FirmwareFault(
-            f"{self._kind.name} has not confirmed {', '.join([*silent, *refused])}, by which a failure reaches it: "
-            "ArduCopter 4.6.3 has these names, others may not"
+            f"{self._kind.name} has not confirmed {', '.join([*silent, *refused])}, by which the bench's receiver and battery "
+            "reach it: ArduCopter 4.6.3 has these names, others may not, and a charge needs BATT_MONITOR 4"
         )
 
     def _watch_silence(self, running: RunningFirmware) -> None:

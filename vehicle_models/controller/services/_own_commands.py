@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from ..links._enums import MAV_CMD
@@ -28,13 +28,14 @@ class _Unanswered:
     command: int
     params: tuple[float, ...]
     due_ns: int
-    confirmation: int = field(default=0)
+    confirmation: int = 0
 
 
 class OwnCommands:
     """Sends each command four times in two seconds, or until a component of the system acknowledges it.
 
-    A return and a landing level the gimbal, and so does the end of a mission.
+    A return and a landing tell the gimbal to level, and so does the end of a mission. The bench's gimbal, which is no
+    component of its own, does not obey.
     """
 
     def __init__(self, context: ServiceContext, modes: Modes, system: int) -> None:
@@ -53,7 +54,7 @@ class OwnCommands:
             for command in self._unanswered:
                 if command.due_ns <= now_ns:
                     self._send(command)
-            self._unanswered = [one for one in self._unanswered if one.confirmation < _TRIES]
+            self._unanswered = [command for command in self._unanswered if command.confirmation < _TRIES]
 
     def send(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to every component of the own system."""
@@ -90,4 +91,4 @@ class OwnCommands:
 
     def _take_acknowledgement(self, m: Any, sender: MessageSender) -> None:
         if sender.system == self._system:
-            self._unanswered = [one for one in self._unanswered if one.command != m.command]
+            self._unanswered = [command for command in self._unanswered if command.command != m.command]
