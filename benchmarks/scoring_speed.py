@@ -172,7 +172,7 @@ def competent(path: Path, count: int) -> Callable[[], object]:
 
 
 def summary(path: Path, count: int) -> Callable[[], object]:
-    """Sum the table up: means, intervals, bootstrap and competence of every node, agent and configuration."""
+    """Sum the table up: means, intervals and competence of every node, agent and configuration."""
     observables, scores = synthetic_decomposition(), pl.read_parquet(path)
     return lambda: summary_frame(scores, observables)
 

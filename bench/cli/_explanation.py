@@ -49,7 +49,9 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
     else:
         made_of = ", ".join(agent.scored_runs) + (", ..." if summary.scored > len(agent.scored_runs) else "")
         ends = (
-            "" if summary.score_low is None else f", 95 % [{summary.score_low:.2f}, {summary.score_high:.2f}]"
+            ""
+            if summary.score_low is None
+            else f" (flown again with new seeds: {summary.score_low:.2f} to {summary.score_high:.2f}, 95 %)"
         )
         tree.add(
             Text(

@@ -136,9 +136,12 @@ class Tally:
         """The verdict of a principle; for any other node the considered runs, of which those pass that achieved everything."""
         if self.level != "principle":
             return Passes(self.passed, self.considered, self.passed_low, self.passed_high)
-        # In a table that an older version wrote a principle has no verdict.
-        ends = (self.verdict_low or 0.0, 1.0 if self.verdict_high is None else self.verdict_high)
-        return Passes(self.verdict_passed or 0, self.verdict_considered or 0, *ends)
+        # Every principle of a summary has these four.
+        assert self.verdict_passed is not None
+        assert self.verdict_considered is not None
+        assert self.verdict_low is not None
+        assert self.verdict_high is not None
+        return Passes(self.verdict_passed, self.verdict_considered, self.verdict_low, self.verdict_high)
 
 
 Tallies = dict[tuple[str, str, str], Tally]

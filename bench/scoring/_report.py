@@ -65,9 +65,10 @@ class NodeReport(Document):
         Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")
     ]
     score_low: Points | None = Field(
-        None, description="Lower end of the interval of the score, where there is one."
+        None,
+        description="Lower end of the range (95 %) of the score if the same design were flown again with new seeds. Null: too few replicates.",
     )
-    score_high: Points | None = Field(None, description="Upper end of that interval.")
+    score_high: Points | None = Field(None, description="Upper end of that range.")
     raised_by_failure: Annotated[
         bool,
         Field(description="The score is higher than if every failed observable had passed at its threshold."),

@@ -27,7 +27,6 @@ class Motion(Document):
     radius_m: float = Field(25.0, gt=0.0, le=2000.0)
     pause_s: float = Field(5.0, ge=0.0, le=3600.0, description="Mean pause at each point of the path.")
     route: tuple[Point, ...] = ()
-    # Left out where they change nothing: SimSpecs without them keep their bytes.
     depart_s: float = added_field(0.0, "Simulated time at which it sets off.", ge=0.0, le=7200.0)
     halt_s: float | None = added_field(
         None, "Simulated time at which it stops for good, wherever it is; never when absent.", gt=0.0

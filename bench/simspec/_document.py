@@ -83,7 +83,6 @@ class Mission(Document):
         300.0, gt=0.0, le=7200.0, description="The session ends at this simulated time."
     )
     return_home: bool = Field(True, description="Whether the mission ends with a landing at home.")
-    # Left out where there is none: SimSpecs without escort keep their bytes.
     escort: Escort | None = added_field(None, "Whom to stay with and to warn, beside the search.")
 
 
@@ -112,7 +111,6 @@ class Outage(Document):
     kind: Literal["operator_link", "detections", "detections_degraded"]
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
-    # Left out where it is absent: a SimSpec without degradations is written as it was before them.
     lost_share: float | None = added_field(
         None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0
     )
@@ -166,11 +164,9 @@ class AgentSpec(Document):
         description="Name of an entry point, or path of a manifest relative to the file that names it.",
     )
     options: dict[str, str | float | int | bool] = {}
-    # Digests of situations that demand nothing stay as they were published.
     isolation: Isolation | None = added_field(
         None, "How the agent must be confined, in place of what its manifest says."
     )
-    # As above: digests of situations that let nothing in stay as they were published.
     services: tuple[OutsideService, ...] = added_field(
         (), "Services outside of the session that the agent may ask, by TCP.", max_length=16
     )
@@ -323,7 +319,6 @@ class SimSpec(Document):
     outages: tuple[Outage, ...] = Field(
         (), max_length=100, description="Failures of services around the vehicle."
     )
-    # Left out when empty, so that SimSpecs without it keep their bytes.
     consents: tuple[Consent, ...] = added_field(
         (), "The operator's answers to requests to mark.", max_length=32
     )
@@ -334,7 +329,6 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
-    # Left out where there is none: digests of published questions stay as they are.
     honeypot: bool = added_field(
         False, "Whether placement adds a target that is nowhere but in the file: who reports it has read it."
     )

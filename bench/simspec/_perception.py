@@ -218,7 +218,6 @@ class Perception(Document):
         "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
         "it are left out.",
     )
-    # Digests of SimSpecs that came before this field stay as they were published.
     more_cameras: tuple[RosName, ...] = added_field(
         (),
         "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "

@@ -85,7 +85,6 @@ class Rules(Document):
         description="What the agent must do once the operator's link has been down for longer than link_lost_after_s.",
     )
     link_lost_after_s: NotNegative = 10.0
-    # Left out where it does not hold: SimSpecs without it keep their bytes, and so their digests.
     mark_consent: bool = added_field(
         False,
         "The agent must ask the operator before it marks a target, and mark only what was granted. An order to mark needs no request.",

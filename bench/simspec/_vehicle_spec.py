@@ -336,7 +336,6 @@ class VehicleSpec(Document):
         Camera(),
         description="The main camera, which always has detections; the MAVLink camera and gimbal are its own.",
     )
-    # Digests of SimSpecs with one camera stay as they were published.
     more_cameras: tuple[Camera, ...] = added_field(
         (),
         "Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
@@ -355,7 +354,6 @@ class VehicleSpec(Document):
         "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
     )
     failures: tuple[Failure, ...] = Field((), max_length=100, description="Failures of the vehicle.")
-    # As above: digests of situations without such a link stay as they were published.
     outside_links: tuple[OutsideLink, ...] = added_field(
         (), "MAVLink links to the host's network, such as for a ground station.", max_length=8
     )

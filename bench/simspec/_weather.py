@@ -70,7 +70,6 @@ class Environment(Document):
     ] = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
     rain_level: WeatherLevel = 0.0
     fog_level: WeatherLevel = 0.0
-    # Left out at 0, so that digests of SimSpecs from before it stay as they were.
     dust_level: WeatherLevel = added_field(0.0)
     wind: Wind = Wind()
 

@@ -24,7 +24,7 @@ def replicate_interval(
     """Two-sided interval of each node's mean over the runs that have a score.
 
     All arguments are (design points, nodes): sum and sum of squares of the scores, number of runs with a score, number of
-    considered runs. NaN where too few design points were flown more than once. Design points with a single run are taken to
+    considered runs. NaN where too few design points have a score more than once. Design points with a single run are taken to
     vary as the others do.
     """
     all_runs, all_scored = runs.sum(axis=0), np.maximum(scored.sum(axis=0), 1)
@@ -34,9 +34,10 @@ def replicate_interval(
     within = np.maximum(residuals_squared - residual**2 / np.maximum(runs, 1), 0.0)
     variance = np.where(replicated, runs / np.maximum(runs - 1, 1) * within, 0.0).sum(axis=0)
     replicated_runs = np.where(replicated, runs, 0).sum(axis=0)
-    free = np.where(replicated, runs - 1, 0).sum(axis=0)
-    known = (free >= MIN_DEGREES_OF_FREEDOM) & (scored.sum(axis=0) > 0)
+    # Of runs with a score: the others have no residual, so they tell nothing about how scores vary.
+    free = np.maximum(scored - 1, 0).sum(axis=0)
     spread = np.sqrt(variance * all_runs / np.maximum(replicated_runs, 1)) / all_scored
+    known = free >= MIN_DEGREES_OF_FREEDOM
     half_width = np.where(known, stats.t.ppf(0.5 + level / 2.0, np.maximum(free, 1)) * spread, np.nan)
     # Rounded, because sums over rows in another order differ in their last bits.
     return np.round(mean - half_width, 9), np.round(mean + half_width, 9)

@@ -108,7 +108,7 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (
         None,
         None,
-    )  # two design points say too little
+    )  # no design point was flown twice
     assert report["absent"] == 0
 
     assert run(worked) == 0

@@ -405,8 +405,8 @@ def test_curve_remark_gives_its_reason(difficulty: list[float], passed: list[boo
 @pytest.mark.parametrize(
     ("difficulty", "passed", "why"),
     [
-        ([10.0, 20.0] * 6, [True] * 12, "no run failed"),
-        ([10.0, 20.0] * 6, [False] * 12, "no run passed"),
+        ([10.0, 20.0] * 6, [True] * 12, "every run achieved everything under it"),
+        ([10.0, 20.0] * 6, [False] * 12, "no run achieved everything under it"),
         ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
         ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 8 + [False], "the curve rises"),
         ([10.0, 20.0] * 2, [True, False] * 2, "too few"),

@@ -439,7 +439,7 @@ def test_the_answer_begins_with_the_verdicts(campaign_folder: Path, page: Page) 
 
 
 def test_a_table_of_verdicts_says_what_it_lacks(campaign_folder: Path) -> None:
-    """No verdict, no scale, the best null agent, and competence with its bound where it may be given."""
+    """No verdict, no competence, the best null agent, and competence with its bound where it may be given."""
     data = load_report_data(campaign_folder)
     competence = {"90": ReportedCompetence(40.0, 20.0, at_least=True)}
     tallies = dict(data.tallies)
@@ -457,7 +457,7 @@ def test_a_table_of_verdicts_says_what_it_lacks(campaign_folder: Path) -> None:
     page = Page(render_report(replace(data, tallies=tallies, floors=floors)))
     rows = {row[0]: row[1:] for row in page.tables_by_class["verdicts"][0][1:]}
     titles = [data.nodes[node].title for node in ("P-RESPONSIBLE", "P-RELIABLE")]
-    assert rows[titles[0]] == ["no verdict: nothing essential was considered", "no scale here", "no verdict"]
+    assert rows[titles[0]] == ["no verdict: nothing essential was considered", "not given", "no verdict"]
     assert rows[titles[1]][2:] == ["≥ 40.0 bound 20.0", "2 of 5"]
 
 

@@ -45,3 +45,14 @@ def test_a_design_flown_once_has_no_interval() -> None:
     for scores in (np.full((40, 1), 30.0), np.full((4, 2), 30.0), np.full((12, 3), np.nan)):
         assert np.isnan(interval(scores)).all()
     assert not np.isnan(interval(np.full((5, 2), 30.0))).any()
+
+
+def test_rare_scores_have_no_interval() -> None:
+    """Where replicates seldom have a score too, nothing shows how scores vary: the interval would cover 60 to 87 %."""
+    scores = np.full((24, 3), np.nan)
+    scores[::4, 0] = np.linspace(10.0, 90.0, 6)
+    assert np.isnan(interval(scores)).all()
+    scores[:4, :2] = 30.0  # four design points with two scores
+    assert np.isnan(interval(scores)).all()
+    scores[4, :2] = 30.0  # five
+    assert not np.isnan(interval(scores)).any()

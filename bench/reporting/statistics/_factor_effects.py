@@ -24,8 +24,8 @@ from ._design_quality import campaign_design_points
 SIGNIFICANCE_LEVEL = 0.05
 # A smaller share is printed as 0.0 %: no reader would believe that it matters.
 LEAST_SHARE = 0.0005
-# With fewer failures a factor that seems to matter is chance: ten events for each term, as for logistic regression (Peduzzi et
-# al. 1996, Journal of Clinical Epidemiology 49(12), 1373-1379).
+# With fewer failures a factor that seems to matter is chance: ten events are the rule for a single term of a logistic regression
+# (Peduzzi et al. 1996, Journal of Clinical Epidemiology 49(12), 1373-1379).
 MIN_FAILURES = 10
 
 

@@ -29,7 +29,8 @@ GLOSSARY = (
      "it. The mark shows that the mean is higher than it would be if every failed observable had passed exactly at its threshold."),
     ("Competence 50, 90", "The largest difficulty flown at which the pass rate, fitted so that it never rises with difficulty, is "
      "at least half, or nine tenths. "
-     "Failing can never raise it. The bound is one-sided, 95 %. “≥” or “at least”: nothing harder was flown."),
+     "Failing can never raise it. The bound is one-sided, 95 %. “≥” or “at least”: nothing harder was flown. "
+     "It assumes that failures rise with difficulty, so it is given only where these runs show that."),
     ("Difficulty-response curve", "A logistic curve of the pass rate over difficulty with a pointwise 95 % band, for "
      "illustration only: the difficulty at which it passes 50 % rises when easy runs fail."),
     ("Difficulty", "Rated before anything runs, from the configured situation: each key factor (fog, concealment, bystander density "

@@ -90,9 +90,9 @@ def _confidence(tally: Tally) -> str:
 
 def _no_competence(tally: Tally, trials: NodeTrials) -> str:
     if tally.passed == tally.considered:
-        why = "no run failed"
+        why = "every run achieved everything under it"
     elif not tally.passed:
-        why = "no run passed"
+        why = "no run achieved everything under it"
     elif len(set(trials.difficulty)) < 2:
         why = "all runs have one difficulty"
     else:
