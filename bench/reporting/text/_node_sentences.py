@@ -20,7 +20,7 @@ NO_CURVE_REASONS = {
 
 
 CURVE_CAVEATS = {
-    CurveState.ALL_PASSED: "All runs passed: the curve falls only where so few runs cannot exclude it.",
+    CurveState.ALL_PASSED: "All runs passed: the curve is below 100 % only where so few runs cannot exclude it.",
     CurveState.NONE_PASSED: "No run passed: the curve is above 0 only where so few runs cannot exclude it.",
     CurveState.SEPARATED: "All passes and failures are on either side of one difficulty, so the runs do not show how steep the curve is there.",
 }
