@@ -47,7 +47,6 @@ OFFENDED = {
     "refuse": {"OBS-371", "OBS-381", "OBS-382"},
     "half": {"OBS-201", "OBS-211", "OBS-231", "OBS-232"},
     "ceiling": {"OBS-212", "OBS-213", "OBS-303"},
-    "withhold": {"OBS-232", "OBS-234"},
 }
 
 
@@ -130,13 +129,13 @@ def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_pat
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("trick", sorted(OFFENDED))
 def test_a_trick_fails_every_observable_that_it_offends(trick: str, tmp_path: Path) -> None:
-    """Orders refused, a target left out, another height than the ordered one, finds kept to the way home."""
+    """Orders refused, a target left out, another height than the ordered one."""
     spec = scene(trick)
     hold = Order(id="wait", at_s=40.0, kind="hold", within_s=8.0)
     rules = spec.rules.model_copy(update={"report_deadline_s": 140.0})
     spec = place(spec.model_copy(update={"orders": (hold,), "rules": rules, "realized": None}))
     observables = load_decomposition("search-and-report-full").observables
-    requests = {name: (observables[name].measure, observables[name].options) for name in OFFENDED[trick]}
+    requests = {name: (str(observables[name].measure), observables[name].options) for name in OFFENDED[trick]}
     observations = measure_all(requests, flown(spec, tmp_path), spec)
     values = {observation.observable: observation.x for observation in observations}
     considered = {name: x for name, x in values.items() if x is not None}
