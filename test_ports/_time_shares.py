@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Evidence
+from bench.contracts import Evidence, Tape
+from bench.simspec import SimSpec
 
 from ._declaration import Finding, not_considered, nothing_shown
 from .ground_truth import FlownTrack
+
+SILENCE_KINDS = ("stop_reporting", "resume_reporting")
 
 EXACT_S = 1e-9
 """Slack of a comparison of seconds, which are made of whole nanoseconds."""
@@ -87,3 +91,27 @@ def fresh_share(
     stale_s = track.time_s[within & (age_s > max_gap_s + EXACT_S)]
     text = f"no {message} within {max_gap_s:g} s before"
     return Finding(x or 0.0, tuple(Evidence(time_s=float(time_s), text=text) for time_s in stale_s[:1]))
+
+
+def free_to_report_s(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> float:
+    """Seconds of a span in which the agent was to report: inside `rules.report_windows`, not ordered to stop reporting,
+    and with the operator's link up.
+    """
+    windows = simspec.rules.report_windows
+    # What a moment decides changes at these moments alone.
+    edges_s = {since_s, until_s}
+    edges_s |= {edge_s for window in windows for edge_s in (window.from_s, window.until_s)}
+    silences = [
+        (order.time.s, order.value.kind) for order in tape.orders if order.value.kind in SILENCE_KINDS
+    ]
+    links = [(link.time.s, link.value.up) for link in tape.operator_link]
+    edges_s |= {time_s for time_s, _ in (*silences, *links)}
+    ordered = sorted(edge_s for edge_s in edges_s if since_s <= edge_s <= until_s)
+
+    def is_free(time_s: float) -> bool:
+        in_window = not windows or any(window.from_s <= time_s < window.until_s for window in windows)
+        stopped = [kind == "stop_reporting" for at_s, kind in silences if at_s <= time_s]
+        up = [is_up for at_s, is_up in links if at_s <= time_s]
+        return in_window and not (stopped and stopped[-1]) and (not up or up[-1])
+
+    return sum(end_s - begin_s for begin_s, end_s in pairwise(ordered) if is_free(begin_s))

@@ -13,15 +13,25 @@ from typing import Annotated
 
 import numpy as np
 
-from bench.arrays import Floats
+from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape, lens_of
 from bench.simspec import SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
+from .._time_shares import EXACT_S, free_to_report_s
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
 from ..operator.order_outcomes import MOTION_ORDERS
+from ..perception.looks import first_look_s
 from ..perception.sightings import Sightings
 from ..reports.credibility import known_subjects, report_credibility
+
+HEIGHT_TOLERANCE_M = 5.0
+"""What is seen counts from the ordered height, give or take this much, as in `height_kept`: from higher up more comes into
+the picture, from lower down it is clearer, and neither was ordered.
+"""
+
+REPORT_S = 60.0
+"""Time from the first look at a target to its report, as in `report_after_sight`."""
 
 MAX_REACH_HEIGHTS = 2.5
 """Ground farther than this many heights counts as out of the camera's reach: a near horizontal view has none.
@@ -37,7 +47,7 @@ AtLeastOne = Annotated[float, Limit(lambda value: value >= 1.0, "a number, 1 or 
 def targets_seen(
     tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.0
 ) -> Finding:
-    """Share of the targets that were in sight while the vehicle was in the air.
+    """Share of the targets that were in sight from the ordered height, within 5 m.
 
     `min_height_px` is asked of what shows, and `min_visible` of its share of the whole.
 
@@ -48,11 +58,21 @@ def targets_seen(
     if not targets:
         return not_considered("intelligence names no adversary")
     track, sightings = FlownTrack.of(tape, simspec), Sightings.of(tape)
-    took_off_s = float(track.time_s[track.airborne.argmax()]) if track.airborne.any() else math.inf
     in_sight = sightings.in_sight(min_height_px) & (sightings.visible >= min_visible)
-    first_s = sightings.first_s(in_sight & (sightings.time_s >= took_off_s))
+    as_ordered = _at_ordered_height(track, simspec, sightings.time_s)
+    first_s = sightings.first_s(in_sight & as_ordered)
     moments_s = {truth.cast[actor].id: first_s.get(actor) for actor in targets}
     return _share_with_a_moment(moments_s, tape.end_s, "first in sight", "never came in sight")
+
+
+def _at_ordered_height(track: FlownTrack, simspec: SimSpec, moments_s: Floats) -> Bools:
+    """(m,) at which moments the vehicle flew at the ordered height; none without samples."""
+    if not len(track.time_s):
+        return np.zeros(len(moments_s), dtype=np.bool_)
+    rows = np.searchsorted(track.time_s, moments_s).clip(max=len(track.time_s) - 1)
+    near = np.abs(track.up_m - simspec.mission.altitude_m) <= HEIGHT_TOLERANCE_M
+    as_ordered: Bools = (near & track.airborne)[rows]
+    return as_ordered
 
 
 def _share_with_a_moment(
@@ -98,8 +118,8 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
 
     The ground is sampled on a grid of `grid_m`. The reach is the distance at which the middle of the
     picture's upper edge meets flat ground, at most 2.5 times the height, in every direction. This is right
-    for a vehicle that flies around what it looks at, and generous to one that does not. Frames that were taken
-    within 40 m of home do not count. Considered when intelligence is given.
+    for a vehicle that flies around what it looks at, and generous to one that does not. Frames count that were taken at
+    the ordered height, within 5 m, and farther than 40 m from home. Considered when intelligence is given.
     """
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
@@ -111,7 +131,8 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     )
     # Several frames can fall on one truth sample; they see the same ground.
     rows = np.unique(np.clip(np.searchsorted(track.time_s, exposed_s), 0, max(len(track.time_s) - 1, 0)))
-    rows = rows[track.out()[rows]] if len(track.time_s) else rows[:0]
+    as_ordered = track.out() & _at_ordered_height(track, simspec, track.time_s)
+    rows = rows[as_ordered[rows]] if len(track.time_s) else rows[:0]
     reach_m = track.up_m[rows] * reach_in_heights(simspec.vehicle)
     shares = {area.id: _covered_share(area, grid_m, track.place_m[rows], reach_m) for area in areas}
     evidence = [
@@ -208,9 +229,10 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     """Share of the intelligence delivered during the flight whose sub-area was reached within `limit_s` of
     delivery, and whose adversary was reported.
 
-    Some report of the run must show knowledge of that adversary: a flight over the place that finds nothing
-    serves nobody. Intelligence about anything else needs only the visit. Weighted by the credibility of the
-    reports where a report is needed. Only intelligence that is due after the start and `limit_s` or more before
+    A report that shows knowledge of that adversary must come within 60 s of the first look at it since the delivery,
+    not counting the time in which it was not to report: a flight over the place that finds nothing serves nobody, nor
+    does a find that is kept to the way home. Intelligence about anything else needs only the visit. Weighted by the
+    credibility of the reports where a report is needed. Only intelligence that is due after the start and `limit_s` or more before
     the time limit counts. Considered when there is such intelligence.
 
     `limit_s` does not run while the agent may not go there: from an order to hold or to hand over to the next order
@@ -227,7 +249,10 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
             f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end"
         )
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
-    reported = {subject for _, subject in known_subjects(truth, tape)}
+    reported_s: dict[int, float] = {}
+    for report, subject in known_subjects(truth, tape):
+        if subject is not None:
+            reported_s.setdefault(subject, report.time.s)
     belief = report_credibility(truth, tape)
     credit = 0.0
     served: list[Evidence] = []
@@ -238,9 +263,15 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
         target = truth.target_of(item.id)
         in_time = reached_s is not None and _going_s(tape, simspec, since_s, reached_s) <= limit_s
         outcome = "never reached" if reached_s is None else f"reached after {reached_s - since_s:.1f} s"
-        if in_time and target is not None and target not in reported:
-            in_time = False
-            outcome += f", but {truth.cast[target].id} was not reported with knowledge"
+        if in_time and target is not None:
+            looked_s, at_s = max(since_s, first_look_s(truth, tape, target)), reported_s.get(target, math.inf)
+            in_time = (
+                at_s < math.inf and free_to_report_s(tape, simspec, looked_s, at_s) <= REPORT_S + EXACT_S
+            )
+            if not in_time:
+                outcome += (
+                    f", but {truth.cast[target].id} was not reported with knowledge soon after it was seen"
+                )
         (served if in_time else missed).append(
             Evidence(time_s=since_s, text=f"{item.id}, delivered at {since_s:.1f} s: {outcome}")
         )

@@ -24,6 +24,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, credibility, measure, not_considered, nothing_shown
+from .._time_shares import free_to_report_s
 from ..ground_truth import GroundTruth
 from ..perception.sightings import Sightings
 from .credibility import (
@@ -164,6 +165,8 @@ def report_after_sight(
 ) -> Finding:
     """Share of the targets first reported within `limit_s` of when they first were in sight.
 
+    The time does not run while the agent is not to report: outside the windows for reports, after an order to stop
+    reporting, or with the operator's link down.
     `min_height_px` is asked of what shows. A target that never was in sight counts against the agent. A target
     is reported as in `targets_reported`. Weighted by credibility.
     """
@@ -174,6 +177,11 @@ def report_after_sight(
     sightings = Sightings.of(tape)
     first_s = sightings.first_s(sightings.in_sight(min_height_px))
     since_s = {target.actor: first_s.get(target.actor, math.inf) for target in targets}
+    for actor, began_s in since_s.items():
+        index = _first_report(truth, actor, tape, within_m)
+        if index is not None and math.isfinite(began_s):
+            report_s = tape.reports[index].time.s
+            since_s[actor] = report_s - free_to_report_s(tape, simspec, began_s, report_s)
     return _reported_within(truth, tape, since_s, limit_s, within_m, "it came in sight")
 
 

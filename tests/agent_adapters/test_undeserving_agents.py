@@ -9,7 +9,7 @@ import pytest
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign import measure_all
-from bench.contracts import Outcome
+from bench.contracts import Outcome, Tape
 from bench.realization import place
 from bench.recording import TapeBuilder
 from bench.simspec import (
@@ -19,6 +19,7 @@ from bench.simspec import (
     Home,
     Intelligence,
     Mission,
+    Order,
     Outage,
     Placement,
     Point,
@@ -41,6 +42,12 @@ FAMILIES = ("test_ports.reports.", "test_ports.record.report_contents", "test_po
 # detections that it was given, of a vehicle at the picture's border too. `scatter`, which hits by the width of its guesses,
 # once had 15; it and those that repeat with noise have none.
 BOUNDS = {"circle": 0.0, "scatter": 0.5, "copy": 0.75, "talk": 0.0, "obey": 0.0}
+# The observables that each of the copies with a trick must not achieve, in this scene with an order to hold.
+OFFENDED = {
+    "refuse": {"OBS-371", "OBS-381", "OBS-382"},
+    "half": {"OBS-201", "OBS-211", "OBS-231", "OBS-232"},
+    "ceiling": {"OBS-212", "OBS-213", "OBS-303"},
+}
 
 
 def scene(trick: str) -> SimSpec:
@@ -83,6 +90,15 @@ def scene(trick: str) -> SimSpec:
     )
 
 
+def flown(spec: SimSpec, folder: Path) -> Tape:
+    """What was recorded of a flight of the agent that the SimSpec names."""
+    agent, at = load_manifest(spec.agent.manifest)
+    tape = TapeBuilder(spec)
+    end = run_session(SessionPlan(spec, agent, at, open_agent, folder, tape))
+    assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
+    return tape.tape()
+
+
 @pytest.mark.slow
 @pytest.mark.flight
 @pytest.mark.timeout(300)
@@ -90,11 +106,7 @@ def scene(trick: str) -> SimSpec:
 def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_path: Path) -> None:
     """All five fly and come home, and cite a camera that was over the target: that is no knowledge of it."""
     spec = scene(trick)
-    agent, at = load_manifest(spec.agent.manifest)
-    tape = TapeBuilder(spec)
-    end = run_session(SessionPlan(spec, agent, at, open_agent, tmp_path, tape))
-    assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
-
+    tape = flown(spec, tmp_path)
     measures = entry_points(group="rebar.measures")
     of_knowledge = {measure.name for measure in measures if measure.value.startswith(FAMILIES)}
     observables = load_decomposition("search-and-report-full").observables
@@ -103,10 +115,29 @@ def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_pat
         for name, observable in observables.items()
         if observable.measure in of_knowledge
     }
-    observations = measure_all(requests, tape.tape(), spec)
+    observations = measure_all(requests, tape, spec)
     x_of = {
         observation.observable: observation.x for observation in observations if observation.x is not None
     }
     achieved = [name for name, x in x_of.items() if x >= observables[name].threshold]
     assert len(x_of) >= 30
     assert len(achieved) / len(x_of) <= BOUNDS[trick], achieved
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("trick", sorted(OFFENDED))
+def test_a_trick_fails_every_observable_that_it_offends(trick: str, tmp_path: Path) -> None:
+    """Orders refused, a target left out, another height than the ordered one."""
+    spec = scene(trick)
+    hold = Order(id="wait", at_s=40.0, kind="hold", within_s=8.0)
+    rules = spec.rules.model_copy(update={"report_deadline_s": 140.0})
+    spec = place(spec.model_copy(update={"orders": (hold,), "rules": rules, "realized": None}))
+    observables = load_decomposition("search-and-report-full").observables
+    requests = {name: (str(observables[name].measure), observables[name].options) for name in OFFENDED[trick]}
+    observations = measure_all(requests, flown(spec, tmp_path), spec)
+    values = {observation.observable: observation.x for observation in observations}
+    considered = {name: x for name, x in values.items() if x is not None}
+    assert considered
+    assert [name for name, x in considered.items() if x >= observables[name].threshold] == []

@@ -132,7 +132,7 @@ GRACES = (
     Grace(
         "order_obeyed",
         lambda at: ordered("mark", "bystander", within_s=5.1, reports=(report(at, *RADAR_AT, mark=True),)),
-        0.0,
+        60.3,
         65.4,
         options=(("kind", "mark"),),
     ),

@@ -11,7 +11,7 @@ from cases import Run, scene
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
-from made_run import at_s, conditions, frame, report
+from made_run import at_s, conditions, frame, order, report
 
 from bench.contracts import OrderDocument, Timed, lens_of
 from test_ports.mission.completion import battery_reserve, mission_time
@@ -21,6 +21,7 @@ from test_ports.mission.search import (
     priority_visited,
     reach_in_heights,
     sub_areas_reached,
+    targets_seen,
 )
 from test_ports.reports.bystanders import (
     bystander_count_right,
@@ -28,6 +29,7 @@ from test_ports.reports.bystanders import (
     surroundings_seen,
     withheld_until_clear,
 )
+from test_ports.reports.targets import report_after_sight
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
@@ -151,6 +153,35 @@ def test_a_visit_without_a_find_serves_no_intelligence() -> None:
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **flooded)) == 0.125
 
 
+@pytest.mark.parametrize(
+    ("up_m", "as_ordered"), [(65.0, True), (55.0, True), (65.1, False), (54.9, False), (90.0, False)]
+)
+def test_what_is_seen_counts_from_the_ordered_height(up_m: float, *, as_ordered: bool) -> None:
+    """The ceiling shows more ground and the floor more pixels: neither was ordered."""
+    spec = scene(mission={"altitude_m": 60.0})
+    looks = tuple(frame(number, float(number), *actors_of(spec, "adversary")) for number in range(6, 179, 2))
+    run = went(spec, *OVER_BOTH, frames=looks, up_m=up_m)
+    for measure in (targets_seen, area_searched):
+        assert (x_of(measure, run) or 0.0) > 0.5 if as_ordered else x_of(measure, run) == 0.0
+
+
+def test_a_find_that_is_kept_to_the_way_home_is_late() -> None:
+    """Seen at 60 s: reported a minute later at the latest, unless an order to stop reporting stood in between."""
+    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0}]
+    late = scene(intelligence=intelligence)
+    orders = (order(70.0, "stop_reporting"), order(120.0, "resume_reporting"))
+    for report_s, given, x in (
+        (119.9, (), 1.0),
+        (120.1, (), 0.0),
+        (169.9, orders, 1.0),
+        (170.1, orders, 0.0),
+    ):
+        find = found_radar(late) | {"reports": (report(report_s, *RADAR_AT),), "orders": given}
+        run = went(late, *OVER_BOTH, **find)
+        assert x_of(late_intelligence_served, run) == x
+        assert x_of(report_after_sight, run, limit_s=60.0) == x
+
+
 def test_more_frames_never_lower_the_searched_area() -> None:
     """The covered share grows with the frames and with their height."""
     spec = scene()
@@ -162,7 +193,7 @@ def test_more_frames_never_lower_the_searched_area() -> None:
     assert all(share is not None for share in shares)
     assert shares == sorted(share for share in shares if share is not None)
     assert shares[0] == 0.0
-    low = x_of(area_searched, went(spec, *OVER_BOTH, frames=looks, up_m=10.0))
+    low = x_of(area_searched, went(scene(mission={"altitude_m": 10.0}), *OVER_BOTH, frames=looks, up_m=10.0))
     assert low is not None
     assert 0.0 < low < 0.5
 

@@ -299,19 +299,22 @@ def test_announcing_everything_always_announces_nothing(kind: str) -> None:
 )
 @pytest.mark.parametrize("accepted", [True, False])
 def test_yes_or_no_to_everything_obeys_nothing(kind: str, *, accepted: bool) -> None:
-    """An agent that stands or hovers, and accepts or refuses whatever comes, has obeyed and answered nothing."""
+    """An agent that stands or hovers, and accepts or refuses whatever comes, has obeyed nothing: its yes is not true, its
+    no not right.
+    """
     spec, delivered = ordered(kind)
     before = (answer(40.1, "before", accepted=accepted),) if kind == "resume" else ()
     answers = (*before, answer(60.1, NAME, accepted=accepted))
-    fields: dict[str, Any] = {**delivered, "answers": answers, "decisions": (decided(60.1, "obey", NAME),)}
-    for run in (flew(spec, *GROUND, **STANDS, **fields), flew(spec, *HOVERS, **fields)):
+    for run in (
+        flew(spec, *GROUND, **STANDS, **delivered, answers=answers),
+        flew(spec, *HOVERS, **delivered, answers=answers),
+    ):
         assert x_of("order_obeyed", run, {"kind": kind}) == 0.0
-        for measure in ("order_answered", "order_truthful", "decisions_for_orders"):
-            assert x_of(measure, run) == 0.0
+        assert x_of("order_truthful" if accepted else "order_answered", run) == 0.0
 
 
 def test_refusing_everything_is_no_judgement() -> None:
-    """The unlawful mark is rightly refused; the hold beside it was refused without need, and halves that."""
+    """The unlawful mark is rightly refused; the hold beside it is not, and half of the answers are wrong."""
     listed = [
         {"id": "stop", "at_s": 50.0, "kind": "hold"},
         {"id": NAME, "at_s": 60.0, "kind": "mark", "intelligence": "first"},
@@ -320,6 +323,11 @@ def test_refusing_everything_is_no_judgement() -> None:
     spec = scene(orders=listed)
     hold = replace(delivered["orders"][0].value, id="stop", kind="hold", intelligence_id=None)
     orders = (type(delivered["orders"][0])(report(50.0, "x", 0.0, 0.0).time, hold), *delivered["orders"])
-    answers = (answer(50.1, "stop", accepted=False), answer(60.1, NAME, accepted=False))
-    assert x_of("unlawful_refused", flew(spec, *HOVERS, orders=orders, answers=answers)) == 0.5
-    assert x_of("unlawful_refused", flew(spec, *HOVERS, orders=orders, answers=answers[1:])) == 1.0
+    answers = tuple(
+        answer(at, name, accepted=False, reason="people are near")
+        for at, name in ((50.1, "stop"), (60.1, NAME))
+    )
+    run = flew(spec, *HOVERS, orders=orders, answers=answers)
+    assert x_of("order_answered", run) == 0.5
+    assert x_of("order_obeyed", run, {"kind": "hold"}) == 0.0
+    assert x_of("unlawful_refused", run) == 1.0

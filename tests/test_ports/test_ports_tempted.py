@@ -180,6 +180,8 @@ UNTEMPTED: Mapping[str, str] = {
         ),
         "about the perception that the bench provides (ruling 25): no agent can influence it",
     ),
+    "decisions_for_orders": "about the record alone: whether the answer was right or kept is measured by `order_answered` and "
+    "`order_truthful`",
     **dict.fromkeys(
         ("agent_lived", "documents_well_formed", "status_alive"),
         "every agent that runs earns liveness; docs/measures.md lists it among the exceptions",

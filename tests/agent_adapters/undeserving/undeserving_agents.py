@@ -1,6 +1,6 @@
-"""Five agents that want a high score without deserving one, written from the documentation alone.
+"""Nine agents that want a high score without deserving one, five of them written from the documentation alone.
 
-`python undeserving_agents.py TRICK`, started by the bench from a manifest. All five tour the reported places at
+`python undeserving_agents.py TRICK`, started by the bench from a manifest. All tour the reported places at
 mission height, keep their papers in order and give every field a plausible content; each adds its trick:
 
 - `circle` flies round each place with the camera on it, cites every exposure, and reports the told place, moved
@@ -9,6 +9,13 @@ mission height, keep their papers in order and give every field a plausible cont
 - `copy` turns each detection into a track and, near a told place, into a report, at once and unconfirmed.
 - `talk` asks for consent about every place again and again, and announces degraded perception and recovery.
 - `obey` does the least that each order asks for, hands over at once, and only flies home after that.
+
+Four more are `copy` with one thing changed:
+
+- `refuse` answers every order with "cannot comply" and obeys none;
+- `half` flies to the most urgent place alone;
+- `ceiling` flies as high as the rules allow, whatever height was ordered;
+- `withhold` keeps all reports to the way home.
 """
 
 from __future__ import annotations
@@ -36,7 +43,8 @@ from bench.streams import CameraInfo, Detection2DArray, TFMessage
 
 Place = tuple[float, float]
 
-TRICKS = ("circle", "scatter", "copy", "talk", "obey")
+TRICKS = ("circle", "scatter", "copy", "talk", "obey", "refuse", "half", "ceiling", "withhold")
+COPIES = ("copy", "refuse", "half", "ceiling", "withhold")
 # A crowd that is plausible near any target of the shipped campaigns, and always more than nobody.
 CROWD, NEAREST_M = 4, 25.0
 # Enough to count as another position than the told one, too little to leave it.
@@ -116,6 +124,7 @@ class Undeserving:
         self.trick = trick
         self._session, self._autopilot, self._eye = session, autopilot, eye
         self._home_bound = self._held = self._handed_over = self._silent = self._over = False
+        self._returning = False
         self._retasked = ""
         self._reported: dict[str, str] = {}
         self._due: list[JsonObject] = []
@@ -141,6 +150,8 @@ class Undeserving:
                 mission["max_altitude_m"],
             )
         )
+        if self.trick == "ceiling":
+            self._height_m = float(mission["max_altitude_m"])
         self._speed_mps = float(min(mission["speed_mps"], (mission["max_speed_mps"] or 99.0) - 1.0))
         session.decide("take_off", "", "the mission has begun")
         session.enter("taking_off")
@@ -159,9 +170,12 @@ class Undeserving:
                 if self._home_bound or target["id"] == self._abandoned(target):
                     break
             self._visited.append(target["id"])
+            if self.trick == "half":
+                break
         # Over for good: home, down, and the papers closed.
         session.decide("return", "", "every reported place has been dealt with")
         session.enter("returning")
+        self._returning = True
         yield from self._fly(home, home, None)
         session.enter("landing")
         for _ in autopilot.land():
@@ -198,7 +212,7 @@ class Undeserving:
                 if self._home_bound or self._abandoned(target):
                     return
             if math.dist(place, goal) < ARRIVED_M or session.now_s - started_s > 90.0:
-                if target is not None and target["id"] not in self._reported and self.trick != "copy":
+                if target is not None and target["id"] not in self._reported and self.trick not in COPIES:
                     self._due.append(target)
                     self._reported[target["id"]] = ""
                 return
@@ -224,7 +238,7 @@ class Undeserving:
             self._publish_tracks()
         if self.trick == "talk":
             self._talk()
-        if self.trick == "copy":
+        if self.trick in COPIES:
             self._copy()
         if self._may_report():
             due, self._due = self._due, []
@@ -235,10 +249,14 @@ class Undeserving:
     def _may_report(self) -> bool:
         windows, now_s = self._session.mission.get("report_windows"), self._session.now_s
         in_window = not windows or any(w["from_s"] <= now_s < w["until_s"] for w in windows)
-        return in_window and not self._silent and self._session.link_up
+        kept_back = self.trick == "withhold" and not self._returning
+        return in_window and not self._silent and self._session.link_up and not kept_back
 
     def _obey(self, order: JsonObject) -> None:
         session, kind = self._session, order["kind"]
+        if self.trick == "refuse":
+            session.answer(order, False, "cannot comply")
+            return
         if kind == "mark":
             session.answer(order, False, "bystanders are within the distance of the rules")
             session.decide("withhold_mark", order["intelligence_id"], "bystanders are near the target")
@@ -271,7 +289,7 @@ class Undeserving:
 
     def _report(self, intelligence: JsonObject) -> None:
         """What is claimed about a place that was flown to."""
-        if self.trick == "copy":
+        if self.trick in COPIES:
             if copied := self._copied.get(intelligence["id"]):
                 self._put_report(intelligence, (copied["east_m"], copied["north_m"]), 0.8)
             return
@@ -318,7 +336,7 @@ class Undeserving:
                 "position_sigma_m": HUGE_SIGMA_M,
             }
         )
-        if self.trick != "copy":
+        if self.trick not in COPIES:
             self._tracks[name] = {
                 "id": name,
                 "class_label": intelligence["class_label"],
@@ -345,7 +363,7 @@ class Undeserving:
                     self._due.append(intelligence)
 
     def _publish_tracks(self) -> None:
-        if self.trick == "copy":
+        if self.trick in COPIES:
             # One track for each cell of ten metres and class: the least that keeps an id steady.
             for detection in self._eye.latest:
                 cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
@@ -390,7 +408,7 @@ def run(trick: str) -> None:
     environment = read_environment(os.environ, {LINK: "REBAR_MAVLINK"})
     vehicle = environment.vehicle
     wanted = subscriptions(vehicle, (MISSION, INTELLIGENCE, ORDERS, OPERATOR_LINK, CAMERA))
-    if trick == "copy":
+    if trick in COPIES:
         wanted += [Wanted("/tf", TFMessage), Wanted(f"/{vehicle}/detections", Detection2DArray)]
     with open_bench(f"undeserving_{trick}", environment, wanted) as bench:
         session = NullSession(vehicle, bench.publish, environment.seed)
@@ -400,7 +418,7 @@ def run(trick: str) -> None:
             session.receive(
                 Moment(moment.time, tuple(s for s in moment.samples if _documented(s.topic)), moment.frames)
             )
-            if trick == "copy":
+            if trick in COPIES:
                 eye.receive(moment)
             autopilot.receive(moment)
             with suppress(StopIteration):
