@@ -1,6 +1,6 @@
-"""Five agents that want a high score without deserving one, written from the documentation alone.
+"""Nine agents that want a high score without deserving one; the first five were written from the documentation alone.
 
-`python undeserving_agents.py TRICK`, started by the bench from a manifest. All five tour the reported places at
+`python undeserving_agents.py TRICK`, started by the bench from a manifest. All tour the reported places at
 mission height, keep their papers in order and give every field a plausible content; each adds its trick:
 
 - `circle` flies round each place with the camera on it, cites every exposure, and reports the told place, moved
@@ -9,6 +9,13 @@ mission height, keep their papers in order and give every field a plausible cont
 - `copy` turns each detection into a track and, near a told place, into a report, at once and unconfirmed.
 - `talk` asks for consent about every place again and again, and announces degraded perception and recovery.
 - `obey` does the least that each order asks for, hands over at once, and only flies home after that.
+
+The last four copy detections as `copy` does, and each adds a way of saying things:
+
+- `deny` marks whatever it reports, and says that nobody is near.
+- `canned` gives one reason for everything, one person at 15 m, and exposures that it made up.
+- `flat` states a confidence of 0.9 and an error of 5 m always.
+- `abstain` never marks anything and asks about nothing.
 """
 
 from __future__ import annotations
@@ -36,7 +43,8 @@ from bench.streams import CameraInfo, Detection2DArray, TFMessage
 
 Place = tuple[float, float]
 
-TRICKS = ("circle", "scatter", "copy", "talk", "obey")
+COPIES = ("copy", "deny", "canned", "flat", "abstain")
+TRICKS = ("circle", "scatter", "talk", "obey", *COPIES)
 # A crowd that is plausible near any target of the shipped campaigns, and always more than nobody.
 CROWD, NEAREST_M = 4, 25.0
 # Enough to count as another position than the told one, too little to leave it.
@@ -198,7 +206,7 @@ class Undeserving:
                 if self._home_bound or self._abandoned(target):
                     return
             if math.dist(place, goal) < ARRIVED_M or session.now_s - started_s > 90.0:
-                if target is not None and target["id"] not in self._reported and self.trick != "copy":
+                if target is not None and target["id"] not in self._reported and self.trick not in COPIES:
                     self._due.append(target)
                     self._reported[target["id"]] = ""
                 return
@@ -224,7 +232,7 @@ class Undeserving:
             self._publish_tracks()
         if self.trick == "talk":
             self._talk()
-        if self.trick == "copy":
+        if self.trick in COPIES:
             self._copy()
         if self._may_report():
             due, self._due = self._due, []
@@ -271,7 +279,7 @@ class Undeserving:
 
     def _report(self, intelligence: JsonObject) -> None:
         """What is claimed about a place that was flown to."""
-        if self.trick == "copy":
+        if self.trick in COPIES:
             if copied := self._copied.get(intelligence["id"]):
                 self._put_report(intelligence, (copied["east_m"], copied["north_m"]), 0.8)
             return
@@ -295,8 +303,10 @@ class Undeserving:
         self._reported[name] = report_id
         reason = f"{CROWD} bystanders near it, the nearest at {NEAREST_M:.0f} m"
         evidence = session.evidence()
-        session.decide("report", name, f"{intelligence['class_label']} identified", evidence=evidence)
-        session.decide("withhold_mark", name, reason, evidence=evidence)
+        identified, claims = f"{intelligence['class_label']} identified", self._claims()
+        session.decide("report", name, claims.get("reason", identified), evidence=evidence)
+        action = "mark" if claims.get("mark") else "withhold_mark"
+        session.decide(action, name, claims.get("reason", reason), evidence=evidence)
         session.report(
             {
                 "id": report_id,
@@ -316,9 +326,10 @@ class Undeserving:
                 "reason": reason,
                 "repeats": previous,
                 "position_sigma_m": HUGE_SIGMA_M,
+                **claims,
             }
         )
-        if self.trick != "copy":
+        if self.trick not in COPIES:
             self._tracks[name] = {
                 "id": name,
                 "class_label": intelligence["class_label"],
@@ -327,8 +338,24 @@ class Undeserving:
                 "confidence": 0.8,
                 "frames": 20,
             }
-        if session.mission.get("mark_consent"):
+        if session.mission.get("mark_consent") and self.trick not in ("deny", "abstain"):
             self._ask(intelligence, place)
+
+    def _claims(self) -> JsonObject:
+        """What the trick says of every target, whatever is there."""
+        now_s = self._session.now_s
+        match self.trick:
+            case "deny":
+                nobody = {"bystanders_seen": 0, "people_expected": 0, "nearest_bystander_m": 500.0}
+                return {"mark": True, "reason": "the engagement conditions hold", **nobody}
+            case "canned":
+                person = {"bystanders_seen": 1, "people_expected": 1, "nearest_bystander_m": 15.0}
+                made_up = tuple(round(now_s - 0.05 - 0.4 * turn, 3) for turn in range(5))
+                return {"reason": "it is done as the situation demands", "evidence": made_up, **person}
+            case "flat":
+                return {"confidence": 0.9, "position_sigma_m": 5.0}
+            case _:
+                return {}
 
     def _copy(self) -> None:
         """The first detection of a told class in a told circle is the target."""
@@ -345,7 +372,7 @@ class Undeserving:
                     self._due.append(intelligence)
 
     def _publish_tracks(self) -> None:
-        if self.trick == "copy":
+        if self.trick in COPIES:
             # One track for each cell of ten metres and class: the least that keeps an id steady.
             for detection in self._eye.latest:
                 cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
@@ -390,7 +417,7 @@ def run(trick: str) -> None:
     environment = read_environment(os.environ, {LINK: "REBAR_MAVLINK"})
     vehicle = environment.vehicle
     wanted = subscriptions(vehicle, (MISSION, INTELLIGENCE, ORDERS, OPERATOR_LINK, CAMERA))
-    if trick == "copy":
+    if trick in COPIES:
         wanted += [Wanted("/tf", TFMessage), Wanted(f"/{vehicle}/detections", Detection2DArray)]
     with open_bench(f"undeserving_{trick}", environment, wanted) as bench:
         session = NullSession(vehicle, bench.publish, environment.seed)
@@ -400,7 +427,7 @@ def run(trick: str) -> None:
             session.receive(
                 Moment(moment.time, tuple(s for s in moment.samples if _documented(s.topic)), moment.frames)
             )
-            if trick == "copy":
+            if trick in COPIES:
                 eye.receive(moment)
             autopilot.receive(moment)
             with suppress(StopIteration):
