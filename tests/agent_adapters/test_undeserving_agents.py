@@ -70,7 +70,10 @@ def scene(trick: str) -> SimSpec:
         asset="civilian",
         role=Role.BYSTANDER,
         count=1,
-        placement=Placement(at=Home(east_m=90.0, north_m=50.0, heading_deg=0.0)),
+        # Beside the radar; what `canned` says, one person at 15 m, must not happen to be so.
+        placement=Placement(
+            at=Home(east_m=105.0 if trick == "canned" else 90.0, north_m=50.0, heading_deg=0.0)
+        ),
     )
     return place(
         SimSpec(

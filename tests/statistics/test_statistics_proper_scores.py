@@ -17,9 +17,8 @@ ERROR_M = SIGMA_M * RANDOM.rayleigh(1.0, 120)
 
 
 def brier(confidence: Floats, right: Floats) -> float:
-    return sum((stated - is_right) ** 2 for stated, is_right in zip(confidence, right, strict=True)) / len(
-        right
-    )
+    total = sum((stated - is_right) ** 2 for stated, is_right in zip(confidence, right, strict=True))
+    return float(total / len(right))
 
 
 def interval_score(sigma_m: Floats, error_m: Floats) -> float:
@@ -75,7 +74,8 @@ def test_the_order_of_the_runs_decides_nothing_and_the_scene_decides_the_interva
     straight = confidence_skill(CHANCE, RIGHT, SCENES)
     assert straight is not None
     assert turned is not None
-    assert (turned.scenes, turned.skill) == (straight.scenes, pytest.approx(straight.skill))
+    assert turned.scenes == straight.scenes
+    assert turned.skill == pytest.approx(straight.skill)
     alone = confidence_skill(CHANCE, RIGHT, [f"{number}" for number in range(120)])
     # Every statement ten times in its scene is no more knowledge, and every one a scene of its own would be.
     many = np.tile(CHANCE, 10), np.tile(RIGHT, 10)

@@ -38,7 +38,8 @@ def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor:
 
 def misses(tape: Tape, actor: int) -> int:
     """Places of the actor's class named within 60 m of it, 20 m beside all of that class; 10 m tell places apart."""
-    label, places = tape.cast[actor].class_label, []
+    label = tape.cast[actor].class_label
+    places: list[tuple[float, float]] = []
     for report in tape.reports:
         value, actors = report.value, actors_at(tape, report.time.s)
         place = (value.east_m, value.north_m)
