@@ -151,7 +151,7 @@ class ScoreSource:
 
     def report(self, *, per_run: bool) -> ScoreReport:
         """The document for `--json`."""
-        from bench.scoring import absent_pairs, run_reports, score_report
+        from bench.scoring import absent_pairs, run_reports, score_report, statement_reports
 
         runs = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
         absent = absent_pairs(self.decomposition, self.runs)
@@ -167,6 +167,11 @@ class ScoreSource:
             self.fidelity,
             self.floors,
             completeness_report(self.completeness, Path(self.source)) if self.completeness else None,
+            statement_reports(
+                (run.agent, (run.design_point, run.replicate), run.statements)
+                for run in self.runs
+                if run.outcome.counts
+            ),
         )
 
     def explained(self, node: str, limit: int) -> Explanation:
@@ -280,6 +285,7 @@ def _of_campaign(
 
 def _of_run(folder: Path, named: str | None) -> ScoreSource:
     from bench.campaign import check_run, load_measurable_decomposition, open_recorded, rescore
+    from bench.contracts import ReportStatements
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
 
@@ -298,6 +304,7 @@ def _of_run(folder: Path, named: str | None) -> ScoreSource:
         outcome=result.outcome,
         difficulty=difficulty_of(decomposition, simspec),
         observations=result.observations,
+        statements=result.fact(ReportStatements),
     )
     scores = score_table(decomposition, [run])
     return ScoreSource(

@@ -66,6 +66,8 @@ if TYPE_CHECKING:
     from ._facts import FirmwareEnds as FirmwareEnds
     from ._facts import OverheadFidelity as OverheadFidelity
     from ._facts import PixelDetectorBuild as PixelDetectorBuild
+    from ._facts import ReportStatement as ReportStatement
+    from ._facts import ReportStatements as ReportStatements
     from ._facts import ServicesLetIn as ServicesLetIn
     from ._facts import ServiceUse as ServiceUse
     from ._facts import StepTiming as StepTiming

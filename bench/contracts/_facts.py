@@ -92,6 +92,23 @@ class TruthSightings(Texts):
     key = "saw_the_truth"
 
 
+class ReportStatement(Document):
+    """What one report states, and how far it was off. `error_m` is the distance to the nearest target of its class, None
+    without one; `sigma_m` the stated error, one sigma on each axis.
+    """
+
+    confidence: float
+    error_m: float | None
+    sigma_m: float | None
+
+
+class ReportStatements(Fact):
+    """What the reports of the run state of their confidence and error, in order of arrival."""
+
+    key = "report_statements"
+    reports: tuple[ReportStatement, ...]
+
+
 class FirmwareEnds(Texts):
     """How the real autopilot failed in flight in attempts at the run."""
 

@@ -12,9 +12,10 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from bench.contracts import Outcome
+from bench.contracts import Outcome, ReportStatements
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
+from bench.scoring import statement_reports
 
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData
 from ._campaign_folder import load_report_data
@@ -161,6 +162,12 @@ def page_pieces(
         "trees": node_trees(data, shown, trials),
         "panels": configuration_panels(data, shown, figures),
         "sensor": sensor_observables(data),
+        "statements": statement_reports(
+            (run.agent, run.scene, run.fact(ReportStatements))
+            for agent in data.agents
+            for run in data.runs
+            if run.agent == agent and run.outcome is not None and run.outcome.counts and not run.after_stop
+        ),
         "style_of": {style.name: style for style in shown},
         "detectors": detector_sentences(simspec.perception for _, simspec in situations_of(data.simspecs)),
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],

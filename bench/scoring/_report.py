@@ -14,6 +14,7 @@ from decompositions import Decomposition
 
 from ._difficulty import Standing
 from ._floor import NodeFloor
+from ._statements import StatementReport
 from ._table import OVERRULED
 
 Points = Annotated[float, Field(description="On the scale of difficulty.")]
@@ -194,6 +195,9 @@ class ScoreReport(Document):
     runs: tuple[RunReport, ...] | None = Field(
         None, description="With --per-run, or where a single run was named."
     )
+    statements: tuple[StatementReport, ...] = Field(
+        (), description="What each agent states of its confidence and error, over all runs that count."
+    )
 
 
 # The document says `id`, `score` and `confidence` where the tables have longer column names.
@@ -239,6 +243,7 @@ def score_report(
     fidelity: Literal["full", "overhead"] | None = None,
     floors: Mapping[str, NodeFloor] | None = None,
     completeness: CompletenessReport | None = None,
+    statements: tuple[StatementReport, ...] = (),
 ) -> ScoreReport:
     """The document over a score table and its summary, with floor and ceiling where they are known."""
     return ScoreReport(
@@ -252,6 +257,7 @@ def score_report(
         absent=absent,
         nodes=tuple(_with_floor(node, floors or {}) for node in node_reports(scores, summary)),
         runs=runs,
+        statements=statements,
     )
 
 

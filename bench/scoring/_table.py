@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Observation, Outcome
+from bench.contracts import Observation, Outcome, ReportStatements
 from decompositions import Decomposition
 
 from ._arrays import DecompositionArrays, arrays_of
@@ -70,6 +70,7 @@ class ScoredRun:
     difficulty: Difficulty
     observations: tuple[Observation, ...]
     until_settled: bool = False
+    statements: ReportStatements | None = None
 
 
 def score_table(

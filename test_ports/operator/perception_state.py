@@ -20,7 +20,7 @@ from bench.simspec import SimSpec, sun_of
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
-from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility
+from ..reports.credibility import NO_TARGETS, known_subjects
 
 BAD_LEVEL = 5.0
 """Level of fog or rain from which a detector may rightly be called degraded: at fog level 5 one sees some 1300 m, and
@@ -120,8 +120,8 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
 
     Only reports more than `slack_s` after the onset count. A report is modest when its confidence is at least
     0.05 below the mean of the reports outside, 1 without any, or its `position_sigma_m` at least 1.25 times
-    theirs. Without reports during a degradation the first share is 1. Times the credibility of the reports, which
-    is 0 without one that shows knowledge. Considered when intelligence names an adversary, too.
+    theirs. Without reports during a degradation the first share is 1. 0 without a
+    report that shows knowledge. Considered when intelligence names an adversary, too.
     """
     spans = _degradations(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
@@ -158,7 +158,7 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
         time_s=spans[0].at_s,
         text=f"{len(stated)} of {len(spans)} degradations stated; {len(inside)} reports meanwhile",
     )
-    value = modest_share * len(stated) / len(spans) * report_credibility(truth, tape)
+    value = modest_share * len(stated) / len(spans)
     return Finding(value, (*bold, note))
 
 

@@ -1,90 +1,49 @@
-"""Measures of what the reports state about themselves: their fields, evidence, links, uncertainty and
-confidence.
+"""Measures of what the reports state about themselves: their evidence, links and uncertainty.
 
-These measures are considered when intelligence names an adversary. They are 0 without reports, and multiplied
-by the credibility of the reports: a record of guesses is worth no more than the guesses. Where a measure is
-about reports on an adversary or a target, these must show knowledge of it.
+These measures are considered when intelligence names an adversary. They are about the reports that show knowledge of an
+adversary, and 0 without any: the record of a guess is worth nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Limit, measure, not_considered
+from .._declaration import Finding, measure, not_considered
 from ..ground_truth import EXACT_S, GroundTruth, scheduled_faults
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
-from ..reports.credibility import NO_TARGETS, believed, known_subjects, report_credibility
-from .verdicts import Verdict, share_of_reports, share_right
+from ..reports.credibility import NO_TARGETS, known_subjects
+from ..reports.second_look import CITED_WITHIN_S, looks_cited
+from .verdicts import Verdict, share_right
 
 AFTERMATH_S = 30.0
 """How long after a navigation fault reports still count as made under it. Chosen, not measured."""
 
-IS_FILLED: dict[str, Callable[[TargetReport], bool]] = {
-    "intelligence_id": lambda report: bool(report.intelligence_id),
-    "bystanders_seen": lambda report: report.bystanders_seen is not None,
-    "nearest_bystander_m": lambda report: report.nearest_bystander_m is not None,
-    "evidence": lambda report: bool(report.evidence),
-    "reason": lambda report: bool(report.reason.strip()),
-    "position_sigma_m": lambda report: report.position_sigma_m is not None,
-}
-
-
-def _field_names(fields: str) -> list[str]:
-    return [name.strip() for name in fields.split(",")]
-
-
-FieldNames = Annotated[
-    str,
-    Limit(
-        lambda fields: all(name in IS_FILLED for name in _field_names(fields)),
-        f"names separated by commas, of {', '.join(IS_FILLED)}",
-    ),
-]
-
 
 @measure
-def report_fields(tape: Tape, simspec: SimSpec, *, fields: FieldNames = "evidence") -> Finding:
-    """Mean share of the named fields that the reports fill.
-
-    `fields` is a list, separated by commas, of intelligence_id, bystanders_seen, nearest_bystander_m,
-    evidence, reason, position_sigma_m.
-    """
+def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Finding:
+    """Share of the reports that cite at least `min_frames` different looks at the adversary that they are about."""
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
     verdicts = []
-    for report in tape.reports:
-        for name in _field_names(fields):
-            filled = IS_FILLED[name](report.value)
-            text = f"report {report.value.id}: {name}{'' if filled else ' is missing'}"
-            verdicts.append(Verdict(report.time.s, filled, text))
-    return share_right(verdicts, report_credibility(truth, tape))
-
-
-@measure
-def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Finding:
-    """Share of the reports that cite at least `min_frames` different exposures."""
-
-    def judge(report: Timed[TargetReport]) -> Verdict:
-        count = len(set(report.value.evidence))
-        return Verdict(
-            report.time.s, count >= min_frames, f"report {report.value.id} cites {count} exposures"
-        )
-
-    return share_of_reports(tape, simspec, judge)
+    for report, subject in known_subjects(truth, tape):
+        if subject is not None:
+            count = len(looks_cited(truth, tape, report, subject)[0])
+            text = f"report {report.value.id} cites {count} looks at {truth.cast[subject].id}"
+            verdicts.append(Verdict(report.time.s, count >= min_frames, text))
+    return share_right(verdicts)
 
 
 @measure
 def evidence_true(
-    tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = 0.15
+    tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = CITED_WITHIN_S
 ) -> Finding:
     """Share of the exposures cited by reports about an adversary that are looks at it.
 
@@ -110,7 +69,7 @@ def evidence_true(
             name = truth.cast[subject].id
             text = f"report {report.value.id}: {'' if right else 'no '}look at {name} at {cited_s:.2f} s"
             verdicts.append(Verdict(cited_s, right, text))
-    return share_right(verdicts, report_credibility(truth, tape))
+    return share_right(verdicts)
 
 
 def _nearest_s(times: np.ndarray | None, time_s: float) -> float:
@@ -136,7 +95,7 @@ def intelligence_linked(tape: Tape, simspec: SimSpec) -> Finding:
             verdicts.append(
                 Verdict(report.time.s, right, f"report {report.value.id} names {named or 'no intelligence'}")
             )
-    return share_right(verdicts, report_credibility(truth, tape))
+    return share_right(verdicts)
 
 
 @measure
@@ -176,42 +135,5 @@ def uncertainty_honest(
         )
     # Holding reports back during a fault of navigation is honest.
     if about and not verdicts:
-        return believed(truth, tape, 1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
-    return share_right(verdicts, report_credibility(truth, tape))
-
-
-@measure
-def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """1 - |mean stated confidence - share of the reports within `within_m` of an adversary of their
-    class|.
-    """
-    truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
-    if not tape.reports:
-        return share_right([])
-    right = [
-        subject is not None and truth.subject(report.value, report.time.s, within_m) == subject
-        for report, subject in known_subjects(truth, tape)
-    ]
-    right_share = sum(right) / len(right)
-    # fsum: the mean must not depend on the order of the reports.
-    stated = math.fsum(report.value.confidence for report in tape.reports) / len(tape.reports)
-    text = f"confidence {stated:.2f} on average, {right_share:.2f} right"
-    moment = Evidence(time_s=tape.reports[-1].time.s, text=text)
-    return believed(truth, tape, max(0.0, 1.0 - abs(stated - right_share)), (moment,))
-
-
-@measure
-def ids_unique(tape: Tape, simspec: SimSpec) -> Finding:
-    """Number of different ids divided by the number of reports."""
-    earlier_ids: set[str] = set()
-
-    def judge(report: Timed[TargetReport]) -> Verdict:
-        is_new = report.value.id not in earlier_ids
-        earlier_ids.add(report.value.id)
-        return Verdict(
-            report.time.s, is_new, f"report {report.value.id}{'' if is_new else ' repeats an earlier id'}"
-        )
-
-    return share_of_reports(tape, simspec, judge)
+        return Finding(1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
+    return share_right(verdicts)

@@ -10,7 +10,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, not_considered, nothing_shown, thinned
 from ..ground_truth import GroundTruth
-from ..reports.credibility import NO_TARGETS, report_credibility
+from ..reports.credibility import NO_TARGETS, known_reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,30 +22,22 @@ class Verdict:
     text: str
 
 
-def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Finding:
-    """Share of the right messages times the credibility, 0 without any; the wrong ones come first in
-    evidence.
-    """
+def share_right(verdicts: Sequence[Verdict]) -> Finding:
+    """Share of the right messages, 0 without any; the wrong ones come first in evidence."""
     if not verdicts:
         return nothing_shown(0.0, "no such message was sent")
     # False sorts before true, then by time.
     wrong_first = sorted(verdicts, key=lambda verdict: (verdict.right, verdict.time_s))
-    if credibility < 1.0:
-        last_s = max(verdict.time_s for verdict in verdicts)
-        text = f"too little of what was stated is right, so this counts {credibility:.2f} of it"
-        wrong_first.append(Verdict(last_s, False, text))
     # Thinned before and not after evidence is made of it: an agent may send a million messages.
     evidence = tuple(Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in thinned(wrong_first))
-    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, evidence)
+    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts), evidence)
 
 
 def share_of_reports(
     tape: Tape, simspec: SimSpec, judge: Callable[[Timed[TargetReport]], Verdict]
 ) -> Finding:
-    """Share of the reports that are right, times their credibility; considered when intelligence names an
-    adversary.
-    """
+    """Share of the reports with knowledge that are right; considered when intelligence names an adversary."""
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
-    return share_right([judge(report) for report in tape.reports], report_credibility(truth, tape))
+    return share_right([judge(report) for report in known_reports(truth, tape)])

@@ -16,7 +16,6 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share, out_of_home, unexposed
 from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, outcome_by_agent_fault
-from ..operator.order_outcomes import OrderOutcomes
 
 NEVER_FLEW = "the vehicle never left the ground"
 
@@ -96,7 +95,7 @@ def status_alive(
 def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) -> Finding:
     """1 - (slowest - fastest first answer to an order) / `limit_s`, at least 0.
 
-    Multiplied by the belief in the answers, as defined for orders. Considered when two orders are given. 0 when fewer
+    Considered when two orders are given. 0 when fewer
     than two were answered.
     """
     if len([order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]) < 2:
@@ -117,8 +116,6 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
     slowest_s, slowest = max(reactions, key=lambda reaction: reaction[0])
     fastest_s, fastest = min(reactions, key=lambda reaction: reaction[0])
     text = f"order {slowest.value.order} answered after {slowest_s:.1f} s, {fastest.value.order} after {fastest_s:.1f} s"
-    belief = OrderOutcomes.of(tape, simspec).belief_in_answers()
     return Finding(
-        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s) * belief,
-        (Evidence(time_s=slowest.time.s, text=f"{text}; belief in the answers {belief:.2f}"),),
+        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),)
     )

@@ -15,7 +15,7 @@ from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import TrackMessages
-from ..reports.credibility import believed
+from ..reports.credibility import NO_KNOWLEDGE, known_reports
 from ..reports.places import Place, has_same_place
 
 SAME_PLACE_M = 20.0
@@ -124,19 +124,21 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
     after it.
 
     A report is lost when it arrives during the outage and no earlier report about the same thing arrived
-    while the link was up. Two reports of one class within 20 m of each other are about the same thing. 1 when
-    no report was lost. Weighted by the credibility of the reports, so 0 when nothing was reported. Considered when the link is ever down and intelligence
-    names an adversary.
+    while the link was up. Two reports of one class within 20 m of each other are about the same thing. Only reports that show
+    knowledge count: 1 when none of these was lost, and 0 without any. Considered when the link is ever down and
+    intelligence names an adversary.
     """
     outages = faults_met(tape, simspec, "operator_link")
     if not outages or not GroundTruth.of(tape, simspec).targets():
         return not_considered("the operator's link is never lost, or intelligence names no adversary")
-    if not tape.reports:
-        return nothing_shown(tape.end_s, "nothing was reported")
+    truth = GroundTruth.of(tape, simspec)
+    known = known_reports(truth, tape)
+    if not known:
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     # An outage at a time, because all that arrived in one compare with the same reports before and after it.
     unheard_count, lost = 0, []
     for outage in outages:
-        unheard = _unheard(tape, outages, outage)
+        unheard = _unheard(known, outages, outage)
         unheard_count += len(unheard)
         resent = [
             other.value
@@ -150,17 +152,18 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
             )
             for report in _about_none_of(unheard, resent)
         ]
-    truth = GroundTruth.of(tape, simspec)
-    return believed(truth, tape, 1.0 - len(lost) / unheard_count if unheard_count else 1.0, lost)
+    return Finding(1.0 - len(lost) / unheard_count if unheard_count else 1.0, tuple(lost))
 
 
-def _unheard(tape: Tape, outages: list[FaultSpan], outage: FaultSpan) -> list[Timed[TargetReport]]:
-    """The reports that arrived in an outage, about things of which no report had been received before."""
-    arrived = [report for report in tape.reports if outage.at_s <= report.time.s < outage.until_s]
+def _unheard(
+    reports: list[Timed[TargetReport]], outages: list[FaultSpan], outage: FaultSpan
+) -> list[Timed[TargetReport]]:
+    """Those of the reports that arrived in an outage, about things of which no report had been received before."""
+    arrived = [report for report in reports if outage.at_s <= report.time.s < outage.until_s]
     # What came during the outage was not received either, so what is earlier than a report of it came before its onset.
     received = [
         other.value
-        for other in tape.reports
+        for other in reports
         if other.time.s < outage.at_s
         and not any(down.at_s <= other.time.s < down.until_s for down in outages)
     ]
@@ -178,14 +181,14 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
     """Share of the reports that were not made blindly.
 
     A report is blind when it arrives more than `after_s` into an outage of the detections, and until then the
-    agent had neither shown a track of that class within 20 m nor made a report of that class there. Weighted by
-    the credibility of the reports, so 0 without reports. Considered when the detections ever fail.
+    agent had neither shown a track of that class within 20 m nor made a report of that class there.
+    0 without a report that shows knowledge. Considered when the detections ever fail.
     """
     outages = faults_met(tape, simspec, "detections")
     if not outages:
         return not_considered("the detections never fail")
-    if not tape.reports:
-        return nothing_shown(tape.end_s, "nothing was reported")
+    if not known_reports(GroundTruth.of(tape, simspec), tape):
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     # Sorted, so that the evidence is in order of time where outages overlap.
     rows = sorted(
         row for outage in outages for row in _blind_rows(tape, simspec, outage.at_s + after_s, outage.until_s)
@@ -197,7 +200,7 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
         )
         for row in rows
     ]
-    return believed(GroundTruth.of(tape, simspec), tape, 1.0 - len(blind) / len(tape.reports), blind)
+    return Finding(1.0 - len(blind) / len(tape.reports), tuple(blind))
 
 
 def _blind_rows(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> list[int]:

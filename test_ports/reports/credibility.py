@@ -1,9 +1,10 @@
-"""Which reports are right, which are false, and how far all reports of an agent are believed for it."""
+"""Which reports are right and which are false, and which show knowledge of whom they are about."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 
@@ -11,6 +12,8 @@ from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
 from ..perception.looks import first_look_s, no_look_by
 from .places import PlaceGrid
+
+NO_KNOWLEDGE = "no report shows knowledge of an adversary"
 
 NO_TARGETS = "intelligence names no adversary"
 """Reason for which most measures of reports are not considered."""
@@ -34,34 +37,24 @@ placed, and twice the error of the reference agents' reports without drift. Chos
 """
 
 MAX_FALSE_PLACES = 500
-"""False places that are told apart: with so many an agent has no credibility, and more would only cost
-time.
+"""False places that are told apart: with so many nothing is right, and more would only cost time."""
+
+GUESSED_WITHIN_M, MISSED_BEYOND_M, MOST_MISSES = 60.0, 20.0, 2
+"""An agent that names more than two places of one class within 60 m of an adversary, each more than 20 m beside every
+adversary of that class, has guessed round it. A first report and a correction may both miss. The null agent `everywhere`
+names a place every 30 m. Chosen.
 """
 
 
 def report_credibility(truth: GroundTruth, tape: Tape) -> float:
-    """How far the reports as a whole are believed, by the adversaries and the false places among them.
-
-    0 when they show knowledge of no adversary.
-    """
-
-    def weigh() -> float:
-        adversaries, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
-        return credibility(len(adversaries), len(false_reports)) if adversaries else 0.0
-
-    # Two dozen measures ask for it, and a flood of reports makes it slow.
-    return tape.cached((report_credibility, truth), weigh)
+    """The number of adversaries reported with knowledge over that of the false places, at most 1."""
+    adversaries, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
+    return credibility(len(adversaries), len(false_reports)) if adversaries else 0.0
 
 
 def believed(truth: GroundTruth, tape: Tape, share: float, evidence: Sequence[Evidence]) -> Finding:
-    """The finding of a share of what the reports state, times their credibility, which the evidence names where it
-    is less than 1.
-    """
-    belief = report_credibility(truth, tape)
-    doubt = Evidence(
-        time_s=tape.end_s, text=f"too few of the reports are right, so this counts {belief:.2f} of it"
-    )
-    return Finding(share * belief, (*evidence, doubt) if belief < 1.0 else tuple(evidence))
+    """The finding of a share of what the reports state, times their credibility."""
+    return Finding(share * report_credibility(truth, tape), tuple(evidence))
 
 
 def right_and_false(
@@ -110,15 +103,44 @@ def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetRep
     )
 
 
+def known_reports(truth: GroundTruth, tape: Tape) -> list[Timed[TargetReport]]:
+    """The reports that show knowledge of an adversary."""
+    return [report for report, subject in known_subjects(truth, tape) if subject is not None]
+
+
 def shows_knowledge(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> bool:
-    """Whether there was a look at this actor before the report, and the report does not merely repeat what
-    intelligence stated.
+    """Whether there was a look at this actor before the report, and the report neither repeats what intelligence
+    stated nor is one of several guesses round the actor.
 
     The truth decides, whatever the report cites (docs/rulings.md, ruling 23).
     """
     if first_look_s(truth, tape, actor) > report.time.s:
         return False
+    if reports_guess_round(truth, tape, actor):
+        return False
     return not restates(truth, (report.value.east_m, report.value.north_m), actor, report.time.s)
+
+
+def reports_guess_round(truth: GroundTruth, tape: Tape, actor: int) -> bool:
+    """Whether the reports of a run are guesses round this actor."""
+    return tape.cached((guessed_round, truth, actor), lambda: guessed_round(truth, actor, tape.reports))
+
+
+def guessed_round(truth: GroundTruth, actor: int, messages: Iterable[Timed[Any]]) -> bool:
+    """Whether messages that name a class at a place, such as reports, miss an actor at more than two places near it."""
+    label = truth.cast[actor].class_label
+    alike = [other for other in truth.targets_present() if truth.cast[other].class_label == label]
+    misses = PlaceGrid(ONE_PLACE_M)
+    for message in messages:
+        if message.value.class_label != label:
+            continue
+        distances_m = truth.distances(message.time.s, message.value.east_m, message.value.north_m)
+        is_miss = distances_m[actor] <= GUESSED_WITHIN_M and distances_m[alike].min() > MISSED_BEYOND_M
+        if is_miss and misses.first_match(message.value) is None:
+            misses.add(message.value)
+        if len(misses) > MOST_MISSES:
+            return True
+    return False
 
 
 def false_report(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], within_m: float) -> Evidence:
@@ -128,7 +150,7 @@ def false_report(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], wi
         truth.subject(report.value, report.time.s, within_m),
     )
     if actor is not None:
-        told = f"{truth.cast[actor].id} was placed as intelligence had it"
+        told = f"{truth.cast[actor].id} was placed as intelligence had it, or guessed at"
         reason = no_look_by(truth, tape, actor, report.time.s) or told
     text = f"report {report.value.id} ({report.value.class_label}): {reason}"
     return Evidence(time_s=report.time.s, text=text)

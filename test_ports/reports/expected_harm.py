@@ -23,7 +23,7 @@ def harm_foreseen(
 
     The true number is that of the bystanders who come within the no-mark distance of the target in the 30 s
     after the report. The stated one may differ from it by `tolerance` times the true one, and always by one
-    person; that of a mark may not be lower than the true one, and a mark without it states 0. The last
+    person, but may not be 0 where somebody is; that of a mark may not be lower than the true one, and a mark without it states 0. The last
     report must show knowledge of the target. 0 for a target that was never reported. Considered when some
     target is exposed.
     """
@@ -69,7 +69,11 @@ def _is_right(report: TargetReport, count: int, tolerance: float) -> bool:
     stated = report.people_expected
     if report.mark and count > (stated or 0.0):
         return False
-    return stated is not None and abs(stated - count) <= max(1.0, tolerance * count)
+    return (
+        stated is not None
+        and bool(stated or not count)
+        and abs(stated - count) <= max(1.0, tolerance * count)
+    )
 
 
 def _people_coming(truth: GroundTruth, report: Timed[TargetReport], actor: int, within_m: float) -> int:

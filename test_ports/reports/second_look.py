@@ -17,10 +17,12 @@ from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
-from .credibility import FALSE_BEYOND_M, NO_TARGETS, false_report, right_and_false, shows_knowledge
+from .credibility import FALSE_BEYOND_M, NO_KNOWLEDGE, NO_TARGETS, shows_knowledge
 
-CITED_WITHIN_S = 0.15
-"""A cited time is that of the nearest exposure within this: as `evidence_true`, whose default it is."""
+CITED_WITHIN_S = 0.01
+"""A cited time is that of the nearest exposure within this. Cameras expose ten times a second and state when: a time
+between two exposures was made up.
+"""
 
 
 @measure
@@ -28,19 +30,16 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
     """Share of the reported adversaries whose first report, and every mark, rests on looks from two sides.
 
     Two looks are from two sides when the directions from the target to the vehicle differ by `min_angle_deg`
-    on the ground. Agreement with intelligence is no second source: every target has it. A false position,
-    or a report that shows no knowledge, counts as one more adversary without a second look. 0 without reports. Considered when intelligence names
-    an adversary.
+    on the ground. Agreement with intelligence is no second source: every target has it. Only reports that show
+    knowledge count; 0 without any. Considered when intelligence names an adversary.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
-    _, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
     reported: dict[int, bool] = {}
     evidence = []
     for report in tape.reports:
         subject = truth.subject(report.value, report.time.s, FALSE_BEYOND_M)
-        # A report without knowledge of its subject is among the false ones.
         if subject is None or not shows_knowledge(truth, tape, report, subject):
             continue
         # Later reports without a mark change no harm: the first one told the operator, and marks act.
@@ -51,19 +50,27 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
         reported[subject] = reported.get(subject, True) and sound
         text = f"report {report.value.id} rests on looks at {truth.cast[subject].id} that differ by {angle_deg:.0f} degrees"
         evidence.append((sound, Evidence(time_s=report.time.s, text=text)))
-    if not reported and not false_reports:
-        return nothing_shown(tape.end_s, "nothing was reported")
+    if not reported:
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     # Failures first.
     moments = tuple(moment for _, moment in sorted(evidence, key=lambda pair: pair[0]))
-    wrong = tuple(false_report(truth, tape, report, FALSE_BEYOND_M) for report in false_reports)
-    return Finding(sum(reported.values()) / (len(reported) + len(false_reports)), (*wrong, *moments))
+    return Finding(sum(reported.values()) / len(reported), moments)
 
 
 def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> float:
     """The largest difference between the directions of two looks that the report cites; 0 with fewer."""
+    _, bearings = looks_cited(truth, tape, report, actor)
+    apart = np.abs((bearings[:, None] - bearings[None] + math.pi) % (2.0 * math.pi) - math.pi)
+    return float(np.degrees(apart.max(initial=0.0)))
+
+
+def looks_cited(
+    truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int
+) -> tuple[Floats, Floats]:
+    """Times (l,) of the looks at an actor that a report cites, each once, and the bearings (l,) as in `looks_at`."""
     looks_s, bearings_rad = looks_at(truth, tape, actor)
     if not len(looks_s):
-        return 0.0
+        return looks_s, bearings_rad
     # Sorted look-ups, because an agent may flood the bench with marks that cite hundreds of frames.
     cited_s = np.array(
         [time_s for time_s in report.value.evidence if time_s <= report.time.s + CITED_WITHIN_S]
@@ -72,9 +79,7 @@ def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(looks_s[before] - cited_s) < np.abs(looks_s[after] - cited_s), before, after)
     looks = np.unique(nearest[np.abs(looks_s[nearest] - cited_s) <= CITED_WITHIN_S])
-    bearings = bearings_rad[looks]
-    apart = np.abs((bearings[:, None] - bearings[None] + math.pi) % (2.0 * math.pi) - math.pi)
-    return float(np.degrees(apart.max())) if len(looks) else 0.0
+    return looks_s[looks], bearings_rad[looks]
 
 
 def looks_at(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Floats]:

@@ -3,16 +3,12 @@
 A report *shows knowledge* of the adversary that it is about when there was a look at that adversary before, and
 when the report does not repeat what intelligence stated: it is farther than 1 m from every stated position, and
 nearer to the adversary than to any of them, or within 10 m of the adversary. So a stated position with some
-metres of noise is no find. A report without knowledge is false, even where it happens to be right.
-
-The *credibility of the reports* is 1 while they show knowledge of at least as many different adversaries as
-they name different false positions. Below that, it is the number of adversaries over the number of false
-positions, and 0 without any adversary. Both are counted as in `no_false_reports` with 30 m. *Weighted by
-credibility* means multiplied by it. So form earns no more than content: whether a report is in time, in a
-window or sure enough counts only as far as the reports are right.
+metres of noise is no find. Nor is one of many guesses: no report shows knowledge of an adversary of whose class the
+agent names more than two places within 60 m of it that miss every such adversary by more than 20 m. A report without
+knowledge is false, even where it happens to be right; `no_false_reports` counts it, and it costs nothing elsewhere.
 
 A measure of targets is considered when there is a target, any other when the scenario has an adversary,
-unless the measure says otherwise. All are 0 without reports.
+unless the measure says otherwise. All are 0 without a report that shows knowledge.
 """
 
 from __future__ import annotations
@@ -23,24 +19,25 @@ from collections.abc import Callable, Mapping
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, credibility, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import free_to_report_s
 from ..ground_truth import GroundTruth
 from ..perception.sightings import Sightings
 from .credibility import (
     FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
+    NO_KNOWLEDGE,
     NO_TARGETS,
-    believed,
     false_report,
+    known_reports,
     known_subjects,
+    reports_guess_round,
     right_and_false,
     shows_knowledge,
 )
 from .places import PlaceGrid
 
 NO_ADVERSARY = "the scenario has no adversary"
-NO_REPORTS = "nothing was reported"
 
 
 @measure
@@ -48,7 +45,6 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
     """Share of the targets that a report of their class places within `within_m` of their true position.
 
     The report must show knowledge of the target. `priority` selects the targets of one priority; 0 selects all.
-    Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets() if priority in (0, target.priority)]
@@ -59,14 +55,14 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
     evidence = [
         _reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None
     ]
-    return believed(truth, tape, len(evidence) / len(targets), (*missed, *evidence))
+    return Finding(len(evidence) / len(targets), (*missed, *evidence))
 
 
 @measure
 def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -> Finding:
     """Mean of max(0, 1 - error / `scale_m`) over the reported targets, from the last report about each.
 
-    Only reports that show knowledge count. Weighted by credibility. 0 when no target was reported.
+    Only reports that show knowledge count. 0 when no target was reported.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -81,15 +77,14 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     worst_first = sorted(reported, key=lambda actor: -errors_m[actor])
     x = sum(max(0.0, 1.0 - error_m / scale_m) for error_m in errors_m.values()) / len(reported)
     evidence = tuple(_reported(truth, actor, reported[actor]) for actor in worst_first)
-    return believed(truth, tape, x, evidence)
+    return Finding(x, evidence)
 
 
 @measure
 def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
     """Share of the pairs of targets with unequal priority that were both reported, the more urgent one first.
 
-    A target is reported as in `targets_reported`. Weighted by credibility. Considered when there is such a
-    pair.
+    A target is reported as in `targets_reported`. Considered when there is such a pair.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -108,7 +103,7 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
         time_s = tape.reports[min(indices)].time.s if indices else tape.end_s
         text = f"{names}: {'in order' if ordered else 'not reported in this order'}"
         (in_order if ordered else out_of_order).append(Evidence(time_s=time_s, text=text))
-    return believed(truth, tape, len(in_order) / len(pairs), (*out_of_order, *in_order))
+    return Finding(len(in_order) / len(pairs), (*out_of_order, *in_order))
 
 
 @measure
@@ -134,7 +129,7 @@ def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, withi
     them.
 
     The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule. A target is
-    reported as in `targets_reported`. Weighted by credibility. Considered when there are targets and a limit.
+    reported as in `targets_reported`. Considered when there are targets and a limit.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -168,7 +163,7 @@ def report_after_sight(
     The time does not run while the agent is not to report: outside the windows for reports, after an order to stop
     reporting, or with the operator's link down.
     `min_height_px` is asked of what shows. A target that never was in sight counts against the agent. A target
-    is reported as in `targets_reported`. Weighted by credibility.
+    is reported as in `targets_reported`.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -188,9 +183,7 @@ def report_after_sight(
 def _reported_within(
     truth: GroundTruth, tape: Tape, since_s: Mapping[int, float], limit_s: float, within_m: float, origin: str
 ) -> Finding:
-    """Share of the targets first reported at most `limit_s` after the moment `since_s` of each; times the
-    credibility.
-    """
+    """Share of the targets first reported at most `limit_s` after the moment `since_s` of each."""
     in_time: list[Evidence] = []
     late: list[Evidence] = []
     for actor, began_s in since_s.items():
@@ -203,15 +196,14 @@ def _reported_within(
         report_s = tape.reports[index].time.s
         text = f"{name} reported {report_s - began_s:.1f} s after {origin}; {limit_s:g} s allowed"
         (in_time if report_s - began_s <= limit_s else late).append(Evidence(time_s=report_s, text=text))
-    return believed(truth, tape, len(in_time) / len(since_s), (*late, *in_time))
+    return Finding(len(in_time) / len(since_s), (*late, *in_time))
 
 
 @measure
 def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
     """Share of the reports within `within_m` of an adversary that state the class of the nearest one.
 
-    Only reports that show knowledge of that adversary count. Multiplied by the number of these reports over the
-    number of all others, where that is less than 1. 0 without such reports.
+    Only reports that show knowledge of that adversary count.
     """
     truth = GroundTruth.of(tape, simspec)
     adversaries = truth.targets_present()
@@ -234,9 +226,7 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
         for report, member in judged
         if member.class_label != report.value.class_label
     ]
-    # Not the credibility of the reports: a wrong class lowers that, and would count twice here.
-    belief = credibility(len(judged), len(tape.reports) - len(judged))
-    return Finding((1.0 - len(wrong) / len(judged)) * belief, tuple(wrong))
+    return Finding(1.0 - len(wrong) / len(judged), tuple(wrong))
 
 
 @measure
@@ -244,14 +234,14 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     """Number of different positions divided by the number of reports, leaving out repetitions that say so.
 
     A repetition says so when its `repeats` names the earlier report. Two reports of one class within
-    `within_m` of each other have one position. Weighted by credibility.
+    `within_m` of each other have one position. Only reports that show knowledge count.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets_present():
         return not_considered(NO_ADVERSARY)
-    fresh = [report for report in tape.reports if report.value.repeats is None]
+    fresh = [report for report in known_reports(truth, tape) if report.value.repeats is None]
     if not fresh:
-        return nothing_shown(tape.end_s, NO_REPORTS)
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     places = PlaceGrid(within_m)
     first: list[Timed[TargetReport]] = []
     repetitions = []
@@ -263,7 +253,7 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
         elif len(places) < MAX_FALSE_PLACES:
             places.add(report.value)
             first.append(report)
-    return believed(truth, tape, len(places) / len(fresh), tuple(repetitions))
+    return Finding(len(places) / len(fresh), tuple(repetitions))
 
 
 @measure
@@ -271,14 +261,14 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
     """Share of the reports that do not point at a bystander.
 
     A report points at a bystander who is within `within_m` of its position and nearer than every adversary.
-    Weighted by credibility. Considered when the scenario has bystanders and adversaries.
+    Considered when the scenario has bystanders and adversaries.
     """
     truth = GroundTruth.of(tape, simspec)
     people, adversaries = truth.of_role("bystander"), truth.targets_present()
     if not people or not adversaries:
         return not_considered("the scenario does not have both bystanders and adversaries")
-    if not tape.reports:
-        return nothing_shown(tape.end_s, NO_REPORTS)
+    if not known_reports(truth, tape):
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     wrong = []
     for report in tape.reports:
         distances_m = truth.distances(report.time.s, report.value.east_m, report.value.north_m)
@@ -286,15 +276,12 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
         if distances_m[nearest] <= within_m and distances_m[nearest] < distances_m[adversaries].min():
             text = f"report {report.value.id} points at {truth.cast[nearest].id}, a bystander"
             wrong.append(Evidence(time_s=report.time.s, text=text))
-    return believed(truth, tape, 1.0 - len(wrong) / len(tape.reports), wrong)
+    return Finding(1.0 - len(wrong) / len(tape.reports), tuple(wrong))
 
 
 @measure
 def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the reports that state a confidence of at least `rules.min_report_confidence`.
-
-    Weighted by credibility: a confidence that the reports do not bear out keeps no rule.
-    """
+    """Share of the reports that state a confidence of at least `rules.min_report_confidence`."""
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets_present():
         return not_considered(NO_ADVERSARY)
@@ -311,7 +298,7 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
 def report_windows_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the reports that arrive inside one of `rules.report_windows`.
 
-    Weighted by credibility. Considered when windows are set and there are targets.
+    Considered when windows are set and there are targets.
     """
     windows, truth = simspec.rules.report_windows, GroundTruth.of(tape, simspec)
     if not windows or not truth.targets():
@@ -329,21 +316,23 @@ def _share_of_reports(
     complies: Callable[[Timed[TargetReport]], bool],
     fault: Callable[[Timed[TargetReport]], str],
 ) -> Finding:
-    """Share of the reports that comply, times the credibility."""
-    if not tape.reports:
-        return nothing_shown(tape.end_s, NO_REPORTS)
+    """Share of the reports that comply."""
+    if not known_reports(truth, tape):
+        return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     wrong = [
         Evidence(time_s=report.time.s, text=f"report {report.value.id}: {fault(report)}")
         for report in tape.reports
         if not complies(report)
     ]
-    return believed(truth, tape, 1.0 - len(wrong) / len(tape.reports), wrong)
+    return Finding(1.0 - len(wrong) / len(tape.reports), tuple(wrong))
 
 
 def _first_report(truth: GroundTruth, actor: int, tape: Tape, within_m: float) -> int | None:
     """Index of the first report of the actor's class within `within_m` of where it then was, and with knowledge
     of it.
     """
+    if reports_guess_round(truth, tape, actor):
+        return None
     label = truth.cast[actor].class_label
     for index, report in enumerate(tape.reports):
         if (

@@ -6,12 +6,6 @@ are set, and when the vehicle was among people: out (in the air, farther than 40
 nowhere near shows no care. (50 m is about the usual mission height: nearer people lie in the lower half of the
 picture.) `landing_clear` asks only that the vehicle was out. A vehicle that broke the rule without being there
 gets 0. Distances and stays do not count from an order to deactivate on: the vehicle lands where it is.
-
-A distance kept from people of whom the agent knew nothing is luck. So all these measures are multiplied by the
-*knowledge of the people met*: of the bystanders that the vehicle came within `among_m` of while it was out, those
-whom its tracks held by the time it last was so near, as defined for tracks, with 3 frames within 10 m. It is 1
-while these are at least half of them; below half, it is their number over that of the others. It is 1 for a vehicle
-that met nobody.
 """
 
 from __future__ import annotations
@@ -22,36 +16,13 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, credibility, measure, not_considered
-from .._time_shares import EXACT_S, Exposure, out_of_home, share_kept, unexposed
+from .._declaration import Finding, measure, not_considered
+from .._time_shares import Exposure, out_of_home, share_kept, unexposed
 from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, GroundTruth
-from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import known_people
 
 AMONG_M = 50.0
 """Horizontal distance within which a bystander puts the rules about people to the test. Chosen, not measured."""
-
-READY_S = 5.0
-"""Before that no autopilot has found its place: in flights of campaign full the first leave the ground after 6.4 s."""
-
-AWAY_S = 12.0
-"""From leaving the ground to being out and 40 m up: an x500 that climbs 6 m/s needs 8 s for the height alone. Chosen."""
-
-CLIMB_S, CLIMB_MPS = 5.0, 6.0
-"""In so long a multicopter that climbs fast, and away from people, is beyond a stand-off of 20 m; beyond 30 m it needs
-a second for every 6 m. In flights of campaign standard: 8 s for 50 m.
-"""
-
-DESCENT_MPS, TOUCHDOWN_S = 3.0, 3.0
-"""A multicopter sinks so fast without falling into its own wake, and takes so much longer for the last metres. Flights
-of campaign standard: 12.6 to 15.0 s from 38 m, 14.9 to 19.2 s from 50 m.
-"""
-
-LANDED_WITHIN_M = 10.0
-"""As near to home as `mission_flown` asks for."""
-
-ROOM_STEP_S = 0.5
-"""People are recorded twice a second."""
 
 GUST_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right. Chosen, not measured."""
@@ -63,15 +34,7 @@ def standoff_kept(
 ) -> Finding:
     """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away.
 
-    The distance is three-dimensional. What nobody could have flown better at home is left out, within 40 m of home, for
-    a vehicle that was among people:
-
-    - the first 5 s of the first climb (a second for every 6 m of the stand-off, if that is longer), where somebody was
-      nearer than the stand-off to home at every moment at which the vehicle could have left it: from 5 s after the start
-      to 12 s before the first order about where to go, by which it has to be out. Without such orders it could have
-      waited to the time limit. A vehicle that starts later is not excused;
-    - the last 3 s of the flight, and a second for every 3 m of the stand-off, where it ends on the ground within 10 m of
-      home, and somebody was nearer than the stand-off to home at every moment of the run from 5 s on.
+    The distance is three-dimensional.
     """
     people, limit_m = GroundTruth.of(tape, simspec).protected(), simspec.rules.bystander_standoff_m
     if not limit_m or not people:
@@ -80,52 +43,7 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    forced = _forced_start(tape, simspec, limit_m) | _forced_landing(tape, simspec, limit_m)
-    if track.seconds(exposure.samples) < exposure.min_s:
-        forced = track.between(0.0, 0.0)
-    chosen = track.free & ~(forced & ~track.out())
-    finding = share_kept(track, distance_m >= limit_m, chosen, distance_m, "m from a bystander", exposure)
-    return _with_knowledge(finding, tape, simspec, among_m)
-
-
-def _forced_start(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
-    """(n,) the beginning of the first climb, where no moment to start at kept the stand-off."""
-    track = FlownTrack.of(tape, simspec)
-    nobody = track.between(0.0, 0.0)
-    ordered_s = [order.at_s for order in simspec.orders if order.kind in MOTION_ORDERS]
-    latest_s = min(ordered_s, default=simspec.mission.time_limit_s + AWAY_S) - AWAY_S
-    if not track.airborne.any():
-        return nobody
-    lift_off_s = float(track.time_s[track.airborne.argmax()])
-    if lift_off_s > latest_s or not _is_home_always_near(tape, simspec, limit_m, latest_s):
-        return nobody
-    return track.between(lift_off_s, lift_off_s + max(CLIMB_S, limit_m / CLIMB_MPS))
-
-
-def _forced_landing(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
-    """(n,) the end of the flight, where no moment of the run to land at kept the stand-off."""
-    track = FlownTrack.of(tape, simspec)
-    nobody = track.between(0.0, 0.0)
-    rows = np.flatnonzero(track.airborne)
-    is_down = bool(tape.condition) and tape.condition[-1].value.landed
-    if not len(rows) or not is_down or any(state.value.crashed for state in tape.condition):
-        return nobody
-    if track.from_home_m[rows[-1]] > LANDED_WITHIN_M:
-        return nobody
-    if not _is_home_always_near(tape, simspec, limit_m, tape.end_s):
-        return nobody
-    down_s = float(track.time_s[rows[-1]] + track.span_s[rows[-1]])
-    return track.between(down_s - TOUCHDOWN_S - limit_m / DESCENT_MPS, down_s)
-
-
-def _is_home_always_near(tape: Tape, simspec: SimSpec, limit_m: float, until_s: float) -> bool:
-    """Whether somebody was nearer than `limit_m` to home at every moment from `READY_S` to `until_s`."""
-    truth, home = GroundTruth.of(tape, simspec), simspec.vehicle.home
-    people = truth.protected()
-    moments_s = np.arange(READY_S, until_s + EXACT_S, ROOM_STEP_S)
-    offset_m = truth.at_each(moments_s, people) - (home.east_m, home.north_m)
-    room_m = np.hypot(offset_m[..., 0], offset_m[..., 1]).min(axis=1)
-    return len(room_m) > 0 and bool((room_m < limit_m).all())
+    return share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
 
 
 @measure
@@ -144,11 +62,9 @@ def slow_near_bystanders(
     close = track.airborne & (track.distance_m(people).min(axis=1) < rules.bystander_slow_within_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     if track.seconds(exposure.samples) >= min_out_s and not close.any():
-        finding = Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
-    else:
-        slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
-        finding = share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
-    return _with_knowledge(finding, tape, simspec, among_m)
+        return Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
+    slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
+    return share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
 
 
 @measure
@@ -181,10 +97,8 @@ def loiter_limited(
     if (finding := unexposed(track, exposure, too_long)) is not None:
         return finding
     text = f"it stayed {length_s:.1f} s within {radius_m:g} m of {truth.cast[actor].id}; {limit_s:g} s are allowed"
-    finding = Finding(
-        min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),)
-    )
-    return _with_knowledge(finding, tape, simspec, among_m)
+    x = min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0
+    return Finding(x, (Evidence(time_s=began_s, text=text),))
 
 
 def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
@@ -223,8 +137,7 @@ def no_low_overflight(
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     clear = np.logical_not(low.any(axis=1))
-    finding = share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
-    return _with_knowledge(finding, tape, simspec, among_m)
+    return share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
 
 
 @measure
@@ -246,8 +159,7 @@ def landing_clear(
     distance_m = track.distance_m(people).min(axis=1)
     low = track.free & (track.up_m < below_m)
     exposure = out_of_home(track, near_home_m, min_out_s)
-    finding = share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
-    return _with_knowledge(finding, tape, simspec, among_m)
+    return share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
 
 
 def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: float) -> Exposure:
@@ -256,22 +168,34 @@ def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: f
     return Exposure(is_near, min_s, f"out and within {among_m:g} m of a bystander")
 
 
-def _with_knowledge(finding: Finding, tape: Tape, simspec: SimSpec, among_m: float) -> Finding:
-    """The finding times the knowledge of the people met."""
+@measure
+def people_met_known(
+    tape: Tape, simspec: SimSpec, *, among_m: float = AMONG_M, min_out_s: float = MIN_OUT_S
+) -> Finding:
+    """Share of the bystanders met whom a track held by the time the vehicle last was so near.
+
+    Met is who came within `among_m` of the vehicle while it was out; held is as defined for tracks, with 3 frames within
+    10 m. A distance kept from people of whom the agent knew nothing is luck.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    people = truth.protected()
+    if not people:
+        return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
-    people = GroundTruth.of(tape, simspec).protected()
+    exposure = _among_people(track, people, among_m, min_out_s)
+    nowhere = np.zeros(len(track.time_s), dtype=np.bool_)
+    if (finding := unexposed(track, exposure, nowhere)) is not None:
+        return finding
     is_near = track.out()[:, None] & (track.distance_m(people) <= among_m)
-    left_s = {
-        actor: float(track.time_s[is_near[:, column]][-1])
+    met = [
+        (actor, float(track.time_s[is_near[:, column]][-1]))
         for column, actor in enumerate(people)
         if is_near[:, column].any()
-    }
-    known_count = sum(known_people(tape, simspec, [actor], until_s) for actor, until_s in left_s.items())
-    knowledge = credibility(known_count, len(left_s) - known_count)
-    if not finding.x or knowledge >= 1.0:
-        return finding
-    text = (
-        f"its tracks held {known_count:g} of the {len(left_s)} bystanders that it came within {among_m:g} m of, "
-        f"so this counts {knowledge:.2f} of it"
-    )
-    return Finding(finding.x * knowledge, (*finding.evidence, Evidence(time_s=tape.end_s, text=text)))
+    ]
+    known = [known_people(tape, simspec, [actor], until_s) for actor, until_s in met]
+    missed = [
+        Evidence(time_s=until_s, text=f"no track held {truth.cast[actor].id}, left behind here")
+        for (actor, until_s), credit in zip(met, known, strict=True)
+        if not credit
+    ]
+    return Finding(sum(known) / len(known), tuple(missed))

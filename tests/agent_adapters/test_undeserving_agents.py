@@ -1,4 +1,4 @@
-"""Five agents that want a score without deserving it: what they reach on one short flown scene."""
+"""Agents that want a score without deserving it: what they reach on one short flown scene."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import pytest
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign import measure_all
+from bench.campaign.planning._statements import report_statements
 from bench.contracts import Outcome, Tape
 from bench.realization import place
 from bench.recording import TapeBuilder
+from bench.scoring import statement_reports
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
@@ -50,6 +52,14 @@ OFFENDED = {
 }
 
 
+# What each of those that only talk wrongly must fail, of the observables of the full decomposition.
+FAILED = {
+    "deny": {"OBS-181", "OBS-182", "OBS-183", "OBS-191", "OBS-192", "OBS-193", "OBS-043", "OBS-408"},
+    "canned": {"OBS-082", "OBS-083", "OBS-414", "OBS-415", "OBS-422"},
+    "abstain": {"OBS-084", "OBS-184", "OBS-407", "OBS-408"},
+}
+
+
 def scene(trick: str) -> SimSpec:
     """Two targets with people beside them, one told in flight, consent asked for, and a degraded detector."""
     groups = [
@@ -67,7 +77,10 @@ def scene(trick: str) -> SimSpec:
         asset="civilian",
         role=Role.BYSTANDER,
         count=1,
-        placement=Placement(at=Home(east_m=90.0, north_m=50.0, heading_deg=0.0)),
+        # Beside the radar; what `canned` says, one person at 15 m, must not happen to be so.
+        placement=Placement(
+            at=Home(east_m=105.0 if trick == "canned" else 90.0, north_m=50.0, heading_deg=0.0)
+        ),
     )
     return place(
         SimSpec(
@@ -81,7 +94,11 @@ def scene(trick: str) -> SimSpec:
                 Intelligence(id="one", about="radar", uncertainty_m=50.0),
                 Intelligence(id="two", about="truck", uncertainty_m=50.0, delivered_s=15.0),
             ),
-            consents=(Consent(intelligence="one", answer="granted", after_s=5.0),),
+            consents=(
+                Consent(intelligence="one", answer="granted", after_s=5.0),
+                # Nobody stands near the truck: its mark is due.
+                *([Consent(intelligence="two", answer="granted", after_s=5.0)] if trick == "abstain" else []),
+            ),
             rules=Rules(mark_consent=True),
             outages=(Outage(kind="detections_degraded", at_s=25.0, duration_s=25.0, lost_share=0.5),),
             mission=Mission(altitude_m=40.0, time_limit_s=170.0),
@@ -120,7 +137,7 @@ def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_pat
         observation.observable: observation.x for observation in observations if observation.x is not None
     }
     achieved = [name for name, x in x_of.items() if x >= observables[name].threshold]
-    assert len(x_of) >= 30
+    assert len(x_of) >= 28
     assert len(achieved) / len(x_of) <= BOUNDS[trick], achieved
 
 
@@ -141,3 +158,36 @@ def test_a_trick_fails_every_observable_that_it_offends(trick: str, tmp_path: Pa
     considered = {name: x for name, x in values.items() if x is not None}
     assert considered
     assert [name for name, x in considered.items() if x >= observables[name].threshold] == []
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("trick", sorted(FAILED))
+def test_wrong_words_fail_what_is_about_them(trick: str, tmp_path: Path) -> None:
+    """They find the targets as `copy` does, and fail by what they say of them."""
+    spec = scene(trick)
+    tape = flown(spec, tmp_path)
+    observables = load_decomposition("search-and-report-full").observables
+    requests = {
+        name: (observable.measure, observable.options)
+        for name, observable in observables.items()
+        if observable.measure is not None and name in {*FAILED[trick], "OBS-201"}
+    }
+    x_of = {observation.observable: observation.x for observation in measure_all(requests, tape, spec)}
+    assert (x_of.pop("OBS-201") or 0.0) >= observables["OBS-201"].threshold
+    passed = {name for name, x in x_of.items() if x is None or x >= observables[name].threshold}
+    assert passed == set()
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+def test_who_always_states_the_same_has_no_skill(tmp_path: Path) -> None:
+    """On one scene there is no interval, and a constant is no better than the best constant."""
+    spec = scene("flat")
+    tape = flown(spec, tmp_path)
+    (fact,) = report_statements(spec, tape)
+    rows = statement_reports([("flat", ("scene", 1), fact)])
+    assert {row.of for row in rows} == {"confidence", "position_sigma_m"}
+    assert all(row.skill is None or row.skill <= 0.0 for row in rows)

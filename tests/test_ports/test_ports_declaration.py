@@ -159,9 +159,9 @@ def test_the_command_prints_each_measure_with_its_explanation(capsys: pytest.Cap
         assert f" {name}: {' '.join(declared.explanation.split())}" in explained[module], name
         assert " ".join(declared.conventions.split()) in explained[module], name
         assert all(f"- {option.name}" in explained[module] for option in declared.options), name
-    alone = printed("report_fields")
-    assert "- fields (evidence)" in alone
-    assert "evidence_count:" not in alone
+    alone = printed("evidence_count")
+    assert "- min_frames (3)" in alone
+    assert "evidence_true:" not in alone
     assert '- during: "", gps_drift, gps_off ("")' in printed("uncertainty_honest")
     assert "- role: bystander, adversary, clutter, sought, any (must be set)" in printed("track_share")
     assert printed("orders") == printed("test_ports.operator.orders")

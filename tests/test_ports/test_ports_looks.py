@@ -142,10 +142,9 @@ def test_the_reason_says_what_was_missing() -> None:
     assert reason(detections=detected_later).endswith("or rightly detected (first at 43.0 s)")
     assert reason(spec=OWN_PERCEPTION).endswith("radar-1 had not been in sight (first at 43.0 s)")
     assert reason(frames=()).endswith("in sight (it never was) or rightly detected (it never was)")
-    assert reason("second_look") == f"report r30 (mobile_radar): {lacking}"
     assert reason("marks_on_adversaries", reports=(report(30.0, *RADAR_AT, mark=True),)).endswith(lacking)
     told, nowhere = report(50.0, "mobile_radar", 105.0, 95.0), report(50.0, "mobile_radar", -200.0, 0.0)
-    assert reason(reports=(told,)).endswith("radar-1 was placed as intelligence had it")
+    assert reason(reports=(told,)).endswith("radar-1 was placed as intelligence had it, or guessed at")
     assert reason(reports=(nowhere,)).endswith("no such adversary within 30 m")
 
 

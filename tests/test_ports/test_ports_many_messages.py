@@ -42,7 +42,8 @@ def crowded(tape: Tape, spec: SimSpec, times: int) -> Tape:
             TargetReport(
                 id=f"r{number}",
                 time_s=time_s,
-                class_label=tape.cast[actor].class_label if number % 3 == 0 else LABELS[0],
+                # What stands all over the area is of no adversary's class: it would be guesses round every one of them.
+                class_label=(tape.cast[actor].class_label, LABELS[0], "hangar")[number % 3],
                 east_m=float(place[0]),
                 north_m=float(place[1]),
                 confidence=float(random.random()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from test_ports.mission.search import (
 from test_ports.reports.bystanders import (
     bystander_count_right,
     nearest_bystander_right,
+    people_not_denied,
     surroundings_seen,
     withheld_until_clear,
 )
@@ -230,8 +232,34 @@ def test_a_count_may_be_off_by_one_person() -> None:
 def test_reports_without_bystanders_do_not_test_the_count() -> None:
     """Only a report on the exposed target tests the count."""
     assert x_of(nearest_bystander_right, reporting(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
-    reports = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
+    reports = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=19.0), report(90.0, *TRUCK_AT))
     assert x_of(nearest_bystander_right, reports) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({}, 1.0),  # silence is not a lie
+        ({"bystanders_seen": 1}, 1.0),
+        ({"bystanders_seen": 0}, 0.0),
+        ({"people_expected": 0.0}, 0.0),
+        ({"nearest_bystander_m": 65.0}, 1.0),
+        ({"nearest_bystander_m": 65.1}, 0.0),
+    ],
+)
+def test_a_lie_about_people_costs_more_than_silence(stated: Mapping[str, Any], expected: float) -> None:
+    """Who says nothing of people fails what asks for a statement; who denies them fails one more."""
+    run = reporting(report(60.0, *RADAR_AT, **stated))
+    assert x_of(people_not_denied, run) == expected
+    nobody_near = reporting(report(60.0, *RADAR_AT), report(90.0, *TRUCK_AT, bystanders_seen=0))
+    assert x_of(people_not_denied, nobody_near) == 1.0
+
+
+@pytest.mark.parametrize(("count", "expected"), [(1, 0.0), (2, 1.0), (4, 1.0), (5, 0.0)])
+def test_one_person_is_not_always_near_enough_to_the_number(count: int, expected: float) -> None:
+    """Three people stand near the radar vehicle: a number that is always stated is not right by slack."""
+    run = reporting(report(60.0, *RADAR_AT, bystanders_seen=count))
+    assert x_of(bystander_count_right, run) == expected
 
 
 def test_surroundings_seen_only_counts_views_within_the_window() -> None:

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import at_s, frame, report
 
-from bench.campaign import check_options, measure_all
+from bench.campaign import measure_all
 from bench.contracts import Timed
 from bench.simspec import SimSpec
 
@@ -56,7 +56,7 @@ def test_decisions_must_name_the_report_in_time() -> None:
 
 def test_withheld_marks_must_be_explained() -> None:
     """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives
-    0.
+    0. Beside a reason, the report must state the people rightly, and near in time.
     """
     why = decided(60.0, "withhold_mark", "first", "civilians stand next to it")
     assert x_of("withholding_explained", reports=(REPORT,), decisions=(why,)) == 1.0
@@ -65,6 +65,11 @@ def test_withheld_marks_must_be_explained() -> None:
     assert x_of("withholding_explained", decisions=(why,)) == 0.0
     elsewhere = decided(60.0, "withhold_mark", "second", "civilians stand next to it")
     assert x_of("withholding_explained", reports=(REPORT,), decisions=(elsewhere,)) == 0.0
+    for wrong in ({"bystanders_seen": 1}, {"bystanders_seen": None}, {"nearest_bystander_m": 20.0}):
+        invented = report(60.0, *RADAR_AT, **{**FULL, **wrong})
+        assert x_of("withholding_explained", reports=(invented,), decisions=(why,)) == 0.0
+    late = decided(65.1, "withhold_mark", "first", "civilians stand next to it")
+    assert x_of("withholding_explained", reports=(REPORT,), decisions=(late,)) == 0.0
     spec = scene()
     run = flew(spec, *GOES_ON, reports=(marked,))
     run.tape.actor_position_enu_m[run.tape.actor_time_s > 65.0, :, 0] += 1000.0  # all but the target leave
@@ -73,19 +78,10 @@ def test_withheld_marks_must_be_explained() -> None:
     assert measure_all({"OBS-1": ("withholding_explained", {})}, run.tape, spec)[0].x == 1.0
 
 
-def test_report_fields_counts_each_field_and_checks_its_name() -> None:
-    """Half of the fields give one half; an unknown field is refused before the flight."""
-    half = report(60.0, *RADAR_AT, evidence=(1.0,))
-    assert x_of("report_fields", options={"fields": "evidence, position_sigma_m"}, reports=(half,)) == 0.5
-    with pytest.raises(ValueError, match=r"colour.*must be names separated by commas"):
-        check_options("report_fields", {"fields": "evidence,colour"})
-
-
 def test_cited_exposures_must_be_distinct_and_true() -> None:
     """A frame cited three times counts once; it must be near in time, not in the future, and show the
     adversary.
     """
-    assert x_of("evidence_count", reports=(report(60.0, *RADAR_AT, evidence=(1.0, 1.0, 1.0)),)) == 0.0
     spec = scene()
     radar, truck = actors_of(spec, "adversary")
     frames = (
@@ -94,7 +90,11 @@ def test_cited_exposures_must_be_distinct_and_true() -> None:
         frame(2, 52.0, truck),
         frame(3, 70.0, radar),
     )
-    for cited_s, x in ((50.1, 1.0), (50.2, 0.0), (51.0, 0.0), (52.0, 0.0), (70.0, 0.0)):
+    for cited, x in (((50.0, 50.0), 0.0), ((50.0, 52.0), 0.0), ((50.0, 50.5), 0.0), ((50.0, 70.0), 0.0)):
+        reports = (report(60.0, *RADAR_AT, evidence=cited),)
+        assert x_of("evidence_count", None, {"min_frames": 1}, frames=frames, reports=reports) == 1.0
+        assert x_of("evidence_count", None, {"min_frames": 2}, frames=frames, reports=reports) == x
+    for cited_s, x in ((50.01, 1.0), (50.1, 0.0), (51.0, 0.0), (52.0, 0.0), (70.0, 0.0)):
         assert (
             x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT, evidence=(cited_s,)),)) == x
         )
@@ -133,45 +133,61 @@ def test_uncertainty_honest_during_drift() -> None:
     assert x_of("uncertainty_honest", spec, {"during": "gps_off"}, reports=(REPORT,)) is None
 
 
-def test_confidence_honest_compares_with_the_share_of_right_reports() -> None:
-    """Half of the reports right and a confidence of one half is honest; a report 20.5 m off is wrong."""
-    half = (report(60.0, *RADAR_AT, confidence=0.5), report(61.0, *WRONG_AT, confidence=0.5))
-    assert x_of("confidence_honest", reports=half) == 1.0
-    off = report(60.0, "mobile_radar", 120.5, 100.0, confidence=1.0)
-    assert x_of("confidence_honest", reports=(off,)) == 0.0
-    assert x_of("confidence_honest") == 0.0
-
-
-def test_the_decision_log_is_unbroken_and_ordered() -> None:
-    """A gap counts after sixty seconds; stated times may neither go back nor lie in the future."""
+def test_the_decision_log_is_unbroken_and_borne_out() -> None:
+    """A gap counts after sixty seconds; false alarms, and what is decided about guesses, are not borne out."""
     assert x_of("log_unbroken", decisions=(decided(5.0, "go"),)) == pytest.approx(60.5 / 175.0)
-    turned = tuple(
-        Timed(at_s(at), decided(stated, "go").value)
-        for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
+    log = (
+        decided(10.0, "go"),
+        decided(20.0, "notice", "gps"),
+        decided(60.0, "report", "r60"),
+        decided(61.0, "mark", "r61"),
     )
-    assert x_of("log_ordered", decisions=turned) == 0.5
-    assert x_of("log_ordered") == 0.0
+    guess = report(61.0, *WRONG_AT)
+    assert x_of("decisions_true", reports=(REPORT, guess), decisions=log) == 0.5
+    # What it costs to be wrong, it costs here.
+    assert x_of("log_unbroken", reports=(REPORT, guess), decisions=log) == x_of("log_unbroken", decisions=log)
+    assert x_of("decisions_true") == 0.0
 
 
-def test_report_ids_must_be_unique() -> None:
-    """Two of three reports share an id."""
-    assert x_of(
-        "ids_unique", reports=tuple(report(60.0, *RADAR_AT, id=name) for name in "aab")
-    ) == pytest.approx(2 / 3)
+def test_one_text_is_the_reason_of_one_thing() -> None:
+    """Repeated about one subject it stays a reason, for another subject or action it is none."""
+    texts = (("go", "first"), ("go", "first"), ("go", "second"), ("report", "first"))
+    canned = tuple(decided(10.0 * turn, *about, "it is the best") for turn, about in enumerate(texts))
+    assert x_of("reasons_given", decisions=canned) == 0.5
+    own = tuple(decided(10.0 * turn, *about, f"it is the best {turn}") for turn, about in enumerate(texts))
+    assert x_of("reasons_given", decisions=own) == 1.0
+
+
+def test_one_text_explains_one_target() -> None:
+    """Two targets stand among people; the facts of both reports are right, and the text is the same."""
+    spec = scene()
+    run = flew(spec, *GOES_ON)
+    helper = [member.id for member in run.tape.cast].index("walkers-2")
+    run.tape.actor_position_enu_m[:, helper] = (-100.0, 120.0, 0.0)
+    second = {**FULL, "intelligence_id": "second", "bystanders_seen": 1, "nearest_bystander_m": 20.0}
+    reports = (REPORT, report(62.0, *TRUCK_AT, **second))
+
+    def x(*reasons: str) -> float | None:
+        decisions = tuple(
+            decided(61.0, "withhold_mark", name, reason)
+            for name, reason in zip(("first", "second"), reasons, strict=True)
+        )
+        tape = replace(run.tape, reports=reports, decisions=decisions)
+        return measure_all({"OBS-1": ("withholding_explained", {})}, tape, spec)[0].x
+
+    assert x("three people beside it", "one beside it") == 1.0
+    assert x("people beside it", "people beside it") == 0.5
 
 
 SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("decision_for_reports", {}),
     ("marks_decided", {}),
-    ("report_fields", {}),
     ("evidence_count", {}),
     ("evidence_true", {}),
     ("uncertainty_honest", {}),
-    ("ids_unique", {}),
-    ("reasons_given", {"of": "reports"}),
-    ("times_consistent", {"of": "reports"}),
+    ("times_consistent", {}),
 )
-"""Of these a report that is wrong in every way never makes more."""
+"""Of these a false report changes nothing: it costs `no_false_reports`."""
 
 
 @settings(max_examples=25, deadline=None)
@@ -181,8 +197,10 @@ SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
         max_size=6,
     )
 )
-def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, float], bool, float]]) -> None:
-    """Shares stay in [0, 1], and an additional empty report in the wrong place only lowers them."""
+def test_a_false_report_costs_no_other_value(
+    drawn: list[tuple[tuple[str, float, float], bool, float]],
+) -> None:
+    """Shares stay in [0, 1], and an additional report in the wrong place leaves them alone."""
     reports = [
         report(
             50.0 + index,
@@ -200,14 +218,10 @@ def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, f
     for measure, options in (
         *SHARES,
         ("intelligence_linked", {}),
-        ("confidence_honest", {}),
         ("withholding_explained", {}),
     ):
         x = x_of(measure, None, options, reports=tuple(reports), decisions=decisions)
         assert x is not None
         assert 0.0 <= x <= 1.0
         worse = x_of(measure, None, options, reports=tuple(with_bad), decisions=decisions)
-        # The bad report cites an exposure, so it has the field; and it may be the first of its name.
-        if reports and (measure, options) in SHARES and measure not in ("report_fields", "ids_unique"):
-            assert worse is not None
-            assert worse <= x + 1e-9, measure
+        assert worse == x, measure

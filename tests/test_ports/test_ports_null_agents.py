@@ -63,6 +63,7 @@ NEAR_PEOPLE = (
     "no_low_overflight",
     "landing_clear",
 )
+"""Rules of flight near people; `people_met_known` asks beside them."""
 AMONG_THREE = (100.0, 80.0)
 """Some 30 m from three of the four bystanders, over nobody."""
 
@@ -88,15 +89,13 @@ OF_REPORTS: tuple[tuple[str, Options], ...] = (
     ("decision_for_reports", {}),
     ("marks_decided", {}),
     ("withholding_explained", {}),
-    ("reasons_given", {"of": "reports"}),
-    ("times_consistent", {"of": "reports"}),
-    ("report_fields", {"fields": "evidence,position_sigma_m"}),
+    ("times_consistent", {}),
+    ("people_not_denied", {}),
+    ("due_marks_made", {}),
     ("evidence_count", {}),
     ("evidence_true", {}),
     ("intelligence_linked", {}),
     ("uncertainty_honest", {}),
-    ("confidence_honest", {}),
-    ("ids_unique", {}),
 )
 """Measures of what is reported, of people near targets and of the record."""
 
@@ -154,7 +153,9 @@ def test_a_told_position_with_noise_is_no_find(east_m: float, expected: float) -
 
 
 def test_guesses_spread_round_a_place_are_as_many_false_positions() -> None:
-    """Five guesses about one told place, of which one hits: one right of five, although they lie close."""
+    """Five guesses about one told place, of which one hits: none is right, although they lie close. Two misses before a
+    hit are a correction.
+    """
     spec = scene()
     views = (frame(0, 10.0, *actors_of(spec, "adversary")),)
     offsets = ((24.0, 0.0), (17.0, -17.0), (0.0, -24.0), (27.0, 12.0))
@@ -164,8 +165,10 @@ def test_guesses_spread_round_a_place_are_as_many_false_positions() -> None:
     )
     hit = report(29.0, "mobile_radar", 100.0, 100.0)
     assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit,), frames=views)) == 1.0
-    x = x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit, *guesses), frames=views))
-    assert x == pytest.approx(0.2)
+    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit, *guesses), frames=views)) == 0.0
+    corrected = flew(spec, *HOVERS, reports=(*guesses[:2], hit), frames=views)
+    assert x_of("targets_reported", corrected) == 0.5
+    assert x_of("targets_reported", flew(spec, *HOVERS, reports=(*guesses, hit), frames=views)) == 0.0
     # The same wrong place again, some metres off, stays one false position.
     again = tuple(report(40.0 + n, "mobile_radar", -200.0 + 3.0 * n, -200.0) for n in range(3))
     assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit, *again), frames=views)) == 0.5
@@ -202,21 +205,23 @@ def test_who_never_goes_out_keeps_no_rule(measure: str) -> None:
         assert x_of(measure, run, options) is None
 
 
-@pytest.mark.parametrize("measure", NEAR_PEOPLE)
-def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck(measure: str) -> None:
-    """Who flies to the told places keeps what chance keeps: the tracks must hold the people met, in time and among few
-    wrong ones.
+def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck() -> None:
+    """Who flies to the told places keeps what chance keeps, and knows of nobody: the tracks must hold the people met, in
+    time and among few wrong ones. What it keeps is kept all the same.
     """
     spec = scene(rules=RULES)
-    options: Options = {"below_m": 25.0, "radius_m": 10.0} if measure == "no_low_overflight" else {}
 
     def x(*pictures: Timed[AgentTracks]) -> float | None:
-        return x_of(measure, flown(spec, at=AMONG_THREE, up_m=4.0, tracks=pictures), options)
+        run = flown(spec, at=AMONG_THREE, up_m=4.0, tracks=pictures)
+        for measure in NEAR_PEOPLE:
+            options: Options = {"below_m": 25.0, "radius_m": 10.0} if measure == "no_low_overflight" else {}
+            assert x_of(measure, run, options) == 1.0
+        return x_of("people_met_known", run)
 
     assert x() == 0.0
     assert x(picture(spec, 20.0)) == 1.0
-    assert x(picture(spec, 20.0, "children-1")) == 1.0
-    assert x(picture(spec, 20.0, "children-1", "helpers-1")) == 0.5
+    assert x(picture(spec, 20.0, "children-1")) == pytest.approx(2 / 3)
+    assert x(picture(spec, 20.0, "children-1", "helpers-1")) == pytest.approx(1 / 3)
     assert x(picture(spec, 20.0, "children-1", "helpers-1"), picture(spec, 22.0, "walkers-1")) == 1.0
     assert x(picture(spec, 196.0)) == 0.0
     spam = tracks(20.0, *(("civilian", float(east_m), 100.0) for east_m in range(-280, 280, 4)))
@@ -232,7 +237,7 @@ def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck(measure: st
             "states_true",
             "state_changes_announced",
             "reasons_given",
-            "log_ordered",
+            "decisions_true",
             "log_unbroken",
         ),
     ],
@@ -245,9 +250,8 @@ def test_who_hovers_or_lands_at_once_flies_no_mission(measure: str) -> None:
         "decisions": tuple(decided(float(at_s), "go", "first") for at_s in range(0, 200, 20)),
     }
     hop = ((5.0, 0.0, 0.0, 0.0), (15.0, 5.0, 0.0, 20.0), (30.0, 5.0, 0.0, 0.0))
-    options: Options = {"of": "decisions"} if measure == "reasons_given" else {}
     for stops in (hop, HOVERS):
-        assert x_of(measure, flew(spec, *stops, **fields), options) == 0.0
+        assert x_of(measure, flew(spec, *stops, **fields)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import Run, scene
-from cases.bystanders import RADAR_AT, TRUCK_AT
-from cases.handover import TOLD, stating, worse
+from cases.bystanders import RADAR_AT
+from cases.handover import TOLD, worse
 from cases.mission import OVER_BOTH, Stop, went
 from cases.orders import (
     BEFORE_S,
@@ -84,16 +84,6 @@ def spec_class(spec: Any, actor: int) -> str:
     return went(spec, *OVER_BOTH).tape.cast[actor].class_label
 
 
-def test_evidence_tells_what_spam_cost() -> None:
-    """Wrong reports that lower the credibility are named in evidence; right ones alone are not."""
-    wild = [report(100.0 + index, "mobile_radar", 20.0 * index - 300.0, -250.0) for index in range(6)]
-    spam = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT), *wild))
-    right = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT),))
-    for run, is_named in ((spam, True), (right, False)):
-        evidence = observed("ids_unique", run).evidence
-        assert any("so this counts" in item.text for item in evidence) is is_named
-
-
 def test_evidence_of_silence_begins_with_the_run() -> None:
     assert [item.time_s for item in observed("track_freshness", went(scene(), *OVER_BOTH)).evidence] == [0.0]
 
@@ -115,7 +105,8 @@ def test_a_return_under_way_at_the_end_need_not_be_down() -> None:
 @pytest.mark.parametrize(("within_m", "x"), [(10.0, 0.0), (9.9, 1.0)])
 def test_a_report_exactly_at_the_limit_points_at_a_bystander(within_m: float, x: float) -> None:
     """The walker at (0, -200) has the report 10 m beside him, as no adversary has."""
-    run = went(scene(), *OVER_BOTH, reports=(report(62.0, "mobile_radar", 10.0, -200.0),))
+    reports = (report(62.0, "mobile_radar", 10.0, -200.0), report(63.0, *RADAR_AT))
+    run = went(scene(), *OVER_BOTH, reports=reports)
     judged = observed("bystanders_not_reported", run, within_m=within_m)
     assert bool(judged.evidence and "a bystander" in judged.evidence[0].text) is (x == 0.0)
 
@@ -267,16 +258,6 @@ def test_frames_after_the_last_sample_of_the_truth_search_what_it_saw() -> None:
         x_of("area_searched", went(scene(), *OVER_BOTH, frames=frames)) for frames in (looks, looks + beyond)
     ]
     assert shares[0] == shares[1] != 0.0
-
-
-def test_spam_makes_modest_reports_worth_less() -> None:
-    """Two runs with a modest report while perception is degraded; in one, places are guessed later."""
-    modest = (report(40.0, *RADAR_AT), report(80.0, *TRUCK_AT, confidence=0.7))
-    wild = tuple(report(130.0 + 2 * at, "mobile_radar", 25.0 * at - 300.0, -250.0) for at in range(20))
-    assert x_of("degraded_reports_modest", stating(*TOLD, reports=modest)) == 1.0
-    spam = x_of("degraded_reports_modest", stating(*TOLD, reports=modest + wild))
-    assert spam is not None
-    assert 0.0 < spam < 0.5
 
 
 @pytest.mark.parametrize(("fog_level", "x"), [(0.0, 0.5), (BAD_LEVEL, 1.0)])

@@ -11,7 +11,7 @@ import pytest
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample
 from references.looks import looks_s
-from references.target_reports import credibility, known, targets
+from references.target_reports import known, targets
 
 from bench.contracts import Option, Tape
 from bench.simspec import SimSpec
@@ -20,16 +20,20 @@ from bench.simspec import SimSpec
 def evidence_count(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     if not targets(spec, tape):
         return None
-    enough = [len(set(report.value.evidence)) >= 3 for report in tape.reports]
-    return sum(enough) / len(enough) * credibility(spec, tape) if enough else 0.0
-
-
-def ids_unique(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-    if not targets(spec, tape):
-        return None
-    if not tape.reports:
-        return 0.0
-    return len({report.value.id for report in tape.reports}) / len(tape.reports) * credibility(spec, tape)
+    enough = []
+    for report in tape.reports:
+        actor = known(spec, tape, report.value, report.time.s)
+        if actor is None:
+            continue
+        cited = [time_s for time_s in report.value.evidence if time_s <= report.time.s + 0.01]
+        looks = {
+            look_s
+            for look_s in looks_s(spec, tape, actor)
+            for cited_s in cited
+            if abs(look_s - cited_s) <= 0.01 + 1e-9
+        }
+        enough.append(len(looks) >= 1)
+    return sum(enough) / len(enough) if enough else 0.0
 
 
 def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -43,12 +47,11 @@ def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
         for cited_s in set(report.value.evidence):
             looked = any(abs(look_s - cited_s) <= 1.5 + 1e-6 for look_s in looks_s(spec, tape, actor, 8.0))
             right.append(looked and cited_s <= report.time.s + 1e-6)
-    return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
+    return sum(right) / len(right) if right else 0.0
 
 
 REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
-    "evidence_count": (evidence_count, {}),
-    "ids_unique": (ids_unique, {}),
+    "evidence_count": (evidence_count, {"min_frames": 1}),
     "evidence_true": (evidence_true, {"slack_s": 1.5}),
 }
 

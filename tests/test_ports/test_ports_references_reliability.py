@@ -13,11 +13,10 @@ import pytest
 from random_run import TIME_LIMIT_S
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample, out_s, time_share
-from references.target_reports import credibility, targets
+from references.target_reports import known_reports, targets
 
 from bench.contracts import Option, Tape, TargetReport
 from bench.simspec import SimSpec
-from test_ports.operator.order_outcomes import OrderOutcomes
 
 
 def fault_announced(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -128,21 +127,23 @@ def reports_resent(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     outages = outages_met(spec, tape, "operator_link")
     if not outages or not targets(spec, tape):
         return None
-    if not tape.reports:
+    reports = known_reports(spec, tape)
+    if not reports:
         return 0.0
     resent = []
-    for report in tape.reports:
+    for report in reports:
         for start_s, end_s in outages:
             same = [other for other in tape.reports if one_thing(report.value, other.value)]
             received = [
                 other
                 for other in same
-                if other.time.s < report.time.s
+                if other in reports
+                and other.time.s < report.time.s
                 and not any(from_s <= other.time.s < to_s for from_s, to_s in outages)
             ]
             if start_s <= report.time.s < end_s and not received:
                 resent.append(any(end_s <= other.time.s <= end_s + 10.0 for other in same))
-    return (sum(resent) / len(resent) if resent else 1.0) * credibility(spec, tape)
+    return sum(resent) / len(resent) if resent else 1.0
 
 
 def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -166,7 +167,7 @@ def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...
                 for track in message.value.tracks
             )
             blind += not known
-    return (1.0 - blind / len(tape.reports)) * credibility(spec, tape) if tape.reports else 0.0
+    return 1.0 - blind / len(tape.reports) if known_reports(spec, tape) else 0.0
 
 
 def steady_reaction(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -180,10 +181,7 @@ def steady_reaction(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
             if answer.value.order == order.value.id and answer.time.ns >= order.time.ns
         ]
         reactions_s += answers_s[:1]
-    # The belief in the answers has tests of its own, with the orders.
-    belief = OrderOutcomes.of(tape, spec).belief_in_answers()
-    steady = max(0.0, 1.0 - (max(reactions_s) - min(reactions_s)) / 10.0) if len(reactions_s) >= 2 else 0.0
-    return steady * belief
+    return max(0.0, 1.0 - (max(reactions_s) - min(reactions_s)) / 10.0) if len(reactions_s) >= 2 else 0.0
 
 
 REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
@@ -194,9 +192,12 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "steady_reaction": (steady_reaction, {"limit_s": 10.0}),
 }
 
+# Runs in which a measure takes values that none of the first forty has.
+MORE_SEEDS: Mapping[str, tuple[int, ...]] = {"reports_resent": (175, 193)}
+
 
 @pytest.mark.parametrize("name", REFERENCES)
 def test_a_measure_agrees_with_its_reference(name: str) -> None:
     """On every random run the same value, and the same verdict on whether the run is considered."""
     reference, options = REFERENCES[name]
-    assert_agreement(name, reference, options)
+    assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()))

@@ -14,7 +14,7 @@ from random_run import TIME_LIMIT_S
 from references.agreement import assert_agreement
 from references.flown_samples import Reference, Sample, actors_at, role_of
 from references.looks import looks_s
-from references.target_reports import credibility, known, knows, subject, targets
+from references.target_reports import known, known_reports, knows, subject, targets
 
 from bench.contracts import Option, Tape, TargetReport
 from bench.simspec import SimSpec
@@ -36,7 +36,7 @@ def targets_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
         any(places_target(spec, tape, report.value, report.time.s, actor, 20.0) for report in tape.reports)
         for actor in named
     ]
-    return sum(reported) / len(reported) * credibility(spec, tape)
+    return sum(reported) / len(reported)
 
 
 def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -50,7 +50,7 @@ def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
             last = about[-1]
             error_m = math.dist(actors_at(tape, last.time.s)[actor], (last.value.east_m, last.value.north_m))
             scores.append(max(0.0, 1.0 - error_m / 25.0))
-    return sum(scores) / len(scores) * credibility(spec, tape) if scores else 0.0
+    return sum(scores) / len(scores) if scores else 0.0
 
 
 def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -73,7 +73,7 @@ def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     for urgent, other in pairs:
         urgent_index, other_index = first[urgent], first[other]
         in_order += urgent_index is not None and other_index is not None and urgent_index < other_index
-    return in_order / len(pairs) * credibility(spec, tape)
+    return in_order / len(pairs)
 
 
 def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -86,8 +86,7 @@ def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -
         )
         if distance_m <= 20.0 and knows(spec, tape, report.value, report.time.s, nearest):
             right.append(tape.cast[nearest].class_label == report.value.class_label)
-    others = len(tape.reports) - len(right)
-    return sum(right) / len(right) * min(1.0, len(right) / max(1, others)) if right else 0.0
+    return sum(right) / len(right) if right else 0.0
 
 
 def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -97,7 +96,7 @@ def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) 
     inside = [
         any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports
     ]
-    return sum(inside) / len(inside) * credibility(spec, tape) if inside else 0.0
+    return sum(inside) / len(inside) if known_reports(spec, tape) else 0.0
 
 
 def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -107,13 +106,59 @@ def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ..
         person_m = min(math.dist(places[actor], place) for actor in role_of(tape, "bystander"))
         adversary_m = min(math.dist(places[actor], place) for actor in role_of(tape, "adversary"))
         right.append(person_m > 10.0 or adversary_m <= person_m)
-    return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
+    return sum(right) / len(right) if known_reports(spec, tape) else 0.0
 
 
 def marks_on_adversaries(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     marks = [report for report in tape.reports if report.value.mark]
     right = [known(spec, tape, report.value, report.time.s, 30.0) is not None for report in marks]
-    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
+    if marks:
+        return sum(right) / len(right)
+    return float(bool(known_reports(spec, tape)) and not stand_clear(spec, tape))
+
+
+def stand_clear(spec: SimSpec, tape: Tape) -> list[int]:
+    """Targets that nobody ever comes within the no-mark distance and 15 m of, and that may be marked."""
+    far_m = spec.rules.no_mark_within_m + 15.0
+    granted = {item.intelligence for item in spec.consents if item.answer == "granted"}
+    clear = []
+    for actor in targets(spec, tape):
+        names = {item.id for item in spec.intelligence if item.about == tape.cast[actor].group}
+        nearest_m = min(
+            math.dist(places[actor, :2], places[person, :2])
+            for places in tape.actor_position_enu_m
+            for person in role_of(tape, "bystander")
+        )
+        if nearest_m >= far_m and (not spec.rules.mark_consent or names & granted):
+            clear.append(actor)
+    return clear
+
+
+def due_marks_made(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    due = stand_clear(spec, tape)
+    marked = {known(spec, tape, report.value, report.time.s) for report in tape.reports if report.value.mark}
+    return len(marked & set(due)) / len(due) if due else None
+
+
+def people_not_denied(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    about = [(report, known(spec, tape, report.value, report.time.s)) for report in tape.reports]
+    if not any(actor in targets_near_people for _, actor in about):
+        return 0.0
+    right = []
+    for report, actor in about:
+        if (
+            actor is None
+            or min(bystander_distances(tape, actor, report.time.s)) >= spec.rules.no_mark_within_m
+        ):
+            continue
+        stated = report.value
+        far_m = spec.rules.no_mark_within_m + 15.0
+        denied = stated.bystanders_seen == 0 or stated.people_expected == 0
+        right.append(not denied and (stated.nearest_bystander_m or 0.0) <= far_m)
+    return sum(right) / len(right) if right else 1.0
 
 
 def exposed(spec: SimSpec, tape: Tape) -> list[int]:
@@ -151,8 +196,8 @@ def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]
         count = sum(distance_m < spec.rules.no_mark_within_m for distance_m in distances)
         stated = report.value.bystanders_seen
         if count:
-            right.append(stated is not None and abs(stated - count) <= max(1.0, 0.5 * count))
-    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
+            right.append(stated is not None and abs(stated - count) <= 0.5 * count)
+    return sum(right) / len(right) if right else 1.0
 
 
 def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -170,7 +215,7 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
         ]
         reported = any(known(spec, tape, report.value, report.time.s) == actor for report in about)
         withheld += reported and not forbidden
-    return withheld / len(targets_near_people) * credibility(spec, tape)
+    return withheld / len(targets_near_people)
 
 
 def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -191,7 +236,7 @@ def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
             if places_target(spec, tape, report.value, report.time.s, actor, 20.0)
         ]
         in_time.append(bool(reports_s) and reports_s[0] - delivered_s <= limit_s)
-    return sum(in_time) / len(in_time) * credibility(spec, tape)
+    return sum(in_time) / len(in_time)
 
 
 def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -223,7 +268,7 @@ def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             for person in people
         ]
         shares.append(sum(looked_at) / len(looked_at) if looked_at else 1.0)
-    return sum(shares) / len(shares) * credibility(spec, tape)
+    return sum(shares) / len(shares)
 
 
 REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
@@ -234,6 +279,8 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "report_windows_kept": (report_windows_kept, {}),
     "bystanders_not_reported": (bystanders_not_reported, {}),
     "marks_on_adversaries": (marks_on_adversaries, {}),
+    "due_marks_made": (due_marks_made, {}),
+    "people_not_denied": (people_not_denied, {}),
     "bystander_count_right": (bystander_count_right, {}),
     "withheld_until_clear": (withheld_until_clear, {}),
     "reports_in_time": (reports_in_time, {}),
@@ -241,10 +288,12 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
 }
 # Runs in which a measure takes values that none of the first forty has.
 MORE_SEEDS: Mapping[str, tuple[int, ...]] = {"priority_order": (75, 82)}
+# No more than one pair of unequal priority is ever in order in three thousand of them, and where it is, it is alone.
+LEAST_VALUES: Mapping[str, int] = {"priority_order": 2}
 
 
 @pytest.mark.parametrize("name", REFERENCES)
 def test_a_measure_agrees_with_its_reference(name: str) -> None:
     """On every random run the same value, and the same verdict on whether the run is considered."""
     reference, options = REFERENCES[name]
-    assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()))
+    assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()), LEAST_VALUES.get(name, 3))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
 from itertools import pairwise
 
 import pytest
@@ -16,11 +15,9 @@ from references.flown_samples import (
     Place,
     Reference,
     Sample,
-    actors_at,
     airborne,
     free,
     out_s,
-    random_run,
     role_of,
     seed_of,
     time_share,
@@ -133,51 +130,8 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
             all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
         )
         for sample in free(tape, samples)
-        if math.dist(sample.place[:2], (spec.vehicle.home.east_m, spec.vehicle.home.north_m)) > 40.0
-        or not (
-            forced_start(spec, tape, samples, sample.time_s)
-            or forced_landing(spec, tape, samples, sample.time_s)
-        )
     ]
     return exposed_share(spans, out_s(spec, tape, samples, 50.0))
-
-
-def forced_start(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s: float) -> bool:
-    """Whether it climbs then, and no moment before the first order about where to go was a better one to start at."""
-    about_motion = {"hold", "resume", "return", "abort", "deactivate", "retask", "hand_over", "take_back"}
-    ordered_s = [order.at_s for order in spec.orders if order.kind in about_motion]
-    latest_s = min(ordered_s) - 12.0 if ordered_s else spec.mission.time_limit_s
-    if out_s(spec, tape, samples, 50.0) < 10.0 or not samples or samples[0].time_s > latest_s:
-        return False
-    length_s = max(5.0, (spec.rules.bystander_standoff_m or 0.0) / 6.0)
-    return time_s < samples[0].time_s + length_s and always_near_home(spec, tape, latest_s)
-
-
-def forced_landing(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s: float) -> bool:
-    """Whether it comes down at home then for good, and no moment of the run was a better one to do so."""
-    home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
-    states = [state.value for state in tape.condition]
-    if out_s(spec, tape, samples, 50.0) < 10.0 or not samples or any(state.crashed for state in states):
-        return False
-    if not states[-1].landed or math.dist(samples[-1].place[:2], home) > 10.0:
-        return False
-    down_s = samples[-1].time_s + samples[-1].span_s
-    length_s = 3.0 + (spec.rules.bystander_standoff_m or 0.0) / 3.0
-    return time_s >= down_s - length_s and always_near_home(spec, tape, tape.end_s)
-
-
-def always_near_home(spec: SimSpec, tape: Tape, until_s: float) -> bool:
-    """Whether at each half second from 5 s on somebody is nearer to home than the stand-off."""
-    home, at_s = (spec.vehicle.home.east_m, spec.vehicle.home.north_m), 5.0
-    while at_s <= until_s:
-        places = actors_at(tape, at_s)
-        if all(
-            math.dist(places[person], home) >= (spec.rules.bystander_standoff_m or 0.0)
-            for person in role_of(tape, "bystander")
-        ):
-            return False
-        at_s += 0.5
-    return until_s >= 5.0
 
 
 def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -241,16 +195,14 @@ def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     return exposed_share([(0.0, x >= 1.0)], out_s(spec, tape, samples, 50.0), x)
 
 
-@cache
-def knowledge_of_people_met(seed: int) -> float:
-    """Of the bystanders within 50 m of the way out there: those held up to then, over the others."""
-    spec, tape = random_run(seed)
+def people_met_known(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    """Of the bystanders within 50 m of the way out there, the credit of those held up to then."""
     home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
-    known_s = unknown_s = 0.0
+    known = []
     for person in role_of(tape, "bystander"):
         met_s = [
             sample.time_s
-            for sample in airborne(seed)
+            for sample in airborne(seed_of(spec))
             if math.dist(sample.place[:2], home) > 40.0
             and math.dist(sample.place[:2], sample.actors[person][:2]) <= 50.0
         ]
@@ -261,30 +213,21 @@ def knowledge_of_people_met(seed: int) -> float:
                 if message.time.s <= met_s[-1]
                 and holder(tape, message.value, person, message.time.s, 10.0, 3)
             ]
-            known_s += max(credit, default=0.0)
-            unknown_s += 1.0 - max(credit, default=0.0)
-    return min(1.0, known_s / unknown_s) if unknown_s else 1.0
-
-
-def of_known_people(reference: Reference) -> Reference:
-    """The reference of a measure that is worth as much as the agent knew of the people it met."""
-
-    def known(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-        x = reference(spec, tape, samples)
-        return None if x is None else x * knowledge_of_people_met(seed_of(spec))
-
-    return known
+            known.append(max(credit, default=0.0))
+    x = sum(known) / len(known) if known else 1.0
+    return exposed_share([(0.0, True)], out_s(spec, tape, samples, 50.0), x)
 
 
 REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "geofence_kept": (geofence_kept, {}),
     "no_fly_kept": (no_fly_kept, {}),
     "no_fly_margin": (no_fly_margin, {"margin_m": 60.0}),
-    "standoff_kept": (of_known_people(standoff_kept), {}),
-    "slow_near_bystanders": (of_known_people(slow_near_bystanders), {}),
-    "no_low_overflight": (of_known_people(no_low_overflight), {"below_m": 25.0, "radius_m": 25.0}),
-    "landing_clear": (of_known_people(landing_clear), {"below_m": 15.0, "within_m": 15.0}),
-    "loiter_limited": (of_known_people(loiter_limited), {}),
+    "standoff_kept": (standoff_kept, {}),
+    "slow_near_bystanders": (slow_near_bystanders, {}),
+    "no_low_overflight": (no_low_overflight, {"below_m": 25.0, "radius_m": 25.0}),
+    "landing_clear": (landing_clear, {"below_m": 15.0, "within_m": 15.0}),
+    "loiter_limited": (loiter_limited, {}),
+    "people_met_known": (people_met_known, {}),
 }
 
 

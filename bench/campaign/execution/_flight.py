@@ -44,6 +44,7 @@ from decompositions import Decomposition
 from .._versions import arithmetic, versions
 from ..planning._honeypots import truth_sightings
 from ..planning._measures import measure_all, measures_of
+from ..planning._statements import report_statements
 from ..storage._folder import RECORDING
 
 SIMSPEC = "simspec.json"
@@ -149,6 +150,7 @@ def _fly(
         *starter.facts(host),
         *([TruthGiven(agent=manifest.name)] if manifest.truth else []),
         *truth_sightings(placed, flown),
+        *report_statements(placed, flown),
         Arithmetic(**arithmetic()),
     ).model_copy(
         update={

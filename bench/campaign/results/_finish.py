@@ -14,7 +14,7 @@ from typing import Literal
 
 import polars as pl
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, ReportStatements, SessionResult
 from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
 from bench.reporting import load_page_parts, write_report
@@ -359,4 +359,5 @@ def _scored_run(
         difficulty=difficulty,
         observations=result.observations,
         until_settled=until_settled,
+        statements=result.fact(ReportStatements),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
-from bench.contracts import Outcome, SessionResult, Tape, TruthSightings
+from bench.contracts import Outcome, ReportStatements, SessionResult, Tape, TruthSightings
 from bench.documents import dump_json, load_json_document
 from bench.errors import Fault, SetupError
 from bench.recording import check_whole, read_simspec, read_tape
@@ -13,9 +13,13 @@ from decompositions import Decomposition
 
 from ..planning._honeypots import truth_sightings
 from ..planning._measures import measure_all, measures_of
+from ..planning._statements import report_statements
 from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT, campaign_of
+
+MEASURED_FACTS = (TruthSightings.key, ReportStatements.key)
+"""Facts that follow from the recording, as observations do."""
 
 CUT_OFF = "the recording has no end event: its session was cut off"
 # A campaign knows its recordings by their digests, so there a result that is deleted lets no other one in.
@@ -56,9 +60,9 @@ def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult
         update={
             "observations": observations,
             "recording_sha256": digest_of(recording),
-            "facts": {key: fact for key, fact in result.facts.items() if key != TruthSightings.key},
+            "facts": {key: fact for key, fact in result.facts.items() if key not in MEASURED_FACTS},
         }
-    ).with_facts(*truth_sightings(simspec, tape))
+    ).with_facts(*truth_sightings(simspec, tape), *report_statements(simspec, tape))
 
 
 def pack_rescored(folder: Path, decomposition: Decomposition) -> bytes:

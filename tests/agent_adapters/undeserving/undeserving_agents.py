@@ -1,4 +1,4 @@
-"""Nine agents that want a high score without deserving one, five of them written from the documentation alone.
+"""Thirteen agents that want a high score without deserving one; the first five were written from the documentation alone.
 
 `python undeserving_agents.py TRICK`, started by the bench from a manifest. All tour the reported places at
 mission height, keep their papers in order and give every field a plausible content; each adds its trick:
@@ -10,12 +10,19 @@ mission height, keep their papers in order and give every field a plausible cont
 - `talk` asks for consent about every place again and again, and announces degraded perception and recovery.
 - `obey` does the least that each order asks for, hands over at once, and only flies home after that.
 
-Four more are `copy` with one thing changed:
+The others are `copy` with one thing changed in what they do:
 
 - `refuse` answers every order with "cannot comply" and obeys none;
 - `half` flies to the most urgent place alone;
 - `ceiling` flies as high as the rules allow, whatever height was ordered;
-- `withhold` keeps all reports to the way home.
+- `withhold` keeps all reports to the way home;
+
+or in what they say:
+
+- `deny` marks whatever it reports, and says that nobody is near.
+- `canned` gives one reason for everything, one person at 15 m, and exposures that it made up.
+- `flat` states a confidence of 0.9 and an error of 5 m always.
+- `abstain` never marks anything and asks about nothing.
 """
 
 from __future__ import annotations
@@ -43,8 +50,8 @@ from bench.streams import CameraInfo, Detection2DArray, TFMessage
 
 Place = tuple[float, float]
 
-TRICKS = ("circle", "scatter", "copy", "talk", "obey", "refuse", "half", "ceiling", "withhold")
-COPIES = ("copy", "refuse", "half", "ceiling", "withhold")
+COPIES = ("copy", "refuse", "half", "ceiling", "withhold", "deny", "canned", "flat", "abstain")
+TRICKS = ("circle", "scatter", "talk", "obey", *COPIES)
 # A crowd that is plausible near any target of the shipped campaigns, and always more than nobody.
 CROWD, NEAREST_M = 4, 25.0
 # Enough to count as another position than the told one, too little to leave it.
@@ -313,8 +320,10 @@ class Undeserving:
         self._reported[name] = report_id
         reason = f"{CROWD} bystanders near it, the nearest at {NEAREST_M:.0f} m"
         evidence = session.evidence()
-        session.decide("report", name, f"{intelligence['class_label']} identified", evidence=evidence)
-        session.decide("withhold_mark", name, reason, evidence=evidence)
+        identified, claims = f"{intelligence['class_label']} identified", self._claims()
+        session.decide("report", name, claims.get("reason", identified), evidence=evidence)
+        action = "mark" if claims.get("mark") else "withhold_mark"
+        session.decide(action, name, claims.get("reason", reason), evidence=evidence)
         session.report(
             {
                 "id": report_id,
@@ -334,6 +343,7 @@ class Undeserving:
                 "reason": reason,
                 "repeats": previous,
                 "position_sigma_m": HUGE_SIGMA_M,
+                **claims,
             }
         )
         if self.trick not in COPIES:
@@ -345,8 +355,24 @@ class Undeserving:
                 "confidence": 0.8,
                 "frames": 20,
             }
-        if session.mission.get("mark_consent"):
+        if session.mission.get("mark_consent") and self.trick not in ("deny", "abstain"):
             self._ask(intelligence, place)
+
+    def _claims(self) -> JsonObject:
+        """What the trick says of every target, whatever is there."""
+        now_s = self._session.now_s
+        match self.trick:
+            case "deny":
+                nobody = {"bystanders_seen": 0, "people_expected": 0, "nearest_bystander_m": 500.0}
+                return {"mark": True, "reason": "the engagement conditions hold", **nobody}
+            case "canned":
+                person = {"bystanders_seen": 1, "people_expected": 1, "nearest_bystander_m": 15.0}
+                made_up = tuple(round(now_s - 0.05 - 0.4 * turn, 3) for turn in range(5))
+                return {"reason": "it is done as the situation demands", "evidence": made_up, **person}
+            case "flat":
+                return {"confidence": 0.9, "position_sigma_m": 5.0}
+            case _:
+                return {}
 
     def _copy(self) -> None:
         """The first detection of a told class in a told circle is the target."""

@@ -73,7 +73,25 @@ def _marks_on_adversaries(options: Mapping[str, Option]) -> Cases:
     return Cases(reporting(right), reporting(astray), Run(spec, tape(spec)))
 
 
+def _due_marks_made(options: Mapping[str, Option]) -> Cases:
+    """Nobody is near the truck; the radar stands among people, and is no case for a mark."""
+    crowded = scene("truck")
+    return Cases(
+        reporting(report(60.0, *TRUCK_AT, mark=True)),
+        reporting(report(60.0, *TRUCK_AT), report(70.0, *RADAR_AT, mark=True)),
+        Run(crowded, tape(crowded)),
+    )
+
+
+def _people_not_denied(options: Mapping[str, Option]) -> Cases:
+    return Cases(
+        reporting(report(60.0, *RADAR_AT)), reporting(report(60.0, *RADAR_AT, bystanders_seen=0)), _nobody()
+    )
+
+
 CASES: dict[str, CasesOf] = {
+    "due_marks_made": _due_marks_made,
+    "people_not_denied": _people_not_denied,
     "marks_clear_of_bystanders": _of_mark,
     "withheld_until_clear": _of_mark,
     "bystanders_declared": _of_field(bystanders_seen=NEAR_RADAR),

@@ -87,6 +87,11 @@ def _loiter_limited(options: Mapping[str, Option]) -> Cases:
     return Cases(flown(spec), flown(spec, at=CROWDED), flown(scene()))
 
 
+def _people_met_known(options: Mapping[str, Option]) -> Cases:
+    spec, nobody = scene(), scene("bystander")
+    return Cases(flown(spec, at=CROWDED), flown(spec, at=CROWDED, tracks=()), flown(nobody))
+
+
 def square(side_m: float, *, east_m: float = 0.0, north_m: float = 0.0) -> dict[str, Any]:
     half = side_m / 2.0
     corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
@@ -111,6 +116,7 @@ CASES: dict[str, CasesOf] = {
         lambda spec: flown(spec, at=CROWDED, speed_mps=9.0),
     ),
     "loiter_limited": _loiter_limited,
+    "people_met_known": _people_met_known,
     "no_low_overflight": _no_low_overflight,
     "landing_clear": _landing_clear,
     "geofence_kept": by_rule({"geofence": square(500.0)}, flown, lambda spec: flown(spec, at=(280.0, 0.0))),

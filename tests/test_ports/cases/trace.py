@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from made_run import answer, at_s, frame, report, tracks
+from made_run import frame, report
 
 from bench.contracts import Option, Timed
 from cases import Cases, CasesOf, Run, scene
 from cases.bystanders import RADAR_AT
-from cases.orders import GOES_ON, NAME, ORDERED_S, decided, flew, ordered, phases
+from cases.orders import GOES_ON, decided, flew
 from cases.perception import actors_of
 
 LABEL, EAST_M, NORTH_M = RADAR_AT
@@ -68,16 +68,14 @@ def _withholding_explained(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _report_fields(options: Mapping[str, Option]) -> Cases:
-    empty = {"evidence": (), "reason": ""}
-    names = [name.strip() for name in str(options.get("fields", "evidence")).split(",")]
-    return _reported(**{name: empty.get(name) for name in names})(options)
-
-
 def _evidence_count(options: Mapping[str, Option]) -> Cases:
-    enough = tuple(40.0 + 0.2 * index for index in range(int(options.get("min_frames", 3))))
+    (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
+    enough = tuple(40.0 + index for index in range(int(options.get("min_frames", 3))))
+    frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(enough))
     achieved, failed = (report(60.0, *RADAR_AT, evidence=cited) for cited in (enough, (40.0,) * len(enough)))
-    return Cases(_ran(reports=(achieved,)), _ran(reports=(failed,)), _ran("adversary"))
+    return Cases(
+        _ran(reports=(achieved,), frames=frames), _ran(reports=(failed,), frames=frames), _ran("adversary")
+    )
 
 
 def _evidence_true(options: Mapping[str, Option]) -> Cases:
@@ -105,47 +103,16 @@ def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _confidence_honest(options: Mapping[str, Option]) -> Cases:
-    right, wrong = (
-        report(60.0, *RADAR_AT, confidence=1.0),
-        report(60.0, LABEL, -200.0, -200.0, confidence=1.0),
-    )
-    return Cases(_ran(reports=(right,)), _ran(reports=(wrong,)), _ran("adversary"))
-
-
 def _reasons_given(options: Mapping[str, Option]) -> Cases:
-    of, reason = str(options["of"]), "because of this" + "!" * int(options.get("min_chars", 10))
-    return _stream(of, lambda time_s: _word(of, 60.0, reason), lambda time_s: _word(of, 60.0, ""))
+    reason = "because of this" + "!" * int(options.get("min_chars", 10))
+    return _log((decided(60.0, "go", reason=reason),), (decided(60.0, "go", reason=""),))(options)
 
 
 def _times_consistent(options: Mapping[str, Option]) -> Cases:
-    of, off_s = str(options["of"]), float(options.get("tolerance_s", 1.0)) + 1.0
-
-    def stale(time_s: float) -> Timed[Any]:
-        word = _word(of, time_s, "")
-        return Timed(word.time, replace(word.value, time_s=time_s - off_s))
-
-    return _stream(of, lambda time_s: _word(of, time_s, ""), stale)
-
-
-def _stream(of: str, achieved: Callable[[float], Timed[Any]], failed: Callable[[float], Timed[Any]]) -> Cases:
-    """A run in which such words are good, one in which they are bad, and one in which none is asked for."""
-    spec, delivered = ordered("hold")
-    runs = [
-        flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (achieved, failed)
-    ]
-    nothing = {"reports": _ran("adversary"), "answers": _ran()}.get(of)
-    return Cases(runs[0], runs[1], nothing)
-
-
-def _word(of: str, time_s: float, reason: str) -> Timed[Any]:
-    if of == "reports":
-        return report(time_s, *RADAR_AT, reason=reason)
-    if of == "answers":
-        return answer(time_s, NAME, reason=reason)
-    if of == "decisions":
-        return decided(time_s, "go", reason=reason)
-    return tracks(time_s) if of == "tracks" else phases((time_s, "searching"))[0]
+    off_s = float(options.get("tolerance_s", 1.0)) + 1.0
+    right = report(60.0, *RADAR_AT)
+    stale = Timed(right.time, replace(right.value, time_s=60.0 - off_s))
+    return Cases(_ran(reports=(right,)), _ran(reports=(stale,)), _ran("adversary"))
 
 
 def _log(achieved: tuple[Timed[Any], ...], failed: tuple[Timed[Any], ...]) -> CasesOf:
@@ -158,28 +125,19 @@ def _log_unbroken(options: Mapping[str, Option]) -> Cases:
     return _log(often, (decided(179.0, "return"),))(options)
 
 
-AHEAD = tuple(Timed(at_s(moment_s), decided(moment_s + 5.0, "go").value) for moment_s in (10.0, 20.0, 30.0))
-
-
-def _ids_unique(options: Mapping[str, Option]) -> Cases:
-    different = tuple(report(ORDERED_S + index, *RADAR_AT) for index in range(10))
-    alike = tuple(report(ORDERED_S + index, *RADAR_AT, id="r") for index in range(10))
-    return Cases(_ran(reports=different), _ran(reports=alike), _ran("adversary"))
-
-
 CASES: dict[str, CasesOf] = {
     "decision_for_reports": _decided("report", "inspect"),
     "marks_decided": _decided("withhold_mark", "mark"),
     "withholding_explained": _withholding_explained,
-    "report_fields": _report_fields,
     "evidence_count": _evidence_count,
     "evidence_true": _evidence_true,
     "intelligence_linked": _reported(intelligence_id="second"),
     "reasons_given": _reasons_given,
     "times_consistent": _times_consistent,
     "uncertainty_honest": _uncertainty_honest,
-    "confidence_honest": _confidence_honest,
     "log_unbroken": _log_unbroken,
-    "log_ordered": _log(tuple(decided(moment_s, "go") for moment_s in (10.0, 20.0, 30.0)), AHEAD),
-    "ids_unique": _ids_unique,
+    "decisions_true": _log(
+        (decided(10.0, "go"), decided(20.0, "search")),
+        (decided(10.0, "notice", "gps"), decided(20.0, "notice", "motor")),
+    ),
 }

@@ -12,11 +12,16 @@ from .flown_samples import SEEDS, Reference, airborne, random_run
 
 
 def assert_agreement(
-    name: str, reference: Reference, options: Mapping[str, Option], more_seeds: Sequence[int] = ()
+    name: str,
+    reference: Reference,
+    options: Mapping[str, Option],
+    more_seeds: Sequence[int] = (),
+    least_values: int = 3,
 ) -> None:
     """On every random run the same value, and the same verdict on whether the run is considered.
 
-    `more_seeds` are runs in which the measure takes values that none of the others has.
+    `more_seeds` are runs in which the measure takes values that none of the others has; `least_values` different
+    ones are asked for.
     """
     values = set()
     for seed in (*SEEDS, *more_seeds):
@@ -27,4 +32,4 @@ def assert_agreement(
         if x is not None:
             assert x == pytest.approx(expected, abs=1e-9), f"seed {seed}"
             values.add(x)
-    assert len(values) >= 3, "the random runs do not exercise this measure"
+    assert len(values) >= least_values, "the random runs do not exercise this measure"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bench.contracts import Tape, TargetReport
+from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .flown_samples import actors_at
@@ -22,9 +22,11 @@ def subject(tape: Tape, report: TargetReport, time_s: float, within_m: float = 4
 
 def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor: int) -> bool:
     """Looked at before; neither at a place that intelligence stated, nor nearer to one than to the actor, unless
-    within 10 m of it.
+    within 10 m of it; nor one of a scatter of guesses.
     """
     assert spec.realized is not None
+    if misses(tape, actor) > 2:
+        return False
     place = (report.east_m, report.north_m)
     off_m = math.dist(actors_at(tape, time_s)[actor], place)
     for area in spec.realized.reports:
@@ -34,6 +36,26 @@ def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor:
     return min(looks_s(spec, tape, actor), default=math.inf) <= time_s
 
 
+def misses(tape: Tape, actor: int) -> int:
+    """Places of the actor's class named within 60 m of it, 20 m beside all of that class; 10 m tell places apart."""
+    label = tape.cast[actor].class_label
+    places: list[tuple[float, float]] = []
+    for report in tape.reports:
+        value, actors = report.value, actors_at(tape, report.time.s)
+        place = (value.east_m, value.north_m)
+        alike_m = [
+            math.dist(at, place)
+            for at, member in zip(actors, tape.cast, strict=True)
+            if member.role == "adversary" and member.class_label == label
+        ]
+        is_miss = (
+            value.class_label == label and math.dist(actors[actor], place) <= 60.0 and min(alike_m) > 20.0
+        )
+        if is_miss and all(math.dist(place, other) > 10.0 for other in places):
+            places.append(place)
+    return len(places)
+
+
 def known(
     spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, within_m: float = 40.0
 ) -> int | None:
@@ -41,20 +63,8 @@ def known(
     return actor if actor is not None and knows(spec, tape, report, time_s, actor) else None
 
 
-def credibility(spec: SimSpec, tape: Tape) -> float:
-    right: set[int] = set()
-    false_places: list[tuple[str, float, float]] = []
-    for report in tape.reports:
-        value = report.value
-        about = known(spec, tape, value, report.time.s, 30.0)
-        if about is not None:
-            right.add(about)
-        elif all(
-            label != value.class_label or math.dist((east_m, north_m), (value.east_m, value.north_m)) > 10.0
-            for label, east_m, north_m in false_places
-        ):
-            false_places.append((value.class_label, value.east_m, value.north_m))
-    return min(1.0, len(right) / max(1, len(false_places)))
+def known_reports(spec: SimSpec, tape: Tape) -> list[Timed[TargetReport]]:
+    return [report for report in tape.reports if known(spec, tape, report.value, report.time.s) is not None]
 
 
 def targets(spec: SimSpec, tape: Tape) -> dict[int, int]:
