@@ -84,14 +84,28 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
 def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
     """Share of the pairs of targets with unequal priority that were both reported, the more urgent one first.
 
-    A target is reported as in `targets_reported`. Considered when there is such a pair.
+    A target is reported as in `targets_reported`. A pair counts where the agent was told of the more urgent target no later
+    than of the other, and where no order puts the other first. Considered when there is such a pair.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
+    told_s: dict[int | None, float] = {}
+    for item in sorted(simspec.intelligence, key=lambda item: item.delivered_s):
+        told_s.setdefault(truth.target_of(item.id), item.delivered_s)
+    put_first = {
+        truth.target_of(order.intelligence or "") for order in simspec.orders if order.kind == "retask"
+    }
     # Ordered pairs by strict comparison: each pair appears once, the more urgent target first.
-    pairs = [(urgent, other) for urgent in targets for other in targets if urgent.priority < other.priority]
+    pairs = [
+        (urgent, other)
+        for urgent in targets
+        for other in targets
+        if urgent.priority < other.priority
+        and told_s[urgent.actor] <= told_s[other.actor]
+        and other.actor not in put_first
+    ]
     if not pairs:
-        return not_considered("intelligence names no two targets of unequal priority")
+        return not_considered("no two targets of unequal priority are asked for in that order")
     first = {target.actor: _first_report(truth, target.actor, tape, within_m) for target in targets}
     in_order: list[Evidence] = []
     out_of_order: list[Evidence] = []

@@ -34,13 +34,29 @@ RECKLESS = ("null-everywhere", "null-mark", "null-random", "null-refuse")
 REFERENCES = ("reference-naive", "reference-bystander-aware")
 
 ABOUT_PEOPLE_AND_REPORTS = {
-    *("KA-01", "KA-02", "KA-03", "KA-04", "KA-05", "KA-06", "KA-07", "KA-08", "KA-10", "KA-11", "KA-12"),
+    *("KA-03", "KA-04", "KA-05", "KA-06", "KA-08", "KA-10", "KA-11", "KA-12"),
     *("KA-18", "KA-19", "KA-22", "KA-23", "KA-25", "KA-26", "KA-29", "KA-40", "KA-41", "KA-42"),
 }
-"""Key attributes about reporting, marking and bystanders: here no agent of the reckless may have half."""
+"""Key attributes about reports, marks and the perception of people: here no agent of the reckless may have half."""
 
-EXCEPTIONS = {"KA-21", "KA-27", "KA-30", "KA-31", "KA-32", "KA-33", "KA-35", "KA-36", "KA-39"}
-"""Where an agent that really flies, or lives, earns what that earns. docs/measures.md has the reasons."""
+EXCEPTIONS = {
+    *(
+        "KA-01",
+        "KA-02",
+        "KA-07",
+        "KA-21",
+        "KA-27",
+        "KA-30",
+        "KA-31",
+        "KA-32",
+        "KA-33",
+        "KA-35",
+        "KA-36",
+        "KA-37",
+    ),
+    "KA-39",
+}
+"""Where an agent that really flies, or lives, or answers, earns what that earns. docs/measures.md has the reasons."""
 
 Confidences = Mapping[str, float]
 

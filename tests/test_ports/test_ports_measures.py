@@ -420,6 +420,33 @@ def test_priority_order_requires_the_urgent_target_first() -> None:
     assert x_of(priority_order, simspec(targets=False)) is None
 
 
+@pytest.mark.parametrize(("radar_s", "truck_s", "x"), [(5.0, 5.0, 0.0), (5.0, 6.0, 0.0), (6.0, 5.0, None)])
+def test_a_target_told_of_later_does_not_have_to_come_first(
+    radar_s: float, truck_s: float, x: float | None
+) -> None:
+    told = [
+        {"id": "first", "about": "radar", "priority": 1, "delivered_s": radar_s},
+        {"id": "second", "about": "truck", "priority": 2, "delivered_s": truck_s},
+    ]
+    reports = (report(40.0, *TRUCK_AT), report(50.0, *RADAR_AT))
+    assert x_of(priority_order, simspec(intelligence=told), reports=reports) == x
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "x"), [("retask", "second", None), ("retask", "first", 0.0), ("mark", "second", 0.0)]
+)
+def test_an_order_that_puts_the_other_target_first_takes_the_pair_out(
+    kind: str, target: str, x: float | None
+) -> None:
+    told = [
+        {"id": "first", "about": "radar", "priority": 1},
+        {"id": "second", "about": "truck", "priority": 2},
+    ]
+    orders = [{"id": "order", "at_s": 10.0, "kind": kind, "intelligence": target}]
+    reports = (report(40.0, *TRUCK_AT), report(50.0, *RADAR_AT))
+    assert x_of(priority_order, simspec(intelligence=told, orders=orders), reports=reports) == x
+
+
 def test_no_false_reports_is_the_share_with_an_adversary() -> None:
     """One false report of two halves the value; silence gives 0, except where silence is right."""
     true, false = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 0.0, 0.0)
