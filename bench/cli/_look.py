@@ -34,8 +34,23 @@ def schema(
             help="simspec, campaign, decomposition, agent, score-report, a message document, or a ROS 2 type"
         ),
     ] = "simspec",
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            help="Print the topics of the air network of a session of this SimSpec instead, with their Zenoh keys"
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="With --keys: print JSON")] = False,
 ) -> None:
-    """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
+    """Print the JSON Schema of a document, or the keys of the topics of a session.
+
+    Example: rebar schema simspec > simspec.schema.json
+
+    Example: rebar schema --keys examples/search.yaml
+    """
+    if keys is not None:
+        _print_keys(keys, as_json)
+        return
     from bench import contracts
     from bench.campaign import Campaign, CampaignState
     from bench.errors import Fault, SetupError
@@ -94,6 +109,31 @@ def schema(
             )
         )
     print(json.dumps(contracts.document_schema(kinds[name]), indent=2))
+
+
+def _print_keys(simspec: Path, as_json: bool) -> None:
+    from bench.simspec import load_simspec
+    from bench.simulation import air_topics
+
+    rows = [
+        {
+            "topic": topic.name,
+            "type": topic.kind.TYPE,
+            "key": topic.key,
+            "direction": "from the agent" if topic.from_agent else "to the agent",
+            "reliable": topic.depth > 0 or topic.qos.reliable,
+            "latched": topic.depth,
+        }
+        for topic in air_topics(load_simspec(simspec))
+    ]
+    if as_json:
+        print(json.dumps(rows, indent=2))
+        return
+    # A key is longer than a line of the terminal, and is there to be copied: no table.
+    for row in rows:
+        kind = "reliable" if row["reliable"] else "best effort"
+        latched = f", latched ({row['latched']})" if row["latched"] else ""
+        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}\n  {row['key']}")
 
 
 def difficulty(

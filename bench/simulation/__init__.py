@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ._air_network import AirTopic as AirTopic
+from ._air_network import air_topics as air_topics
 from ._camera import CameraNumbers as CameraNumbers
 from ._camera import PinholeCamera as PinholeCamera
 from ._forfeit import open_forfeit as open_forfeit

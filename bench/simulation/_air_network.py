@@ -32,6 +32,7 @@ from bench.streams import (
     String,
     Subscription,
     TFMessage,
+    data_key,
     encode,
     open_router,
 )
@@ -52,6 +53,53 @@ LARGE_SAMPLE_WAIT_S = 5.0
 MAX_DOCUMENT_BYTES = 256 * 1024
 # Of a topic in a reason; the line of a hello may be a thousand times as long.
 _SHOWN_CHARACTERS = 80
+
+
+@dataclass(frozen=True, slots=True)
+class AirTopic:
+    """A topic of one session's air network. `depth` is 0 for one that is not latched."""
+
+    name: str
+    kind: type[RosMessage]
+    qos: QoS = RELIABLE_10
+    depth: int = 0
+    from_agent: bool = False
+
+    @property
+    def key(self) -> str:
+        """Where its samples travel."""
+        return data_key(DOMAIN, self.name, self.kind.TYPE)
+
+
+def air_topics(simspec: SimSpec) -> tuple[AirTopic, ...]:
+    """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write."""
+    topics = VehicleTopics(simspec.vehicle.name)
+    cameras = [
+        topic
+        for camera in simspec.vehicle.cameras
+        for topic in (
+            AirTopic(topics.camera_info(camera.name), CameraInfo, SENSOR_DATA),
+            AirTopic(topics.image_raw(camera.name), Image, SENSOR_DATA),
+            AirTopic(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA),
+        )
+    ]
+    return (
+        AirTopic(CLOCK, Clock, CLOCK_QOS),
+        AirTopic(TF, TFMessage, TF_QOS),
+        AirTopic(TF_STATIC, TFMessage, depth=1),
+        AirTopic(topics.mission, String, depth=1),
+        AirTopic(topics.intelligence, String, depth=32),
+        AirTopic(topics.orders, String, depth=32),
+        AirTopic(topics.consents, String, depth=32),
+        AirTopic(topics.operator_link, String, depth=1),
+        AirTopic(topics.detections, Detection2DArray, SENSOR_DATA),
+        *cameras,
+        *(
+            AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
+            for camera in simspec.perception.more_cameras
+        ),
+        *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
+    )
 
 
 @dataclass(slots=True)
@@ -137,31 +185,33 @@ class AirNetwork:
         self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        def recorded(
-            topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0
-        ) -> RecordedPublisher:
-            publisher = None
+        table = {topic.name: topic for topic in air_topics(simspec)}
+
+        def recorded(name: str) -> RecordedPublisher:
+            topic, publisher = table[name], None
             if node is not None:
                 publisher = (
-                    node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
+                    node.latched(name, topic.kind, depth=topic.depth)
+                    if topic.depth
+                    else node.publisher(name, topic.kind, topic.qos)
                 )
-            return RecordedPublisher(topic, kind, tap, publisher, latched=depth > 0)
+            return RecordedPublisher(name, topic.kind, tap, publisher, latched=topic.depth > 0)
 
-        self.clock = recorded(CLOCK, Clock, CLOCK_QOS)
-        self.tf = recorded(TF, TFMessage, TF_QOS)
-        self.tf_static = recorded(TF_STATIC, TFMessage, depth=1)
-        self.mission = recorded(topics.mission, String, depth=1)
-        self.intelligence = recorded(topics.intelligence, String, depth=32)
-        self.orders = recorded(topics.orders, String, depth=32)
-        self.consents = recorded(topics.consents, String, depth=32)
-        self.operator_link = recorded(topics.operator_link, String, depth=1)
-        self.detections = recorded(topics.detections, Detection2DArray, SENSOR_DATA)
+        self.clock = recorded(CLOCK)
+        self.tf = recorded(TF)
+        self.tf_static = recorded(TF_STATIC)
+        self.mission = recorded(topics.mission)
+        self.intelligence = recorded(topics.intelligence)
+        self.orders = recorded(topics.orders)
+        self.consents = recorded(topics.consents)
+        self.operator_link = recorded(topics.operator_link)
+        self.detections = recorded(topics.detections)
         self.cameras = tuple(
             CameraPublishers(
-                recorded(topics.camera_info(camera.name), CameraInfo, SENSOR_DATA),
-                recorded(topics.image_raw(camera.name), Image, SENSOR_DATA),
-                recorded(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA),
-                recorded(topics.camera_detections(camera.name), Detection2DArray, SENSOR_DATA)
+                recorded(topics.camera_info(camera.name)),
+                recorded(topics.image_raw(camera.name)),
+                recorded(topics.image_compressed(camera.name)),
+                recorded(topics.camera_detections(camera.name))
                 if camera.name in simspec.perception.more_cameras
                 else None,
             )
@@ -349,34 +399,11 @@ def open_air_network(
     """The air network of one session: an embedded router on which truth never is, with one credential, and one more
     where a companion computer comes from outside.
     """
-    topics, outside = VehicleTopics(simspec.vehicle.name), simspec.agent.outside_air
+    outside, topics = simspec.agent.outside_air, air_topics(simspec)
     plan = AirPlan(
         domain=DOMAIN,
-        agent_reads=(
-            (CLOCK, Clock.TYPE),
-            (TF, TFMessage.TYPE),
-            (TF_STATIC, TFMessage.TYPE),
-            (topics.mission, String.TYPE),
-            (topics.intelligence, String.TYPE),
-            (topics.orders, String.TYPE),
-            (topics.consents, String.TYPE),
-            (topics.operator_link, String.TYPE),
-            (topics.detections, Detection2DArray.TYPE),
-            *(
-                grant
-                for camera in simspec.vehicle.cameras
-                for grant in (
-                    (topics.camera_info(camera.name), CameraInfo.TYPE),
-                    (topics.image_raw(camera.name), Image.TYPE),
-                    (topics.image_compressed(camera.name), CompressedImage.TYPE),
-                )
-            ),
-            *(
-                (topics.camera_detections(name), Detection2DArray.TYPE)
-                for name in simspec.perception.more_cameras
-            ),
-        ),
-        agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
+        agent_reads=tuple((topic.name, topic.kind.TYPE) for topic in topics if not topic.from_agent),
+        agent_writes=tuple((topic.name, topic.kind.TYPE) for topic in topics if topic.from_agent),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
         # In lockstep and warp the session waits for its agent anyway, and a lost picture would end or change it.
         large_sample_wait_s=None if simspec.pace.mode == "realtime" else LARGE_SAMPLE_WAIT_S,

@@ -15,6 +15,7 @@ import xxhash
 from bench.values import value_class
 
 from ._schemas import type_hash
+from ._types import RosMessage
 
 GRAPH = "@ros2_lv"
 # The default depth of rmw_zenoh. In a token, a value equal to its default is left out.
@@ -73,8 +74,11 @@ def mangle(name: str) -> str:
     return name.replace("/", "%")
 
 
-def data_key(domain: int, topic: str, type_name: str) -> str:
-    """Where the samples of a topic travel. KeyError for a type that the bench does not speak."""
+def data_key(domain: int, topic: str, kind: str | type[RosMessage]) -> str:
+    """Where the samples of a topic travel; `kind` is a message class or the name of its type. KeyError for a type that the
+    bench does not speak.
+    """
+    type_name = kind if isinstance(kind, str) else kind.TYPE
     return f"{domain}/{topic.strip('/')}/{dds_name(type_name)}/{type_hash(type_name)}"
 
 

@@ -2,30 +2,56 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
-from bench.contracts import CLOCK, TF, TF_STATIC, VehicleTopics
-from bench.streams import String, encode
+import pytest
 
+from bench.cli._app import run as run_app
+from bench.simspec import Camera, Home, Perception, VehicleSpec, load_simspec
+from bench.simulation import air_topics
+from bench.streams import String, data_key, encode
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 PAGE = (Path(__file__).parents[2] / "docs" / "streams.md").read_text()
 
 
 def test_the_page_lists_every_topic_of_the_air_network() -> None:
-    """A topic that is added to the contracts is added to the page."""
-    topics = VehicleTopics("{v}")
-    named = [
-        CLOCK,
-        TF,
-        TF_STATIC,
-        topics.mission,
-        topics.intelligence,
-        topics.detections,
-        topics.camera_info("{c}"),
-        topics.image_raw("{c}"),
-        topics.image_compressed("{c}"),
-    ]
-    for topic in (*named, topics.orders, topics.consents, topics.operator_link, *topics.from_agent):
-        assert f"| `{topic}` |" in PAGE
+    """A topic that is added to a session is added to the page, and the page has no other."""
+    cameras = {"camera": Camera(name="c"), "more_cameras": (Camera(name="d"),)}
+    vehicle = VehicleSpec.model_validate({"name": "v", "home": Home(east_m=0, north_m=0), **cameras})
+    spec = load_simspec(EXAMPLE).model_copy(
+        update={"vehicle": vehicle, "perception": Perception(more_cameras=("d",))}
+    )
+    topics = {topic.name for topic in air_topics(spec)}
+    assert "/v/camera/d/detections" in topics
+    assert "/v/camera/c/detections" not in topics
+    in_page = {re.sub("camera/[cd]/", "camera/{c}/", name.replace("/v/", "/{v}/")) for name in topics}
+    assert in_page == set(re.findall(r"^\| `(/\S+)` \|", PAGE, re.MULTILINE))
+
+
+def test_the_keys_of_a_session_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """As text that can be copied and as JSON; the hash is that of ROS 2 for std_msgs/msg/String."""
+    hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    key = f"1/vehicle_1/agent/reports/std_msgs::msg::dds_::String_/{hashed}"
+    run_app(["schema", "--keys", str(EXAMPLE), "--json"])
+    rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+    report = rows["/vehicle_1/agent/reports"]
+    assert report["key"] == key
+    assert report["direction"] == "from the agent"
+    assert rows["/vehicle_1/orders"]["latched"] == 32
+    assert rows["/clock"]["reliable"] is False
+    run_app(["schema", "--keys", str(EXAMPLE)])
+    lines = capsys.readouterr().out.splitlines()
+    assert f"  {key}" in lines
+    assert len(lines) == 2 * len(rows)
+
+
+def test_a_key_is_made_of_a_class_or_of_a_name() -> None:
+    assert data_key(1, "/v/x", String) == data_key(1, "/v/x", "std_msgs/msg/String")
+    with pytest.raises(KeyError):
+        data_key(1, "/v/x", "std_msgs/msg/Text")
 
 
 def test_the_encoding_example_of_the_page_is_correct() -> None:
