@@ -15,6 +15,7 @@ import typer
 from bench.errors import Fault, RebarError, SetupError
 
 from . import (
+    _agent,
     _calibrate,
     _camera,
     _compare,
@@ -83,6 +84,7 @@ for commands in (
         _look,
         _prose,
         _new,
+        _agent,
         _fly,
         _next,
         _fit_detector,

@@ -142,8 +142,10 @@ if TYPE_CHECKING:
     from ._surrogate import MeasureRequest as MeasureRequest
     from ._surrogate import Prediction as Prediction
     from ._surrogate import Surrogate as Surrogate
+    from ._tick import MAX_AIR_LINE_BYTES as MAX_AIR_LINE_BYTES
     from ._tick import MAX_LINE_BYTES as MAX_LINE_BYTES
     from ._tick import Ack as Ack
+    from ._tick import AirMessage as AirMessage
     from ._tick import End as End
     from ._tick import Hello as Hello
     from ._tick import Tick as Tick

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document, is_default
+from bench.documents import Document, added_field, is_default
 from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
 
 from ._truth_documents import TruthDocument
@@ -77,6 +77,11 @@ class AgentManifest(Document):
     ] = ("realtime",)
     mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
     zenoh: bool = True
+    air: Literal["zenoh", "tick"] = added_field(
+        "zenoh",
+        "How the agent has the air network: as ROS 2 messages over Zenoh, or as JSON in the lines of the tick socket, which needs "
+        "no library (in lockstep).",
+    )
     truth: Annotated[
         bool,
         Field(
@@ -115,6 +120,14 @@ class AgentManifest(Document):
             description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded."
         ),
     ] = "process"
+
+    @model_validator(mode="after")
+    def _has_ticks_for_the_air(self) -> Self:
+        if self.air == "tick" and self.pace != ("lockstep",):
+            raise ValueError(
+                "air: tick needs pace: [lockstep], for only there is a tick socket; use air: zenoh, or the MQTT bridge, at another pace"
+            )
+        return self
 
     @model_validator(mode="after")
     def _is_python_where_forked(self) -> Self:

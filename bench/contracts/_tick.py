@@ -11,6 +11,8 @@ describes it.
 4. The bench takes in exactly what `Ack` states, advances the world by one tick, and goes on with 3.
 5. `End` is the last line of the bench; the agent closes.
 
+With `air: tick` in the agent's manifest both lines carry the air network's messages themselves, in `air`, and count links alone.
+
 Between a Tick and its Ack no simulated time passes, however long the agent takes; after an Ack the agent
 stays silent.
 """
@@ -19,11 +21,11 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document
+from bench.documents import Document, added_field
 
 from ._documents import Label
 
@@ -32,6 +34,15 @@ Count = Annotated[int, Field(ge=0, lt=2**53)]
 # A limit, because the other end is not trusted.
 Counts = Annotated[dict[str, Count], Field(max_length=256)]
 MAX_LINE_BYTES = 64 * 1024
+# With the air network in it. Four documents of the greatest size that the air network takes.
+MAX_AIR_LINE_BYTES = 1024 * 1024
+
+
+class AirMessage(Document):
+    """A message of the air network as JSON: what std_msgs/msg/String would hold, or the fields of another type."""
+
+    topic: Annotated[str, Field(max_length=256)]
+    message: dict[str, Any]
 
 
 class Hello(Document):
@@ -54,6 +65,7 @@ class Tick(Document):
     time_ns: Count
     topics: Counts = {}
     links: Counts = {}
+    air: tuple[AirMessage, ...] = added_field(())
 
 
 class Ack(Document):
@@ -65,6 +77,7 @@ class Ack(Document):
     number: Count
     topics: Counts = {}
     links: Counts = {}
+    air: tuple[AirMessage, ...] = added_field((), max_length=1024)
 
 
 class End(Document):

@@ -5,12 +5,25 @@ sends.
 from __future__ import annotations
 
 import difflib
+import json
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import NoReturn
 
-from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics, document_text
+from bench.contracts import (
+    CLOCK,
+    TF,
+    TF_STATIC,
+    AirMessage,
+    Outcome,
+    Record,
+    SimTime,
+    Tap,
+    VehicleTopics,
+    document_text,
+)
 from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
@@ -34,6 +47,7 @@ from bench.streams import (
     TFMessage,
     data_key,
     encode,
+    json_value,
     open_router,
 )
 
@@ -118,10 +132,14 @@ class RecordedPublisher:
     opened: bool = False
     recorded: bool = True
     while_matched: bool = False
+    outbox: list[AirMessage] | None = None
+    """Of a session whose ticks carry the air network: what the next tick takes along."""
 
     @property
     def listened(self) -> bool:
         """Whether what is published now reaches a reader, as far as the session knows."""
+        if self.outbox is not None:
+            return self.opened
         if self.publisher is None or not (self.opened or self.latched):
             return False
         return not self.while_matched or self.publisher.matched
@@ -138,7 +156,11 @@ class RecordedPublisher:
         data = encode(message)
         if self.recorded:
             self.tap(Record(time, self.topic, self.kind.TYPE, data, value))
-        if self.publisher is not None and self.listened:
+        if self.outbox is not None and (self.opened or self.latched):
+            # A String of the air network is a JSON document already.
+            content = json.loads(message.data) if isinstance(message, String) else json_value(message)
+            self.outbox.append(AirMessage(topic=self.topic, message=content))
+        elif self.publisher is not None and self.listened:
             self.publisher.put_bytes(data)
 
     @property
@@ -177,8 +199,10 @@ class AirNetwork:
         tap: Tap,
         clock: HostClock,
         on_drop: Callable[[SimTime, str], None],
+        in_ticks: bool = False,
     ) -> None:
         self._tap = tap
+        self._outbox: list[AirMessage] | None = [] if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
         self.access: AirAccess | None = router.access if router else None
@@ -195,7 +219,9 @@ class AirNetwork:
                     if topic.depth
                     else node.publisher(name, topic.kind, topic.qos)
                 )
-            return RecordedPublisher(name, topic.kind, tap, publisher, latched=topic.depth > 0)
+            return RecordedPublisher(
+                name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=self._outbox
+            )
 
         self.clock = recorded(CLOCK)
         self.tf = recorded(TF)
@@ -233,7 +259,7 @@ class AirNetwork:
             *(publisher for publishers in self.cameras for publisher in publishers.all),
         )
         # Sorted, because the order in which topics are read is the order of their records within a moment.
-        names = sorted(topics.from_agent) if node else ()
+        names = sorted(topics.from_agent)
         self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
         self._allowances = {topic: TopicAllowance() for topic in names}
         # In lockstep: samples that have come and that no ack has stated yet.
@@ -245,6 +271,11 @@ class AirNetwork:
         """
         declared = set(subscribes)
         self._check_known(declared)
+        if self._outbox is not None:
+            # What is latched was kept for a reader that had not said yet what it reads.
+            self._outbox[:] = [message for message in self._outbox if message.topic in declared]
+            for recorded in self._publishers:
+                recorded.latched = False
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
             if recorded.topic in declared:
@@ -264,13 +295,17 @@ class AirNetwork:
         known = {*published, *self._topics.from_agent}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
-                close = difflib.get_close_matches(topic, published, n=1)
-                remedy = f"did you mean {close[0]}?" if close else f"there are {', '.join(published)}"
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"the agent's hello subscribes to {topic[:_SHOWN_CHARACTERS]!r}, a topic that it cannot read in any session; "
-                    f"{remedy}",
+                self._refuse_topic(
+                    topic, published, "the agent's hello subscribes to", "it cannot read in any session"
                 )
+
+    def _refuse_topic(self, topic: str, known: Sequence[str], deed: str, reason: str) -> NoReturn:
+        close = difflib.get_close_matches(topic, known, n=1)
+        remedy = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
+        raise StopSession(
+            Outcome.AGENT_PROTOCOL,
+            f"{deed} {topic[:_SHOWN_CHARACTERS]!r}, a topic that {reason}; {remedy}",
+        )
 
     def open_for_all(self) -> None:
         """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names
@@ -313,6 +348,41 @@ class AirNetwork:
                 message = sample.message()
                 if message is not None:
                     documents.setdefault(topic, []).append(message.data)
+        if dropped:
+            self._check_flood()
+        return documents
+
+    def take_outbox(self) -> tuple[AirMessage, ...]:
+        """What the next tick takes along; nothing where the air network is Zenoh's."""
+        messages = tuple(self._outbox or ())
+        if self._outbox:
+            self._outbox.clear()
+        return messages
+
+    def receive_messages(self, time: SimTime, messages: Iterable[AirMessage]) -> dict[str, list[str | bytes]]:
+        """Record what an acknowledgement brought, and return it as `receive` does. Raises StopSession for a topic that the
+        agent may not write.
+        """
+        documents: dict[str, list[str | bytes]] = {}
+        dropped = False
+        # As over Zenoh: by topic, and in the order of each.
+        for message in sorted(messages, key=lambda message: message.topic):
+            topic, text = message.topic, json.dumps(message.message)
+            if topic not in self._allowances:
+                self._refuse_topic(
+                    topic, sorted(self._allowances), "the agent publishes on", "it may not write"
+                )
+            size = len(text.encode())
+            if size > MAX_DOCUMENT_BYTES:
+                raise StopSession(
+                    Outcome.AGENT_PROTOCOL,
+                    f"the agent publishes {size} bytes on {topic}; at most {MAX_DOCUMENT_BYTES} are taken",
+                )
+            if not self._admits(time, topic, size):
+                dropped = True
+                continue
+            self._tap(Record(time, topic, String.TYPE, encode(String(text))))
+            documents.setdefault(topic, []).append(text)
         if dropped:
             self._check_flood()
         return documents
@@ -393,6 +463,7 @@ def open_air_network(
     tap: Tap,
     *,
     zenoh: bool,
+    in_ticks: bool = False,
     clock: HostClock = HOST_CLOCK,
     on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
@@ -414,4 +485,4 @@ def open_air_network(
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None
         if router and outside:
             stack.enter_context(open_outside_air(outside, router.access.locator))
-        yield AirNetwork(simspec, router, tap, clock, on_drop)
+        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks)

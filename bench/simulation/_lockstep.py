@@ -6,7 +6,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from bench.contracts import AgentEndpoints, Outcome, SimTime, Tick
+from bench.contracts import MAX_AIR_LINE_BYTES, MAX_LINE_BYTES, AgentEndpoints, Outcome, SimTime, Tick
 
 from ._pace import COUNT_BUDGET_S, Documents, Pace, receive_exactly, receive_from_operator
 from ._session_parts import SessionParts
@@ -22,6 +22,7 @@ class Lockstep(Pace):
         super().__init__(parts, watch, parts.plan.simspec.pace.tick_s)
         self._ticks = ticks
         self._number = 0
+        self._in_ticks = parts.plan.manifest.air == "tick"
         ticks.watch(watch.check, watch.agent_time)
 
     def endpoints(self, endpoints: AgentEndpoints) -> AgentEndpoints:
@@ -41,12 +42,21 @@ class Lockstep(Pace):
         sent = {
             link: count for link, count in self._parts.vehicle.sent().items() if link in self._agent_links
         }
-        tick = Tick(number=self._number, time_ns=now.ns, topics=air.sent(), links=sent)
+        tick = Tick(number=self._number, time_ns=now.ns, topics=air.sent(), links=sent, air=air.take_outbox())
         with self._watch.agent_time.waiting():
             ack = self._ticks.exchange(tick, self._budgets.reply_s)
             receive_exactly(self._parts, ack.links)
             # Inside, because it may state samples long before it sends them.
-            documents = air.receive(now, ack.topics, COUNT_BUDGET_S)
+            if ack.air and not self._in_ticks:
+                raise StopSession(
+                    Outcome.AGENT_PROTOCOL,
+                    "the agent's ack holds messages of the air network, and its manifest has no `air: tick`",
+                )
+            documents = (
+                air.receive_messages(now, ack.air)
+                if self._in_ticks
+                else air.receive(now, ack.topics, COUNT_BUDGET_S)
+            )
         receive_from_operator(self._parts)
         self._number += 1
         return documents
@@ -69,5 +79,6 @@ class Lockstep(Pace):
 @contextmanager
 def open_lockstep(parts: SessionParts, watch: SessionWatch) -> Generator[Lockstep]:
     """Open the tick socket."""
-    with open_tick_server(parts.plan.clock) as ticks:
+    in_ticks = parts.plan.manifest.air == "tick"
+    with open_tick_server(parts.plan.clock, MAX_AIR_LINE_BYTES if in_ticks else MAX_LINE_BYTES) as ticks:
         yield Lockstep(parts, watch, ticks)

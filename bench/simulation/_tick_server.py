@@ -70,7 +70,9 @@ class TickServer:
     is the reason of a session that ends without a hello: often the stranger is the agent, which says it wrong.
     """
 
-    def __init__(self, listener: socket.socket, clock: HostClock, secret: str) -> None:
+    def __init__(
+        self, listener: socket.socket, clock: HostClock, secret: str, max_line_bytes: int = MAX_LINE_BYTES
+    ) -> None:
         self.secret = secret
         self.strangers = 0
         self.last_stranger = ""
@@ -78,6 +80,7 @@ class TickServer:
         # Strangers may leave before they are accepted, and an accept that waits for the next would never end.
         listener.setblocking(False)
         self._listener = listener
+        self._max_line_bytes = max_line_bytes
         self._clock = clock
         self._agent_time = AgentTime(clock, AgentUsage)
         self._check_agent: Callable[[], None] = lambda: None
@@ -277,9 +280,10 @@ class TickServer:
         """The agent's next line, without its end."""
         assert self._peer is not None
         while b"\n" not in self._buffer:
-            if len(self._buffer) > MAX_LINE_BYTES:
+            if len(self._buffer) > self._max_line_bytes:
                 raise StopSession(
-                    Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket"
+                    Outcome.AGENT_PROTOCOL,
+                    f"a line of more than {self._max_line_bytes} bytes on the tick socket",
                 )
             self._wait_readable(self._peer, budget)
             try:
@@ -325,11 +329,13 @@ class TickServer:
 
 
 @contextmanager
-def open_tick_server(clock: HostClock = HOST_CLOCK) -> Generator[TickServer]:
+def open_tick_server(
+    clock: HostClock = HOST_CLOCK, max_line_bytes: int = MAX_LINE_BYTES
+) -> Generator[TickServer]:
     """Listen on a free loopback port; leaving the block closes everything."""
     # A backlog, so that strangers who connect first do not keep the agent's connection out.
     with socket.create_server(("127.0.0.1", 0), backlog=MAX_UNKNOWN) as listener:
-        server = TickServer(listener, clock, secrets.token_urlsafe(24))
+        server = TickServer(listener, clock, secrets.token_urlsafe(24), max_line_bytes)
         try:
             yield server
         finally:
