@@ -45,6 +45,7 @@ class Further(Undeserving):
         super().receive(moment)
         self._eye.latest = [detection for detection in self._eye.latest if self._heeds(detection)]
         for detection in self._eye.latest:
+            self._track(detection)
             if detection["class_label"] in self._session.mission.get("bystander_classes", ()):
                 place = detection["east_m"], detection["north_m"]
                 cell = round(place[0] / CELL_M), round(place[1] / CELL_M)
@@ -255,7 +256,7 @@ class Majority(Further):
         if label not in mission.get("bystander_classes", ()):
             return True
         self._labels[label] += 1
-        return label == self._labels.most_common(1)[0][0]
+        return bool(label == self._labels.most_common(1)[0][0])
 
 
 class Flood(Further):

@@ -414,12 +414,15 @@ class Undeserving:
 
     def _publish_tracks(self) -> None:
         if self.trick in COPIES:
-            # One track for each cell of ten metres and class: the least that keeps an id steady.
             for detection in self._eye.latest:
-                cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
-                name = f"{detection['class_label'][:30]}-{cell[0]}-{cell[1]}"
-                self._tracks[name] = {**detection, "id": name, "frames": 20}
+                self._track(detection)
         self._session.tracks(list(self._tracks.values())[-200:])
+
+    def _track(self, detection: JsonObject) -> None:
+        """One track for each cell of ten metres and class: the least that keeps an id steady."""
+        cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
+        name = f"{detection['class_label'][:30]}-{cell[0]}-{cell[1]}"
+        self._tracks[name] = {**detection, "id": name, "frames": 20}
 
     def _talk(self) -> None:
         session = self._session
