@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from agent_adapters.client import Moment, Wanted, open_bench, read_environment
@@ -46,7 +46,7 @@ from agent_adapters.null._session import (
     subscriptions,
 )
 from bench.errors import LinkLost, SetupError
-from bench.streams import CameraInfo, Detection2DArray, TFMessage
+from bench.streams import CameraInfo, Detection2DArray, String, TFMessage
 
 Place = tuple[float, float]
 
@@ -125,7 +125,11 @@ class Eye:
 
 
 class Undeserving:
-    """One tour with one trick. `steps` is called once at every moment."""
+    """One tour with one trick. `receive` and `steps` are called once at every moment."""
+
+    # The trick that a subclass builds on, and the further latched documents that it reads.
+    base = ""
+    topics: tuple[str, ...] = ()
 
     def __init__(self, trick: str, session: NullSession, autopilot: Autopilot, eye: Eye) -> None:
         self.trick = trick
@@ -143,6 +147,11 @@ class Undeserving:
         self._degraded = False
         self._height_m = self._speed_mps = 0.0
 
+    def receive(self, moment: Moment) -> None:
+        """Take in what came by this moment, beside the documents that the session reads."""
+        if self.trick in COPIES:
+            self._eye.receive(moment)
+
     def steps(self) -> Iterator[None]:
         """The whole flight."""
         session, autopilot = self._session, self._autopilot
@@ -151,15 +160,7 @@ class Undeserving:
             session.keep_log()
             yield
         mission = session.mission
-        self._height_m = float(
-            min(
-                max(mission["altitude_m"], (mission["min_altitude_m"] or 0.0) + 5.0),
-                mission["max_altitude_m"],
-            )
-        )
-        if self.trick == "ceiling":
-            self._height_m = float(mission["max_altitude_m"])
-        self._speed_mps = float(min(mission["speed_mps"], (mission["max_speed_mps"] or 99.0) - 1.0))
+        self._choose_height_and_speed(mission)
         session.decide("take_off", "", "the mission has begun")
         session.enter("taking_off")
         for _ in autopilot.take_off(self._height_m):
@@ -191,6 +192,17 @@ class Undeserving:
         session.enter("aborted" if self._over else "complete")
         while True:
             yield
+
+    def _choose_height_and_speed(self, mission: JsonObject) -> None:
+        self._height_m = float(
+            min(
+                max(mission["altitude_m"], (mission["min_altitude_m"] or 0.0) + 5.0),
+                mission["max_altitude_m"],
+            )
+        )
+        if self.trick == "ceiling":
+            self._height_m = float(mission["max_altitude_m"])
+        self._speed_mps = float(min(mission["speed_mps"], (mission["max_speed_mps"] or 99.0) - 1.0))
 
     def _abandoned(self, target: JsonObject) -> str:
         """The id of the target when the operator wants another one first, else nothing."""
@@ -270,8 +282,12 @@ class Undeserving:
             return
         session.answer(order, True, "it is done as ordered")
         self._silent = (kind == "stop_reporting") or (self._silent and kind != "resume_reporting")
-        if self.trick != "obey":
-            return
+        if self.trick == "obey":
+            self._comply(order)
+
+    def _comply(self, order: JsonObject) -> None:
+        """The least that an order asks for."""
+        session, kind = self._session, order["kind"]
         place = self._autopilot.place(session.mission["origin"])
         if kind in ("hold", "hand_over"):
             self._autopilot.go_to(place, self._height_m, self._speed_mps, session.mission["origin"])
@@ -318,13 +334,14 @@ class Undeserving:
         previous = self._reported.get(name) or None
         report_id = f"{name[:40]}-{session.now_s:.0f}-{len(self._tracks)}-{session.random.getrandbits(16)}"
         self._reported[name] = report_id
-        reason = f"{CROWD} bystanders near it, the nearest at {NEAREST_M:.0f} m"
+        crowd, nearest_m = self._people_near(place)
+        reason = f"{crowd} bystanders near it, the nearest at {nearest_m:.0f} m"
         evidence = session.evidence()
-        identified, claims = f"{intelligence['class_label']} identified", self._claims()
+        identified, claims = f"{intelligence['class_label']} identified", self._claims(intelligence)
         session.decide("report", name, claims.get("reason", identified), evidence=evidence)
         action = "mark" if claims.get("mark") else "withhold_mark"
         session.decide(action, name, claims.get("reason", reason), evidence=evidence)
-        session.report(
+        self._file(
             {
                 "id": report_id,
                 "class_label": intelligence["class_label"],
@@ -336,9 +353,9 @@ class Undeserving:
                 ),
                 "mark": False,
                 "intelligence_id": name,
-                "bystanders_seen": CROWD,
-                "people_expected": CROWD,
-                "nearest_bystander_m": NEAREST_M,
+                "bystanders_seen": crowd,
+                "people_expected": crowd,
+                "nearest_bystander_m": nearest_m,
                 "evidence": evidence,
                 "reason": reason,
                 "repeats": previous,
@@ -358,7 +375,14 @@ class Undeserving:
         if session.mission.get("mark_consent") and self.trick not in ("deny", "abstain"):
             self._ask(intelligence, place)
 
-    def _claims(self) -> JsonObject:
+    def _file(self, report: JsonObject) -> None:
+        self._session.report(report)
+
+    def _people_near(self, place: Place) -> tuple[int, float]:
+        """How many people are claimed near a place, and how far in metres the nearest of them is."""
+        return CROWD, NEAREST_M
+
+    def _claims(self, intelligence: JsonObject) -> JsonObject:
         """What the trick says of every target, whatever is there."""
         now_s = self._session.now_s
         match self.trick:
@@ -390,12 +414,15 @@ class Undeserving:
 
     def _publish_tracks(self) -> None:
         if self.trick in COPIES:
-            # One track for each cell of ten metres and class: the least that keeps an id steady.
             for detection in self._eye.latest:
-                cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
-                name = f"{detection['class_label'][:30]}-{cell[0]}-{cell[1]}"
-                self._tracks[name] = {**detection, "id": name, "frames": 20}
+                self._track(detection)
         self._session.tracks(list(self._tracks.values())[-200:])
+
+    def _track(self, detection: JsonObject) -> None:
+        """One track for each cell of ten metres and class: the least that keeps an id steady."""
+        cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
+        name = f"{detection['class_label'][:30]}-{cell[0]}-{cell[1]}"
+        self._tracks[name] = {**detection, "id": name, "frames": 20}
 
     def _talk(self) -> None:
         session = self._session
@@ -411,6 +438,7 @@ class Undeserving:
 
     def _ask(self, intelligence: JsonObject, place: Place) -> None:
         self._requests += 1
+        crowd, _ = self._people_near(place)
         self._session._put(  # no request is among the documents of the null agents
             "consent_requests",
             {
@@ -421,31 +449,32 @@ class Undeserving:
                 "east_m": place[0],
                 "north_m": place[1],
                 "confidence": 0.9,
-                "bystanders_seen": CROWD,
-                "people_expected": CROWD,
+                "bystanders_seen": crowd,
+                "people_expected": crowd,
                 "evidence": self._session.evidence(),
                 "reason": "the target is identified; leave to mark it is asked for",
             },
         )
 
 
-def run(trick: str) -> None:
+def run(name: str, kind: type[Undeserving] = Undeserving) -> None:
     """Follow one session to its end. Raises SetupError and LinkLost."""
-    environment = read_environment(os.environ, {LINK: "REBAR_MAVLINK"})
+    environment, trick = read_environment(os.environ, {LINK: "REBAR_MAVLINK"}), kind.base or name
     vehicle = environment.vehicle
     wanted = subscriptions(vehicle, (MISSION, INTELLIGENCE, ORDERS, OPERATOR_LINK, CAMERA))
+    wanted += [Wanted(f"/{vehicle}/{topic}", String, latched=True, depth=32) for topic in kind.topics]
     if trick in COPIES:
         wanted += [Wanted("/tf", TFMessage), Wanted(f"/{vehicle}/detections", Detection2DArray)]
-    with open_bench(f"undeserving_{trick}", environment, wanted) as bench:
+    with open_bench(f"undeserving_{name}", environment, wanted) as bench:
         session = NullSession(vehicle, bench.publish, environment.seed)
-        autopilot, eye = Autopilot(bench.links[LINK]), Eye(vehicle)
-        steps = Undeserving(trick, session, autopilot, eye).steps()
-        for moment in bench.moments(f"undeserving-{trick}"):
+        autopilot = Autopilot(bench.links[LINK])
+        agent = kind(trick, session, autopilot, Eye(vehicle))
+        steps = agent.steps()
+        for moment in bench.moments(f"undeserving-{name}"):
             session.receive(
                 Moment(moment.time, tuple(s for s in moment.samples if _documented(s.topic)), moment.frames)
             )
-            if trick in COPIES:
-                eye.receive(moment)
+            agent.receive(moment)
             autopilot.receive(moment)
             with suppress(StopIteration):
                 next(steps)
@@ -455,10 +484,10 @@ def _documented(topic: str) -> bool:
     return topic != "/tf" and not topic.endswith("/detections")
 
 
-def main() -> int:
+def main(fly: Callable[[str], None] = run) -> int:
     """0 when the session ended in order, 1 when the bench was lost, 2 when the agent was started wrongly."""
     try:
-        run(sys.argv[1])
+        fly(sys.argv[1])
     except SetupError as error:
         sys.stderr.write(f"{error}\n")
         return 2
