@@ -1,18 +1,26 @@
-"""`rebar agent new`: a folder with an agent that flies at once, and a campaign for it."""
+"""`rebar agent new`: a folder with an agent that flies at once, and a campaign for it; `rebar agent check`: what holds of one."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.errors import Fault, SetupError, command_line
 
 from ._examples import shipped
+from ._run_request import IsolationOption, Pace
+from ._tables import plain_console
+
+if TYPE_CHECKING:
+    from bench.contracts import Record, SessionResult
+    from bench.simspec import SimSpec
 
 
 class Language(StrEnum):
@@ -59,7 +67,7 @@ _README = """\
 """
 
 agent = typer.Typer(
-    name="agent", help="Begin an agent.", no_args_is_help=True, pretty_exceptions_enable=False
+    name="agent", help="Begin an agent, and check one.", no_args_is_help=True, pretty_exceptions_enable=False
 )
 
 
@@ -70,7 +78,7 @@ def register(app: typer.Typer) -> None:
 
 @agent.callback()
 def options() -> None:
-    """Begin an agent."""
+    """Begin an agent, and check one."""
 
 
 @agent.command()
@@ -109,3 +117,112 @@ def new(
     for file, content in texts.items():
         (folder / file).write_text(content, encoding="utf-8")
     print(f"{len(texts)} files in {folder}. Try: {command_line('rebar', 'simulate', folder / 'scene.yaml')}")
+
+
+@agent.command()
+def check(
+    manifest: Annotated[str, typer.Argument(help="The agent's manifest, or its name", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for recording.mcap and agent.log")] = Path("out/check"),
+    pace: Annotated[Pace | None, typer.Option(help="Default: the first that the agent can follow")] = None,
+    isolation: IsolationOption = None,
+) -> None:
+    """Fly a scene of a minute with a target, people, two orders, consent and a lost link; say what holds of the agent.
+
+    Ends with code 1 where something does not. Example: rebar agent check scout/scout.yaml
+    """
+    from bench.agents import load_manifest
+    from bench.campaign import check_file_system, fly_realization, load_measurable_decomposition, write_result
+    from bench.recording import read_records
+    from bench.simspec import load_simspec
+
+    loaded, _ = load_manifest(manifest)
+    scene = load_simspec(shipped("examples/agent_check.yaml"))
+    # A name stays one; a path is of this folder, not of the scene's.
+    named = str(Path(manifest).resolve()) if Path(manifest).is_file() else manifest
+    own = {"manifest": named, "isolation": isolation or scene.agent.isolation}
+    scene = scene.model_copy(
+        update={
+            "agent": scene.agent.model_copy(update=own),
+            "pace": scene.pace.model_copy(update={"mode": pace or loaded.pace[0]}),
+        }
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    check_file_system(out, with_locks=False)
+    result = fly_realization(scene, load_measurable_decomposition("search-and-report"), out, out.name)
+    write_result(out, result)
+    recording = out / "recording.mcap"
+    records = list(read_records(recording)) if recording.is_file() else []
+    points = [*_session_points(result), *_document_points(scene, records)]
+    console = plain_console()
+    for point in points:
+        word = {True: "ok", False: "NOT OK", None: "nothing"}[point.holds]
+        console.print(f"{word:8} {point.text}", soft_wrap=True)
+    console.print(f"what the agent printed: {out / 'agent.log'}", soft_wrap=True)
+    if any(point.holds is False for point in points):
+        raise typer.Exit(1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    holds: bool | None
+    """None for what an agent may leave out, and is measured by."""
+    text: str
+
+
+# Of the session's counters, those that tell of something lost, each with what to do.
+_LOSSES = {
+    "air_malformed": "samples could not be read: check the encoding and the attachment (docs/streams.md)",
+    "air_lost": "samples have gaps in their sequence numbers",
+    "air_dropped": "samples were beyond what is recorded of a topic (docs/streams.md)",
+    "air_overflowed": "samples came faster than they can be held",
+    "air_unstated": "samples were never stated by an ack",
+}
+
+
+def _session_points(result: SessionResult) -> Iterator[_Point]:
+    ended = result.outcome.value == "completed"
+    # Indented: no line of what an agent printed is to be taken for one of ours.
+    reason = result.reason.replace("\n", "\n    ")
+    yield _Point(ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}")
+    for name, text in _LOSSES.items():
+        if count := result.counters.get(name, 0):
+            yield _Point(False, f"{count} {text}")
+
+
+def _document_points(scene: SimSpec, records: Sequence[Record]) -> Iterator[_Point]:
+    """What came on each topic from the agent, how much of it is a document, and whether the operator was answered."""
+    from bench import contracts
+
+    topics = contracts.VehicleTopics(scene.vehicle.name)
+    kinds: Mapping[str, type[object]] = {
+        topics.status: contracts.AgentStatus,
+        topics.tracks: contracts.AgentTracks,
+        topics.reports: contracts.TargetReport,
+        topics.decisions: contracts.Decision,
+        topics.answers: contracts.OrderAnswer,
+        topics.consent_requests: contracts.ConsentRequest,
+    }
+    for topic, kind in kinds.items():
+        texts = _texts(records, topic)
+        faults = [fault for text in texts if (fault := contracts.document_fault(kind, text))]
+        count = f"{topic}: {len(texts)} documents"
+        if faults:
+            yield _Point(False, f"{count}, {len(faults)} of them not valid, the first because of {faults[0]}")
+        else:
+            # Without a status nobody knows what it does; the rest an agent may leave out, and fails the measures about it.
+            yield _Point(True if texts else False if topic == topics.status else None, count)
+    answered = {
+        answer.order
+        for text in _texts(records, topics.answers)
+        if (answer := contracts.parse_document(contracts.OrderAnswer, text))
+    }
+    missing = [order.id for order in scene.orders if order.id not in answered]
+    told = f"orders without an answer: {', '.join(missing)}" if missing else "every order is answered"
+    yield _Point(not missing, told)
+
+
+def _texts(records: Sequence[Record], topic: str) -> list[str]:
+    from bench.streams import String, decode
+
+    decoded = (decode(record.type_name, record.data) for record in records if record.topic == topic)
+    return [message.data for message in decoded if isinstance(message, String)]

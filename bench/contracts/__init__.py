@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from ._documents import Point as Point
     from ._documents import TargetReport as TargetReport
     from ._documents import TimeWindow as TimeWindow
+    from ._documents import document_fault as document_fault
     from ._documents import document_schema as document_schema
     from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document

@@ -344,6 +344,18 @@ def parse_document(kind: type[D], text: str | bytes) -> D | None:
     return document
 
 
+def document_fault(kind: Any, text: str | bytes) -> str:
+    """What is wrong with a text that is to be a document: the first field and its fault; empty where nothing is."""
+    from pydantic import ValidationError
+
+    try:
+        _adapter(kind).validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}".removeprefix(": ")
+    return ""
+
+
 def document_schema(kind: Any) -> dict[str, Any]:
     """The JSON Schema of a document of this module or a pydantic model."""
     return _adapter(kind).json_schema()

@@ -88,12 +88,15 @@ function fly() {
 }
 
 bench.ticks(
-  ["mission", "intelligence", "detections", "/tf", "/tf_static", `camera/${bench.options.camera || "front"}/camera_info`],
+  ["mission", "intelligence", "orders", "detections", "/tf", "/tf_static", `camera/${bench.options.camera || "front"}/camera_info`],
   (messages) => {
     for (const [topic, message] of messages) {
       if (topic.endsWith("/mission")) mission = message;
       else if (topic.endsWith("/intelligence")) intelligence.set(message.id, message);
-      else eye.see(topic, message).forEach(remember);
+      else if (topic.endsWith("/orders")) {
+        const reason = "this agent knows no orders yet";
+        bench.publish("answers", { time_s: bench.now_s, order: message.id, accepted: false, reason });
+      } else eye.see(topic, message).forEach(remember);
     }
     if (bench.now_s - second_s >= 1) {
       second_s = bench.now_s;

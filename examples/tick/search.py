@@ -28,6 +28,9 @@ class Search:
             self.mission = message
         elif topic.endswith("/intelligence"):
             self.intelligence[message["id"]] = message
+        elif topic.endswith("/orders"):
+            answer = {"order": message["id"], "accepted": False, "reason": "this agent knows no orders yet"}
+            self.bench.publish("answers", {"time_s": self.bench.now_s, **answer})
         for label, score, east_m, north_m in self.eye.see(topic, message):
             if score < SCORE:
                 continue
@@ -133,6 +136,6 @@ bench = Bench("tick-search")
 search = Search(bench)
 camera = bench.options.get("camera", "front")
 for messages in bench.ticks(
-    "mission", "intelligence", "detections", "/tf", "/tf_static", f"camera/{camera}/camera_info"
+    "mission", "intelligence", "orders", "detections", "/tf", "/tf_static", f"camera/{camera}/camera_info"
 ):
     search.tick(messages)

@@ -1,4 +1,4 @@
-"""`rebar agent new`: a folder with an agent that flies at once."""
+"""`rebar agent new`: a folder with an agent that flies at once; `rebar agent check`: what holds of one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import pytest
 
 from bench.agents import load_manifest
 from bench.campaign import load_campaign
+from bench.cli._agent import _document_points, _session_points
 from bench.cli._app import run
-from bench.contracts import SessionResult
+from bench.contracts import Outcome, Record, SessionResult, SimTime, VehicleTopics
 from bench.documents import load_document
+from bench.simspec import load_simspec
+from bench.streams import String, encode
 
 PROGRAMS = {"python": ("search.py", "rebar_air.py"), "node": ("search.js", "rebar_air.js")}
 
@@ -68,3 +71,59 @@ def test_the_new_agent_flies_at_once_and_twice_alike(language: str, tmp_path: Pa
         assert len(considered) == 14
         assert sum(x >= 0.5 for x in considered) >= 12
     assert digests[0] == digests[1]
+
+
+CHECK_SCENE = load_simspec(Path(__file__).parents[2] / "examples" / "agent_check.yaml")
+TOPICS = VehicleTopics(CHECK_SCENE.vehicle.name)
+
+
+def said(topic: str, *texts: str) -> list[Record]:
+    return [Record(SimTime(0), topic, String.TYPE, encode(String(text))) for text in texts]
+
+
+def test_every_document_is_held_against_its_schema() -> None:
+    status = '{"time_s": 1.0, "phase": "transit"}'
+    records = [*said(TOPICS.status, status, '{"time_s": 1.0, "phase": "flying"}', "no JSON", status)]
+    points = {point.text.partition(":")[0]: point for point in _document_points(CHECK_SCENE, records)}
+    assert points[TOPICS.status].holds is False
+    assert "4 documents, 2 of them not valid, the first because of phase:" in points[TOPICS.status].text
+    assert points[TOPICS.reports].holds is None
+    silent = {point.text.partition(":")[0]: point for point in _document_points(CHECK_SCENE, [])}
+    assert silent[TOPICS.status].holds is False
+    assert silent["orders without an answer"].text.endswith("wait, go-on")
+
+
+def test_all_orders_have_to_be_answered() -> None:
+    answers = [
+        '{"time_s": 31.0, "order": "wait", "accepted": true}',
+        '{"time_s": 46, "order": "go-on", "accepted": false}',
+    ]
+    for count, holds in ((1, False), (2, True)):
+        *_, last = _document_points(CHECK_SCENE, said(TOPICS.answers, *answers[:count]))
+        assert last.holds is holds
+
+
+def test_lost_samples_and_an_early_end_do_not_hold() -> None:
+    result = SessionResult(
+        realization="check",
+        outcome=Outcome.AGENT_CRASHED,
+        reason="it fell\nover",
+        counters={"air_malformed": 2},
+    )
+    end, lost = _session_points(result)
+    assert (end.holds, lost.holds) == (False, False)
+    assert "it fell\n    over" in end.text
+    assert lost.text.startswith("2 samples could not be read")
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("agent", "code"), [("reference-bystander-aware", 0), ("null-land", 1)])
+def test_an_agent_is_checked_by_a_flight(
+    agent: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["agent", "check", agent, "--out", str(tmp_path / "check")]) == code
+    lines = capsys.readouterr().out.splitlines()
+    assert ("NOT OK" in {line[:6] for line in lines}) == bool(code)
+    assert any(line.startswith("ok       /vehicle_1/agent/status: ") for line in lines)
