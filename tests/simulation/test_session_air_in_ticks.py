@@ -95,7 +95,7 @@ def test_what_its_acks_bring_is_recorded_and_ends_the_mission(tmp_path: Path) ->
     end, records, _ = flown(tmp_path, [], acks)
     assert end.outcome is Outcome.COMPLETED, end.reason
     own = [record for record in records if record.topic.startswith("/vehicle_1/agent/")]
-    texts = [(record.topic, json.loads(decode(record.type_name, record.data).data)) for record in own]  # type: ignore[attr-defined]
+    texts = [(record.topic, json.loads(decode(record.type_name, record.data).data)) for record in own]
     phases = [text["phase"] for topic, text in texts if topic == STATUS]
     assert phases == ["transit", "searching", "complete"]
     assert [topic for topic, _ in texts[:3]] == [STATUS, STATUS, "/vehicle_1/agent/tracks"]
