@@ -399,8 +399,9 @@ class Undeserving:
                 return {}
 
     def _copy(self) -> None:
-        """The first detection of a told class in a told circle is the target."""
+        """Every detection is a track; the first of a told class in a told circle is the target."""
         for detection in self._eye.latest:
+            self._track(detection)
             at = detection["east_m"], detection["north_m"]
             for intelligence in self._session.intelligence:
                 told = intelligence["east_m"], intelligence["north_m"]
@@ -413,9 +414,6 @@ class Undeserving:
                     self._due.append(intelligence)
 
     def _publish_tracks(self) -> None:
-        if self.trick in COPIES:
-            for detection in self._eye.latest:
-                self._track(detection)
         self._session.tracks(list(self._tracks.values())[-200:])
 
     def _track(self, detection: JsonObject) -> None:
