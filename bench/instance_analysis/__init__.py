@@ -20,6 +20,3 @@ from ._result import VariedField as VariedField
 from .language._vocabulary import Vocabulary as Vocabulary
 from .language._vocabulary import VocabularyDocument as VocabularyDocument
 from .language._vocabulary import load_vocabulary as load_vocabulary
-from .model._endpoint import ModelEndpoint as ModelEndpoint
-from .model._proposal import ProposedResult as ProposedResult
-from .model._proposal import propose as propose

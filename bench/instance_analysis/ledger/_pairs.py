@@ -1,0 +1,198 @@
+"""Judges whether a sentence of the controlled language says what the words say that it stands for.
+
+The parser has read the sentence in full. What is compared is what may go wrong in a rewrite: numbers and their order,
+negations, conditions, bounds and shares, who and whom, directions, weather, and the subject of the sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from bench.simspec import Role
+
+from ..language._grammar import Part, Statement, forms
+from ..language._vocabulary import MotionWords, Vocabulary, WeatherWords
+from ._loads import HARD, Number, TextLoads, concepts
+
+_RULES = tuple(form for section in forms().sections if section.title == "Rules" for form in section.forms)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Words of a text, the sentence for them, and what the sentence was parsed to.
+
+    `earlier` are the entries that the sentences before it name, the last ones last; `assumes` tells that the rewrite has
+    declared an assumption, which a person will be asked about.
+    """
+
+    words: TextLoads
+    sentence: TextLoads
+    statements: tuple[Statement, ...]
+    earlier: tuple[str, ...]
+    assumes: bool
+    vocabulary: Vocabulary
+
+    @property
+    def parts(self) -> list[Part]:
+        return [part for statement in self.statements for part in (statement, *statement.predicates)]
+
+
+def faults_of(pair: Pair) -> list[str]:
+    """What the sentence says otherwise than its words; nothing when it says the same."""
+    return [fault for check in _CHECKS for fault in check(pair)]
+
+
+def _numbers(pair: Pair) -> Iterator[str]:
+    """The same numbers in the same order, each with the thing that it counts."""
+    left = list(pair.words.numbers)
+    matched: list[tuple[Number, Number]] = []
+    for number in pair.sentence.numbers:
+        same = next((other for other in left if number.is_like(other) and number.thing == other.thing), None)
+        same = same or next((other for other in left if number.is_like(other)), None)
+        if same is None:
+            yield f"the number {_shown(number)} is not in the words"
+        else:
+            left.remove(same)
+            matched.append((same, number))
+    yield from (f"the number {_shown(number)} of the words is lost" for number in left)
+    kinds = {number.kind for number, _ in matched}
+    for kind in kinds:
+        starts = [words.span.start for words, number in matched if number.kind == kind]
+        if starts != sorted(starts):
+            yield "its numbers stand in another order than those of the words"
+    for words, number in matched:
+        if words.thing and number.thing and words.thing != number.thing:
+            yield f"{words.value:g} counts a {words.thing} in the words, and a {number.thing} in the sentence"
+
+
+def _shown(number: Number) -> str:
+    return f"{number.value:g} ({number.kind.lower()})"
+
+
+def _loads(pair: Pair) -> Iterator[str]:
+    """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
+    carried = {load for part in pair.parts for load in part.form.carries}
+    words, sentence = pair.words.counted(), pair.sentence.counted()
+    for kind in sorted(HARD):
+        if words[kind] > sentence[kind] and kind not in carried:
+            lost = next(load.text for load in pair.words.loads if load.kind == kind)
+            yield f"{lost!r} of the words is lost"
+        if sentence[kind] > words[kind] and (kind == "negation" and not words[kind] or kind not in carried):
+            added = next(load.text for load in pair.sentence.loads if load.kind == kind)
+            yield f"the words have nothing like {added!r}"
+    if words["aside"]:
+        yield "the words speak of another occasion"
+
+
+def _bounds(pair: Pair) -> Iterator[str]:
+    """Bounds in the same direction, a denial turned around."""
+    words, sentence = _directions_of_bounds(pair.words), _directions_of_bounds(pair.sentence)
+    if words and sentence and words.isdisjoint(sentence):
+        yield "the bound of the words is turned around"
+
+
+def _directions_of_bounds(text: TextLoads) -> set[str]:
+    denied = any(load.kind == "negation" for load in text.loads)
+    turned = {"lower": "upper", "upper": "lower"}
+    return {turned[load.kind] if denied else load.kind for load in text.loads if load.kind in turned}
+
+
+def _topics(pair: Pair) -> Iterator[str]:
+    """The subject of each form must be in the words."""
+    topics = concepts().topics
+    for part in pair.parts:
+        wanted = [*part.form.topic, *(("rule",) if part.form in _RULES else ())]
+        for capture in part.captures:
+            if isinstance(capture.value, MotionWords):
+                wanted.append(capture.value.kind)
+            elif isinstance(capture.value, WeatherWords):
+                wanted.append(capture.value.path.split(".")[1].removesuffix("_level"))
+        yield from (f"the words do not speak of {topic.replace('_', ' ')}" for topic in wanted if not pair.words.has(topics[topic]))
+
+
+def _weather(pair: Pair) -> Iterator[str]:
+    """No kind of weather is lost, and no intensity is added or changed."""
+    for name in ("rain", "fog", "dust"):
+        words = [word for word in concepts().topics[name] if word.startswith(name)]
+        if pair.words.has(words) and not pair.sentence.has(concepts().topics[name]):
+            yield f"the {name} of the words is lost"
+    said, written = set(pair.words.table("intensities")) - {0}, set(pair.sentence.table("intensities")) - {0}
+    if (pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and said != written) and not pair.assumes:
+        yield "the strength of the weather is another one"
+
+
+def _compass(pair: Pair) -> Iterator[str]:
+    """The same directions of the compass."""
+    words, sentence = _directions(pair.words), _directions(pair.sentence)
+    if sorted(words) != sorted(sentence):
+        yield "its directions are not those of the words"
+
+
+def _directions(text: TextLoads) -> list[float]:
+    """Directions in degrees. A letter behind a number is a unit, and one in brackets a part of coordinates."""
+    read: list[float] = []
+    for at in range(len(text.words)):
+        letter = len(text.words[at]) < 2 and (at == 0 or text.tokens[at - 1].kind == "number")
+        if not letter and (found := text.direction(at)) is not None:
+            read.append(found)
+    return read
+
+
+def _things(pair: Pair) -> Iterator[str]:
+    """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
+    said = pair.words.things()
+    entries = {entry for entry, _, _ in said}
+    people = any(part.first("people") for part in pair.parts)
+    refers = pair.words.has(concepts().pronouns)
+    for entry, asset, _ in pair.sentence.things():
+        if entry in entries:
+            exact = {other for name, other, _ in said if name == entry}
+            if asset not in exact and asset != pair.vocabulary.assets[entry].asset:
+                yield f"the words do not say {asset!r}"
+        elif people and (refers or pair.words.table("people") or entries & _persons(pair.vocabulary)):
+            continue
+        elif entry not in pair.earlier:
+            yield f"no {entry} is in the words, nor in a sentence before"
+        elif not pair.assumes and not (refers and entry in pair.earlier[-1:]):
+            yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
+    written = {entry for entry, _, _ in pair.sentence.things()}
+    if not people:
+        yield from (f"the {entry} of the words is lost" for entry in sorted(entries - written) if not _is_told(entry, entries, written))
+
+
+def _is_told(entry: str, entries: set[str], written: set[str]) -> bool:
+    """Whether a noun of the words is one of several that stand for what the sentence names: `a pickup truck`."""
+    return len(entries) > len(written) and bool(written) and entry == "civilian"
+
+
+def _persons(vocabulary: Vocabulary) -> set[str]:
+    return {name for name, words in vocabulary.assets.items() if words.role is Role.BYSTANDER}
+
+
+def _roles(pair: Pair) -> Iterator[str]:
+    """The same roles, but where the asset has the role by itself."""
+    said, written = set(pair.words.table("role")), set(pair.sentence.table("role"))
+    natural = {pair.vocabulary.role(entry) for entry, _, _ in pair.sentence.things()}
+    searched = pair.words.has(concepts().topics["role"])
+    for role in written - said - natural:
+        if not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
+            yield f"the words do not say {role}"
+    called = any("role" in part.form.topic for part in pair.parts)
+    yield from (f"{role} of the words is lost" for role in said - written - natural if not called)
+
+
+def _order(pair: Pair) -> Iterator[str]:
+    """Who stands by whom: the things in the same order, unless the verb of the words turns them around."""
+    words = [entry for entry, _, _ in pair.words.things()]
+    sentence = [entry for entry, _, _ in pair.sentence.things()]
+    common = [entry for entry in words if words.count(entry) == 1 and sentence.count(entry) == 1]
+    ordered = [entry for entry in sentence if entry in common]
+    related = any(part.first("reference") is not None for part in pair.parts)
+    if related and len(common) > 1 and common != ordered and not pair.words.has(concepts().passives):
+        yield "who and whom are exchanged"
+
+
+_CHECKS: Sequence[Callable[[Pair], Iterator[str]]] = (
+    _numbers, _loads, _bounds, _topics, _weather, _compass, _things, _roles, _order,
+)  # fmt: skip
