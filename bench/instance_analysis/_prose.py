@@ -14,9 +14,11 @@ from bench.errors import Fault, SetupError
 
 from ._draft import ChoiceKey, Draft, dotted
 from ._result import BaseSimSpec, Choice, ClauseReading, ClauseStatus
+from .language._grammar import Statement
 from .language._tokens import Span
 from .language._vocabulary import Vocabulary
 from .readers._reader import TextReader
+from .rewriting._rewrite import Rewrite, RewriteJudge
 from .rewriting._segments import FreeReader, Segment
 
 MAX_CHARACTERS = 20_000
@@ -26,15 +28,23 @@ _FIELD = re.compile(r"[a-z_0-9]+(?:(?:\.[a-z_0-9]+|\[[^]]*\])*(?:\.[a-z_0-9]+|\[
 """A field as a fault names it: `rules.max_altitude_m`, `actors[truck].count`."""
 
 
-def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
+def read_prose(
+    text: str, vocabulary: Vocabulary, answers: Sequence[int] = (), rewrite: Rewrite | None = None
+) -> BaseSimSpec:
     """Read a text into a base SimSpec with ranges, choices, and a receipt for every field.
 
     There is always a document: what is uncertain is a choice, what cannot hold is left out, and both are
-    listed. `answers` take readings of the choices, in their order, counted from 1. Raises SetupError for a
-    text without a word or of more than 20,000 characters, and for an answer that is no reading.
+    listed. `answers` take readings of the choices, in their order, counted from 1. A `rewrite` is read in the place
+    of the words that it quotes, as far as the ledger lets it pass. Raises SetupError for a text without a word or of
+    more than 20,000 characters, and for an answer that is no reading.
     """
     check_text(text)
-    return Reading(text, vocabulary, list(FreeReader(text, vocabulary).segments()), answers).result()
+    if rewrite is None:
+        sentences = list(FreeReader(text, vocabulary).segments())
+    else:
+        judge = RewriteJudge(text, vocabulary)
+        sentences = judge.sentences(judge.judge(rewrite))
+    return Reading(text, vocabulary, sentences, answers).result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,21 +125,21 @@ class Reading:
 
     def _segment(self, segment: Segment, reader: TextReader, cut: Cut | None) -> None:
         draft = reader.draft
-        left_out = cut is not None or segment.mode == "unread" or self._is_refused(segment, draft)
-        if left_out:
+        statements = () if cut is not None or segment.mode == "unread" else self._chosen(segment, draft)
+        if not statements:
             why = cut.why if cut is not None else segment.why or "you left it out"
             draft.leave_out(segment.span, why)
             reader.scene.unread = reader.scene.sentence
-            return
-        for statement in segment.statements:
+        for statement in statements:
             reader.read(statement)
 
-    def _is_refused(self, segment: Segment, draft: Draft) -> bool:
-        """Whether a person refuses what a rewrite has taken words to mean."""
+    def _chosen(self, segment: Segment, draft: Draft) -> Sequence[Statement]:
+        """The statements of a segment; of one that assumes something those that a person takes, which may be none."""
         if not segment.assumes:
-            return False
-        readings = [f"yes: {segment.sentence}", "no: leave it out"]
-        return draft.ask(segment.span, f"taken to mean: {segment.assumes}; is it so?", readings) == 1
+            return segment.statements
+        options = [(segment.sentence, segment.statements), *segment.options, ("leave it out", ())]
+        chosen = draft.ask(segment.span, f"taken to mean: {segment.assumes}", [sentence for sentence, _ in options])
+        return options[chosen][1]
 
     def _grown(self, span: Span) -> Span:
         """A span, and the segments that it touches."""

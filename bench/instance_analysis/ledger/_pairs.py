@@ -73,6 +73,9 @@ def _shown(number: Number) -> str:
 def _loads(pair: Pair) -> Iterator[str]:
     """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
     carried = {load for part in pair.parts for load in part.form.carries}
+    if any(part.first("people") for part in pair.parts):
+        # `one of the helpers`: anybody of those whom a rule protects.
+        carried |= {"share", "quantifier"}
     words, sentence = pair.words.counted(), pair.sentence.counted()
     for kind in sorted(HARD):
         if words[kind] > sentence[kind] and kind not in carried:

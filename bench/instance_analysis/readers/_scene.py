@@ -131,6 +131,8 @@ class Scene:
         known = self._known(phrase)
         if phrase.definite and known:
             return self._again(phrase, known)
+        if phrase.definite and phrase.plural and phrase.count is None:
+            raise NotReadError(f"the text has named no {phrase.noun} before: say how many there are")
         if phrase.none:
             self._note_absent(phrase)
             return []

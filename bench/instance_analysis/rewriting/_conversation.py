@@ -15,7 +15,7 @@ from typing import Any
 
 import httpx2
 from openai import OpenAIError
-from pydantic_ai import Agent, ModelRetry, PromptedOutput, UsageLimits, capture_run_messages
+from pydantic_ai import Agent, ModelRetry, NativeOutput, PromptedOutput, UsageLimits, capture_run_messages
 from pydantic_ai.exceptions import (
     ModelAPIError,
     ModelHTTPError,
@@ -37,7 +37,8 @@ from pydantic_ai.settings import ModelSettings
 from bench.errors import Fault, LinkLost, RebarError, SetupError
 
 from ._endpoint import is_on_this_machine
-from ._proposal import MAX_ROUNDS, Conversation, Judge, Proposal
+from ._model import MAX_ROUNDS, Conversation, Judge
+from ._rewrite import Rewrite
 
 COMPATIBLE = "openai-compatible"
 OTHER_CLIENTS = ("cohere", "groq", "huggingface")
@@ -116,8 +117,24 @@ async def _converse(door: ModelConnection, brief: str, question: str, judge: Jud
             model = _model_for(door, client)
         except (UserError, OpenAIError, ImportError, ValueError) as error:
             raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", _advice(error))) from error
-        with capture_run_messages() as messages:
-            return await _run(model, door, gate, messages, brief, question, judge)
+        for output in _outputs(model):
+            with capture_run_messages() as messages:
+                try:
+                    return await _run(model, door, gate, messages, (brief, question), judge, output)
+                except _SchemaRefused:
+                    continue
+        raise LinkLost(f"{door.description} takes no request for a rewrite")
+
+
+def _outputs(model: Model) -> list[NativeOutput[Rewrite] | PromptedOutput[Rewrite]]:
+    """The ways to ask for JSON: by its schema where the server may take one, else by the prompt alone."""
+    prompted = PromptedOutput(Rewrite)
+    has_schema = model.profile.get("supports_json_schema_output", False)
+    return [NativeOutput(Rewrite), prompted] if has_schema else [prompted]
+
+
+class _SchemaRefused(Exception):  # noqa: N818 - it is caught here, and never shown
+    """A server does not take the schema of an answer."""
 
 
 def _open_client(door: ModelConnection) -> httpx2.AsyncClient:
@@ -141,16 +158,16 @@ async def _run(
     door: ModelConnection,
     gate: _TrafficFilter,
     messages: list[ModelMessage],
-    brief: str,
-    question: str,
+    told: tuple[str, str],
     judge: Judge,
+    output: NativeOutput[Rewrite] | PromptedOutput[Rewrite],
 ) -> Conversation:
-    # A schema in the prompt is the one form that every model understands: output tools need a model trained
-    # for tools, and servers differ in which `response_format` they refuse.
+    # Output tools need a model trained for tools; a schema stands in the prompt as well, which every model understands.
+    brief, question = told
     agent = Agent(
         model,
         name="prose",
-        output_type=PromptedOutput(Proposal),
+        output_type=output,
         instructions=brief,
         # A retry sends the judge's faults back, so the first answer and the retries together are the rounds.
         retries={"output": MAX_ROUNDS - 1, "tools": 0},
@@ -161,14 +178,14 @@ async def _run(
     judged, judging = 0, False
 
     @agent.output_validator
-    def judged_by(proposal: Proposal) -> Proposal:
+    def judged_by(rewrite: Rewrite) -> Rewrite:
         nonlocal judged, judging
         judged, judging = len(_answers(messages)), True
-        faults = judge(proposal)
+        faults = judge(rewrite)
         judging = False
         if faults:
             raise ModelRetry(faults)
-        return proposal
+        return rewrite
 
     try:
         await agent.run(
@@ -177,6 +194,8 @@ async def _run(
     except UsageLimitExceeded:
         return Conversation(len(_answers(messages)), f"has used more than {MAX_TOKENS} tokens")
     except (ModelAPIError, UnexpectedModelBehavior) as error:
+        if isinstance(output, NativeOutput) and _is_refusal(error) and not _answers(messages):
+            raise _SchemaRefused from error
         exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == MAX_ROUNDS
         if not exhausted:
             raise _failure(error, door, gate) from error
@@ -187,6 +206,11 @@ async def _run(
             f"{door.description} answers in another form than it should: {_first_line(error)}"
         ) from error
     return _ended(_answers(messages), judged)
+
+
+def _is_refusal(error: Exception) -> bool:
+    """Whether a server does not understand a request, as one without schemas does."""
+    return isinstance(error, ModelHTTPError) and error.status_code in (400, 415, 422, 500, 501)
 
 
 def _ended(answers: Sequence[ModelResponse], judged: int) -> Conversation:
@@ -243,7 +267,11 @@ def _model_for(door: ModelConnection, client: httpx2.AsyncClient) -> Model:
             base_url=door.url,
             api_key=door.key,
             http_client=client,
-            profile=OpenAIModelProfile(supports_json_object_output=False),
+            profile=OpenAIModelProfile(
+                supports_json_object_output=False,
+                supports_json_schema_output=True,
+                native_output_requires_schema_in_instructions=True,
+            ),
         )
         return OpenAIChatModel(door.model, provider=provider)
     return infer_model(door.model, lambda name: _provider(name, client))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bench.errors import Fault, SetupError
 
-from ._proposal import Conversation, Judge
+from ._model import Conversation, Judge
 
 LOCAL_URL = "http://localhost:11434/v1"
 INSTALL = ".venv/bin/pip install --editable '.[llm]' in the checkout, which `make test` has done too"

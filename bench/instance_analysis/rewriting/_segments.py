@@ -39,6 +39,8 @@ class Segment:
     why: str = ""
     assumes: str = ""
     """What a rewrite has taken the words to mean."""
+    options: tuple[tuple[str, tuple[Statement, ...]], ...] = ()
+    """Other sentences for the words, with their statements."""
 
 
 @dataclass(slots=True)
