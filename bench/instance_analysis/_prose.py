@@ -6,14 +6,16 @@ nothing more to leave out. So a fault in one clause costs that clause and what d
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bench.errors import Fault, SetupError
 
 from ._draft import ChoiceKey, Draft, dotted
-from ._result import BaseSimSpec, Choice, ClauseReading, ClauseStatus
+from ._result import BaseSimSpec, Choice, ClauseReading, ClauseStatus, UnreadText
 from .language._grammar import Statement
 from .language._tokens import Span
 from .language._vocabulary import Vocabulary
@@ -185,46 +187,64 @@ class Reading:
     # The account of every clause.
 
     def _clauses(self) -> Iterator[ClauseReading]:
-        for segment in sorted(self._segments, key=lambda segment: segment.span.start):
-            yield self._clause(segment)
-
-    def _clause(self, segment: Segment) -> ClauseReading:
-        draft, span = self.draft, segment.span
-        fields = [
-            dotted(path)
-            for path, entry in draft.entries.items()
-            if entry.span is not None and path != ("description",) and _overlap(entry.span, span)
-        ]
-        unread = [item for item in (*draft.not_understood, *draft.not_expressible) if _overlap(Span(item.start, item.end), span)]
-        choices = [item for item in draft.choices if _overlap(Span(item.start, item.end), span)]
-        told = [item.why for item in draft.remarks if _overlap(Span(item.start, item.end), span)]
-        told += [
-            f"{dotted(path)} = {entry.value}: {entry.note}"
-            for path, entry in draft.entries.items()
-            if entry.span is None and entry.note and entry.beside is not None and _overlap(entry.beside, span)
-        ]
-        notes = [f"{_short(item.quote)!r}: {item.why}" for item in unread]
-        notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in choices]
-        is_open = any(not choice.answered for choice in choices)
-        return ClauseReading(
-            quote=draft.quote(span),
-            start=span.start,
-            end=span.end,
-            status=_status(segment, bool(fields), bool(unread), is_open, bool(told)),
-            sentence=segment.sentence,
-            fields=tuple(fields),
-            notes=tuple(dict.fromkeys([*notes, *told])),
-        )
+        segments = sorted(self._segments, key=lambda segment: segment.span.start)
+        for segment, account in zip(segments, _accounts(self.draft, [segment.span for segment in segments]), strict=True):
+            notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
+            notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices]
+            yield ClauseReading(
+                quote=self._quote(segment.span),
+                start=segment.span.start,
+                end=segment.span.end,
+                status=_status(segment, account),
+                sentence=segment.sentence,
+                fields=tuple(account.fields),
+                notes=tuple(dict.fromkeys([*notes, *account.told])),
+            )
 
 
-def _status(segment: Segment, fields: bool, unread: bool, is_open: bool, told: bool) -> ClauseStatus:
-    if unread:
-        return "in part" if fields and segment.mode != "unread" else "not understood"
-    if is_open:
+@dataclass(slots=True)
+class _Account:
+    """What the reading holds about one segment."""
+
+    fields: list[str] = field(default_factory=list)
+    unread: list[UnreadText] = field(default_factory=list)
+    choices: list[Choice] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+
+
+def _accounts(draft: Draft, spans: Sequence[Span]) -> list[_Account]:
+    """What the reading holds, divided among the segments that it touches, which are in order."""
+    accounts = [_Account() for _ in spans]
+    starts, ends = [span.start for span in spans], list(itertools.accumulate((span.end for span in spans), max))
+    for span, part, item in _passages(draft):
+        first, last = bisect.bisect_right(ends, span.start), bisect.bisect_left(starts, span.end)
+        for account, place in zip(accounts[first:last], spans[first:last], strict=True):
+            if _overlap(place, span):
+                getattr(account, part).append(item)
+    return accounts
+
+
+def _passages(draft: Draft) -> Iterator[tuple[Span, str, object]]:
+    """Every passage that the reading holds something about, the part of an account that it is for, and the entry."""
+    for path, entry in draft.entries.items():
+        if entry.span is not None and path != ("description",):
+            yield entry.span, "fields", dotted(path)
+        elif entry.span is None and entry.note and entry.beside is not None:
+            yield entry.beside, "told", f"{dotted(path)} = {entry.value}: {entry.note}"
+    for unread in (*draft.not_understood, *draft.not_expressible):
+        yield Span(unread.start, unread.end), "unread", unread
+    yield from ((Span(choice.start, choice.end), "choices", choice) for choice in draft.choices)
+    yield from ((Span(remark.start, remark.end), "told", remark.why) for remark in draft.remarks)
+
+
+def _status(segment: Segment, account: _Account) -> ClauseStatus:
+    if account.unread:
+        return "in part" if account.fields and segment.mode != "unread" else "not understood"
+    if any(not choice.answered for choice in account.choices):
         return "choice"
     if segment.mode != "controlled":
         return "check"
-    return "default" if told else "understood"
+    return "default" if account.told else "understood"
 
 
 def _touches(span: Span, cuts: Sequence[Cut]) -> Cut | None:

@@ -31,6 +31,10 @@ def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
     """Whether the document holds a fact on one of its paths."""
     document = result.simspec.model_dump(mode="json")
     ranges = {path: (item.low, item.high) for item in result.ranges for path in item.paths}
+    counts = [value for path, value in _found(document, fact["path"].split("|")[0].strip()) if path.endswith(".count")]
+    if len(counts) > 1 and counts == [count for count in counts if isinstance(count, int)] and sum(counts) == fact["value"]:
+        # A group that is divided.
+        return True
     return any(
         _same(value, fact["value"], path, document, ranges)
         for written in fact["path"].split("|")

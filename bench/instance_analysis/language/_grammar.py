@@ -35,12 +35,9 @@ class Form(Document):
         """The whole pattern, with the time of an event and the deadline of an order."""
         if self.event:
             what = f"({self.event})"
-            return f"(<when> [,] {what} / {what} <when>)"
+            return f"(<when> [,] {what} / <begin> [,] {what} <lasting> / {what} [,] <when>)"
         if self.order:
-            return (
-                f"at {{moment:at}} the operator orders [the drone|agent / it] [to] ({self.order}) "
-                "[[,] to be obeyed within {time:within}]"
-            )
+            return f"[at] {{moment:at}} [,|:] [<orders>] [a|an] ({self.order}) [[,] <deadline>]"
         return self.match
 
     @property
@@ -123,8 +120,8 @@ def _group_form() -> Form:
 
 
 _VERBS = (
-    ("shall", "stand"), ("shall", "be"), ("must", "be"), ("is", "located"), ("are", "located"), ("is", "placed"), ("are", "placed"),
-    ("is", "standing"), ("are", "standing"), ("is",), ("are",), ("was",), ("were",), ("stands",), ("stand",), ("stays",), ("stay",),
+    ("shall", "stand"), ("shall", "be", "placed"), ("shall", "be", "located"), ("shall", "be"), ("must", "be"), ("is", "located"), ("are", "located"), ("is", "placed"), ("are", "placed"),
+    ("is", "standing"), ("are", "standing"), ("shall",), ("is",), ("are",), ("was",), ("were",), ("stands",), ("stand",), ("stays",), ("stay",),
     ("lies",), ("lie",), ("sits",), ("sit",), ("remains",), ("remain",),
 )  # fmt: skip
 _LINKS = ((",", "and"), (",", "which"), (",", "who"), (",",), ("and",), ("which",), ("who",), ("that",), ())

@@ -68,6 +68,9 @@ class SlotParser(PhraseParser):
         for time, end in self.quantities("TIME", begin):
             if time.single:
                 yield time.low, end
+        if begin > at:
+            # `t+90`: a time of the flight without a unit is in seconds.
+            yield from self.numbers(begin)
         unit = {"minute": 60.0, "second": 1.0}.get(self.word(at))
         for number, end in self.numbers(at + 1) if unit else ():
             yield number * (unit or 0.0), end
@@ -98,6 +101,7 @@ _SLOTS: Mapping[str, Callable[[SlotParser, int], Iterator[tuple[Any, int]]]] = {
     "speed": _of_kind("SPEED"),
     "angle": _of_kind("ANGLE"),
     "energy": _of_kind("ENERGY"),
+    "surface": _of_kind("AREA"),
     "share": lambda parser, at: parser.shares(at),
     "count": lambda parser, at: parser.counts(at),
     "number": _singles,

@@ -152,7 +152,7 @@ class PhraseParser(QuantityParser):
 
     def _bounded(self, at: int) -> Iterator[Determiner]:
         """`at least 5 and at most 9`, `up to 10`, `at least 5`."""
-        least, most = (("at", "least"),), (("at", "most"), ("up", "to"), ("not", "more", "than"), ("no", "more", "than"))
+        least, most = (("at", "least"), ("not", "less", "than"), ("not", "fewer", "than"), ("no", "fewer", "than")), (("at", "most"), ("up", "to"), ("not", "more", "than"), ("no", "more", "than"))
         if end := self._first(at, most):
             yield from (Determiner(after, Quantity("COUNT", 0, count.high)) for count, after in self.counts(end))
         if end := self._first(at, least):

@@ -46,7 +46,7 @@ class Number:
 
     def is_like(self, other: Number) -> bool:
         """Whether two numbers are one, within a ten-thousandth. A share may be a plain number."""
-        plain = {self.kind, other.kind} <= {"COUNT", "PERCENT"}
+        plain = {self.kind, other.kind} <= {"COUNT", "PERCENT", "ANGLE"}
         return (self.kind == other.kind or plain) and abs(self.value - other.value) <= 1e-4 * max(1.0, abs(other.value))
 
 

@@ -81,7 +81,8 @@ def _loads(pair: Pair) -> Iterator[str]:
         if words[kind] > sentence[kind] and kind not in carried:
             lost = next(load.text for load in pair.words.loads if load.kind == kind)
             yield f"{lost!r} of the words is lost"
-        if sentence[kind] > words[kind] and (kind == "negation" and not words[kind] or kind not in carried):
+        denied = kind == "negation" and not words[kind] and not pair.words.has(["only", "before", "dry"])
+        if sentence[kind] > words[kind] and (denied or kind not in carried):
             added = next(load.text for load in pair.sentence.loads if load.kind == kind)
             yield f"the words have nothing like {added!r}"
     if words["aside"]:
@@ -160,7 +161,8 @@ def _things(pair: Pair) -> Iterator[str]:
         elif not pair.assumes and not (refers and entry in pair.earlier[-1:]):
             yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
     written = {entry for entry, _, _ in pair.sentence.things()}
-    if not people:
+    # `box` is a crate, and the area of interest.
+    if not people and not any(part.form.does == "area" for part in pair.parts):
         yield from (f"the {entry} of the words is lost" for entry in sorted(entries - written) if not _is_told(entry, entries, written))
 
 

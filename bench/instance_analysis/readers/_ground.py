@@ -11,6 +11,7 @@ from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates
 from ..language._grammar import Part
 from ..language._phrases import HOME_PLACE, Ground, NounPhrase, Shape
+from ..language._quantities import Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._not_read import NotReadError
@@ -47,6 +48,9 @@ class GroundReader:
     def area(self, part: Part) -> None:
         """Read the area of interest, which is laid out at the end."""
         value = part.first("area")
+        if isinstance(value, Quantity):
+            # Only its size is told: a square.
+            value = (round(value.low**0.5, 3),) * 2
         shape = value if isinstance(value, Shape) else Shape(part.span, size_m=value)
         if shape.size_m and len(shape.size_m) != 2:
             raise NotReadError("an area has two sides")

@@ -341,6 +341,16 @@ class PredicateReader:
     def _role(self, group: str, part: Part) -> None:
         self._scene.set_role(group, Role(part.first("role")), part.span)
 
+    def _role_as(self, group: str, part: Part) -> None:
+        word = part.words[-1]
+        if word == "clutter":
+            role = Role.CLUTTER
+        else:
+            role = Role.BYSTANDER if word.startswith("bystander") else Role.ADVERSARY
+        if self._scene.role(group) is not role:
+            self._scene.set_role(group, role, part.span)
+        self._draft.acknowledge(part.span)
+
     def _density(self, group: str, part: Part) -> None:
         number = part.first("number")
         self._scene.put_density(group, Quantity("COUNT", number, number), part.first("per_area"), part.span)

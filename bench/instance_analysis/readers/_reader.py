@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 
 from bench.simspec import Role
 
@@ -60,15 +59,16 @@ class TextReader:
         """Read something in whole or not at all, and list it in that case."""
         draft = self.draft
         before = (dict(draft.entries), list(draft.ranges), list(draft.statements), len(draft.acknowledged))
-        groups = {name: copy(group) for name, group in self.scene.groups.items()}
-        families, subject = [[*family] for family in self.scene.families], self.scene.subject
+        known, families, subject = len(self.scene.groups), [[*family] for family in self.scene.families], self.scene.subject
         draft.reading = span
         try:
             read()
         except NotReadError as error:
             draft.entries, draft.ranges, draft.statements = before[:3]
             del draft.acknowledged[before[3] :]
-            self.scene.groups, self.scene.families, self.scene.subject = groups, families, subject
+            self.scene.families, self.scene.subject = families, subject
+            for group in list(self.scene.groups)[known:]:
+                del self.scene.groups[group]
             self.scene.unread = self.scene.sentence
             draft.unread(error.span or span, error.why, expressible=error.expressible)
             return False

@@ -199,6 +199,8 @@ class Scene:
         targets = self.targets()
         if targets and (phrase.definite or phrase.article):
             return self._chosen(targets, phrase.span, "")
+        if phrase.definite:
+            raise NotReadError("nobody in the scene is an adversary or sought")
         entries = [name for name, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY]
         readings = [self.vocabulary.assets[name].asset for name in entries]
         chosen = entries[self.draft.ask(phrase.span, "what is the target?", readings)]

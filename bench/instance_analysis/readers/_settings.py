@@ -48,6 +48,14 @@ class SettingsReader:
             if (value := part.first(slot)) is not None:
                 self._put(path, value, part.span)
 
+    def height_band(self, part: Part) -> None:
+        """Read the heights between which the drone stays."""
+        band = part.first("band")
+        if band.single:
+            raise NotReadError("a height to stay at is that of the mission: `Fly at 80 m`")
+        self._draft.put(("rules", "min_altitude_m"), band.low, part.span)
+        self._draft.put(("rules", "max_altitude_m"), band.high, part.span)
+
     def battery(self, part: Part) -> None:
         """Read the capacity of the battery, and its charge."""
         self._put("vehicle.battery.capacity_wh", part.first("energy"), part.span)

@@ -1,8 +1,8 @@
 """Divides a text into segments that are read together: sentences of the controlled language, free clauses, and what is left.
 
 A free clause is read where soft words are the only difference, or where a pattern of the phrase book gives a sentence
-for it that the ledger lets pass. What is left of a sentence is listed; where it holds a word that may turn the rest
-around, nothing of the sentence is read.
+for it that the ledger lets pass. What is left of a sentence is listed; where it holds a condition, nothing of the
+sentence is read.
 """
 
 from __future__ import annotations
@@ -20,10 +20,14 @@ from ..language._grammar import Parser, Statement, forms
 from ..language._pattern import Pattern, SlotParser, compiled
 from ..language._tokens import Sentence, Span, Token, sentences_of, tokens_of
 from ..language._vocabulary import Vocabulary, VocabularyDocument
-from ..ledger._loads import HARD, TextLoads
+from ..ledger._loads import TextLoads
 from ..ledger._pairs import Pair, faults_of
 
 Mode = Literal["controlled", "free", "rewritten", "unread"]
+MAX_SENTENCE_TOKENS = 150
+"""Words and marks that a sentence may have, so that reading takes time in proportion to the text. Chosen."""
+REACHING = frozenset(["condition", "aside"])
+"""Loads that reach over their whole sentence; others are listed with their own clause."""
 BREAKS = frozenset([",", ":", "(", ")", "-", "–", "—", "and", "with", "while", "but", "plus", "+", "/"])
 """Tokens between which a clause of free text stands."""
 
@@ -81,6 +85,11 @@ def _joined(words: Sequence[str]) -> str:
 
 
 @cache
+def _book(vocabulary: Vocabulary) -> PhraseBook:
+    return PhraseBook(vocabulary)
+
+
+@cache
 def shipped_phrases() -> dict[str, str]:
     """The phrase book of the bench."""
     text = resources.files(__package__).joinpath("phrases.yaml").read_text(encoding="utf-8")
@@ -92,7 +101,7 @@ class FreeReader:
 
     def __init__(self, text: str, vocabulary: Vocabulary) -> None:
         self._text, self._vocabulary = text, vocabulary
-        self._book = PhraseBook(vocabulary)
+        self._book = _book(vocabulary)
 
     def segments(self) -> Iterator[list[Segment]]:
         """The segments of each sentence of the text, in order."""
@@ -103,6 +112,8 @@ class FreeReader:
         """The segments of a sentence."""
         if sentence.question:
             return [Segment(sentence.span, "unread", why="a question describes nothing")]
+        if len(sentence.tokens) > MAX_SENTENCE_TOKENS:
+            return [Segment(sentence.span, "unread", why=f"it has more than {MAX_SENTENCE_TOKENS} words: divide it")]
         statements = Parser(sentence.tokens, self._vocabulary).whole()
         if statements is not None:
             return [Segment(statement.span, "controlled", (statement,)) for statement in statements]
@@ -114,7 +125,7 @@ class FreeReader:
             return [Segment(sentence.span, "unread", why="it is none of the sentences that are read")]
         found = self._clauses(tokens)
         left = [TextLoads(" ".join(token.text for token in run), self._vocabulary) for run in found.left]
-        hard = next((load for loads in left for load in loads.loads if load.kind in HARD or load.kind == "aside"), None)
+        hard = next((load for loads in left for load in loads.loads if load.kind in REACHING), None)
         if hard is not None and found.segments:
             why = f"{hard.text!r} is not read, and may turn around what stands beside it"
             return [Segment(sentence.span, "unread", why=why)]
@@ -180,7 +191,7 @@ class FreeReader:
         statements: list[Statement] = []
         for part in sentences_of(sentence):
             tokens = tokens_of(sentence[part.span.start : part.span.end], span)
-            read = Parser(tokens, self._vocabulary).whole()
+            read = Parser(tokens, self._vocabulary).whole() if len(tokens) <= MAX_SENTENCE_TOKENS else None
             if read is None or part.question:
                 return None
             statements += read
