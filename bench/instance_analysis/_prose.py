@@ -11,6 +11,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from bench.errors import Fault, SetupError
 
@@ -173,8 +174,7 @@ class Reading:
 
     def _segments_that_set(self, draft: Draft, where: str, cuts: Sequence[Cut]) -> list[Segment]:
         """The segments that set fields; first those of the fields that a fault names, from the last to the first."""
-        names = [name for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
-        # A list is named by numbers there and by ids here.
+        names = [_by_id(name, draft.document()) for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
         blamed = _spans_of(draft, names) or _spans_of(draft, [re.sub(r"\[\d+\].*", "", name) for name in names])
         setting = [
             segment
@@ -188,14 +188,18 @@ class Reading:
 
     def _clauses(self) -> Iterator[ClauseReading]:
         segments = sorted(self._segments, key=lambda segment: segment.span.start)
-        for segment, account in zip(segments, _accounts(self.draft, [segment.span for segment in segments]), strict=True):
+        accounts = _accounts(self.draft, [segment.span for segment in segments])
+        unread = {id(segment) for segment, account in zip(segments, accounts, strict=True) if account.unread}
+        # What is not read in a sentence may be said of what stands beside it.
+        beside = {id(part) for sentence in self._sentences if any(id(part) in unread for part in sentence) for part in sentence}
+        for segment, account in zip(segments, accounts, strict=True):
             notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
             notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices]
             yield ClauseReading(
                 quote=self._quote(segment.span),
                 start=segment.span.start,
                 end=segment.span.end,
-                status=_status(segment, account),
+                status=_status(segment, account, alone=id(segment) not in beside),
                 sentence=segment.sentence,
                 fields=tuple(account.fields),
                 notes=tuple(dict.fromkeys([*notes, *account.told])),
@@ -237,12 +241,12 @@ def _passages(draft: Draft) -> Iterator[tuple[Span, str, object]]:
     yield from ((Span(remark.start, remark.end), "told", remark.why) for remark in draft.remarks)
 
 
-def _status(segment: Segment, account: _Account) -> ClauseStatus:
+def _status(segment: Segment, account: _Account, *, alone: bool) -> ClauseStatus:
     if account.unread:
         return "in part" if account.fields and segment.mode != "unread" else "not understood"
     if any(not choice.answered for choice in account.choices):
         return "choice"
-    if segment.mode != "controlled":
+    if segment.mode != "controlled" or not alone:
         return "check"
     return "default" if account.told else "understood"
 
@@ -263,6 +267,19 @@ def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span]:
         if any(dotted(path).startswith(name) or name.startswith(dotted(path)) for name in names)
     )
     return [span for span in spans if span is not None]
+
+
+def _by_id(name: str, document: dict[str, Any]) -> str:
+    """A field as a fault names it, with the ids of members in the place of their numbers."""
+    match = re.match(r"((?:\w+\.)?\w+)\[(\d+)\]", name)
+    if match is None:
+        return name
+    members: Any = document
+    for part in match[1].split("."):
+        members = members.get(part, {}) if isinstance(members, dict) else {}
+    number = int(match[2])
+    member = members[number] if isinstance(members, list) and number < len(members) else {}
+    return f"{match[1]}[{member.get('id', number)}]{name[match.end() :]}"
 
 
 def _short(quote: str) -> str:

@@ -125,6 +125,12 @@ _VERBS = (
     ("lies",), ("lie",), ("sits",), ("sit",), ("remains",), ("remain",),
 )  # fmt: skip
 _LINKS = ((",", "and"), (",", "which"), (",", "who"), (",",), ("and",), ("which",), ("who",), ("that",), ())
+def _may_be_the_same(first: Statement, joint: tuple[str, ...], second: Statement) -> bool:
+    """Whether a noun after a comma may name the group before it once more: `two hikers are missing, a man and a woman`."""
+    groups = first.form.does == second.form.does == "groups"
+    return groups and joint[0] == "," and not second.predicates
+
+
 _JOINTS = ((",", "and"), (",",), ("and",))
 FRONTED = frozenset(["part", "middle", "on_road", "beside_road", "in_ground", "near", "within", "at", "inside"])
 """What may stand before its group in free text: `in the north two trucks`."""
@@ -153,7 +159,7 @@ class Parser(SlotParser):
             for joint in _JOINTS:
                 if self.starts(statement.end, *joint):
                     rest = self._from(statement.end + len(joint))
-                    if rest is not None:
+                    if rest is not None and not _may_be_the_same(statement, joint, rest[0]):
                         return [statement, *rest]
         self._hopeless.add(at)
         return None

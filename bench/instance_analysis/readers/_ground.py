@@ -115,6 +115,10 @@ class GroundReader:
 
     def finish(self) -> None:
         """Lay out everything that depends on the area of interest."""
+        if AREA not in self._draft.entries and (ground := self._may_be_the_area()) is not None:
+            readings = ["yes", "no, it is a place in the usual area"]
+            if self._draft.ask(ground.span, "is this the area of interest?", readings) == 0:
+                self._draft.put(AREA, self._outline(ground), ground.span)
         if AREA not in self._draft.entries:
             east, north = self._defaults.area_east_m / 2, self._defaults.area_north_m / 2
             self._draft.put(AREA, rectangle(-east, -north, east, north), None)
@@ -131,6 +135,13 @@ class GroundReader:
             self._put_ban(name, part)
         for part in self._fences:
             self._put_fence(part)
+
+    def _may_be_the_area(self) -> Shape | None:
+        """The shape of the only named ground, if it has a size and no place, and nothing is told from it."""
+        shapes = [piece.shape for piece in self.pieces.values() if not piece.groups]
+        banned = any(part.first("ground") is not None for _, part in self._bans)
+        shape = shapes[0] if len(shapes) == len(self.pieces) == 1 and not banned else None
+        return shape if shape is not None and shape.size_m and shape.middle is None else None
 
     def _lay_out(self, piece: Piece) -> None:
         base: FieldPath = ("world", "areas", piece.id)

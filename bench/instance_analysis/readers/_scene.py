@@ -184,7 +184,18 @@ class Scene:
         last = max((self.groups[name].mentioned for name in fitting), default=-1)
         if last <= self.unread:
             raise NotReadError(f"{self.draft.quote(phrase.span)!r} may be something that is not read, or that is not named")
-        return self._chosen([name for name in fitting if self.groups[name].mentioned == last], phrase.span, "")
+        recent = [name for name in fitting if self.groups[name].mentioned == last]
+        if last < max(self.groups[name].mentioned for name in self.groups if name not in others):
+            # `Four fishermen. A car is parked. They stand ...`
+            return self._doubtful(recent, phrase.span)
+        return self._chosen(recent, phrase.span, "")
+
+    def _doubtful(self, groups: list[str], span: Span) -> list[str]:
+        """Groups that a pronoun may mean although another one was named after them."""
+        chosen = self.draft.ask(span, f"who is {self.draft.quote(span)!r}?", [*groups, "nobody: leave it out"])
+        if chosen == len(groups):
+            raise NotReadError("it is said of nobody")
+        return [groups[chosen]]
 
     def _fits(self, groups: Sequence[str], phrase: NounPhrase) -> bool:
         plural = len(groups) > 1 or self.groups[groups[0]].plural
