@@ -142,9 +142,8 @@ def prose(
             plain = rewritten.rewrite.model_dump(mode="json", exclude_defaults=True)
             beside.write_text(dump_value({"format": rewritten.rewrite.format} | plain), encoding="utf-8")
     if campaign is not None:
-        campaign.write_text(
-            dump_value(_campaign(base_simspec, points, decomposition, agent or [])), encoding="utf-8"
-        )
+        agents = [_from_folder(manifest, campaign.parent) for manifest in agent or []]
+        campaign.write_text(dump_value(_campaign(base_simspec, points, decomposition, agents)), encoding="utf-8")
         for fault in _unrated(base_simspec.simspec, decomposition):
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
@@ -273,6 +272,13 @@ def _campaign(
     }
     validate_document(document, Campaign, source="campaign")
     return document
+
+
+def _from_folder(manifest: str, folder: Path) -> str:
+    """The manifest as a campaign in a folder names it: the path of a file from there, or an entry point."""
+    from bench.simspec import is_manifest_file
+
+    return os.path.relpath(manifest, folder) if is_manifest_file(manifest) else manifest
 
 
 def _campaign_name(text: str) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from ._prose import check_text, read_prose
 from ._result import UnreadText
 from .language._vocabulary import Vocabulary
-from .page import page
 from .rewriting._model import Endpoint, RewrittenResult, ask_for_rewrite
 
 
@@ -19,6 +18,8 @@ def rewrite_prose(
     Without an answer that holds, the document is that of `read_prose`. Raises as `read_prose`, and SetupError where a
     key, a model or a package is missing.
     """
+    from .page import page
+
     check_text(text)
     provider = endpoint.provider
     answer = ask_for_rewrite(text, page(), vocabulary, endpoint)

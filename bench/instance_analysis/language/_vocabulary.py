@@ -125,7 +125,9 @@ class Vocabulary:
                 self._add(name, getattr(document, name))
             for name, entries in _words_of(document):
                 self._add(name, entries)
-        self._add("noun", {asset.replace("-", " "): self._entry_of(asset) for asset in ASSETS})
+        for asset in ASSETS:
+            names = (*plurals(asset), *plurals(asset.replace("-", " ")))
+            self._add("noun", dict.fromkeys(names, self._entry_of(asset)))
         self._prefixes = {
             name: {" ".join(words[:end]) for key in table for words in [key.split()] for end in range(1, len(words) + 1)}
             for name, table in self.tables.items()

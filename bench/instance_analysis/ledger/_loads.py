@@ -135,7 +135,9 @@ class TextLoads:
                 run = self.words[at : at + length]
                 if at not in taken and len(run) == length and _fits(run, word.split()):
                     taken |= set(range(at, at + length))
-                    yield Load(kind, " ".join(run), self._parser.span(at, at + length))
+                    if not (kind == "condition" and self._parser.slot("moment", at + length)):
+                        # `after 45 s` tells when, and is no condition.
+                        yield Load(kind, " ".join(run), self._parser.span(at, at + length))
                     break
 
     def things(self) -> list[tuple[str, str, int]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from bench.simspec import Role
 
 from ..language._grammar import Part, Statement, forms
+from ..language._phrases import NounPhrase
 from ..language._vocabulary import MotionWords, Vocabulary, WeatherWords
 from ._loads import HARD, Number, TextLoads, concepts
 
@@ -177,7 +178,10 @@ def _persons(vocabulary: Vocabulary) -> set[str]:
 
 def _roles(pair: Pair) -> Iterator[str]:
     """The same roles, but where the asset has the role by itself."""
-    said, written = set(pair.words.table("role")), set(pair.sentence.table("role"))
+    said, written = set(pair.words.table("role")), set(_written_roles(pair))
+    if pair.words.has(["link", "comms", "contact", "connection", "gps", "lost link"]):
+        # `the link is lost` tells of nobody.
+        said -= {Role.SOUGHT}
     natural = {pair.vocabulary.role(entry) for entry, _, _ in pair.sentence.things()}
     searched = pair.words.has(concepts().topics["role"])
     for role in written - said - natural:
@@ -185,6 +189,17 @@ def _roles(pair: Pair) -> Iterator[str]:
             yield f"the words do not say {role}"
     called = any("role" in part.form.topic for part in pair.parts)
     yield from (f"{role} of the words is lost" for role in said - written - natural if not called)
+
+
+def _written_roles(pair: Pair) -> Iterator[Role]:
+    """The roles that the sentence gives to its groups."""
+    for part in pair.parts:
+        phrases = [*(part.subjects if isinstance(part, Statement) else ()), *(capture.value for capture in part.captures)]
+        for phrase in phrases:
+            if isinstance(phrase, Role):
+                yield phrase
+            elif isinstance(phrase, NounPhrase):
+                yield from (value for name, value in phrase.adjectives if name == "role")
 
 
 def _order(pair: Pair) -> Iterator[str]:
