@@ -140,20 +140,22 @@ class TextLoads:
                         yield Load(kind, " ".join(run), self._parser.span(at, at + length))
                     break
 
-    def things(self) -> list[tuple[str, str, int]]:
-        """Every noun of the vocabulary with its entry and exact asset, in order."""
-        found: list[tuple[str, str, int]] = []
+    def nouns(self) -> list[tuple[tuple[str, ...], str]]:
+        """Every noun of the vocabulary with the entries that it may be, in order."""
+        found: list[tuple[tuple[str, ...], str]] = []
         at = 0
         while at < len(self.words):
             match = next(iter(self._vocabulary.longest("noun", self.words, at)), None)
-            if match is None:
-                at += 1
-                continue
-            entries = (match[0],) if isinstance(match[0], str) else match[0]
-            noun = " ".join(self.words[at : match[1]])
-            found += [(entry, self._vocabulary.assets[entry].named_by(noun), at) for entry in entries]
-            at = match[1]
+            if match is not None:
+                entries = (match[0],) if isinstance(match[0], str) else tuple(match[0])
+                found.append((entries, " ".join(self.words[at : match[1]])))
+            at = at + 1 if match is None else match[1]
         return found
+
+    def things(self) -> list[tuple[str, str]]:
+        """Every entry that a noun of the text may be, with its exact asset, in order."""
+        assets = self._vocabulary.assets
+        return [(entry, assets[entry].named_by(noun)) for entries, noun in self.nouns() for entry in entries]
 
     def direction(self, at: int) -> float | None:
         """The direction of the compass at a token, where that is none of a longer word before it."""

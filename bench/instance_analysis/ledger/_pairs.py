@@ -147,12 +147,12 @@ def _directions(text: TextLoads) -> list[float]:
 def _things(pair: Pair) -> Iterator[str]:
     """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
     said = pair.words.things()
-    entries = {entry for entry, _, _ in said}
+    entries = {entry for entry, _ in said}
     people = any(part.first("people") for part in pair.parts)
     refers = pair.words.has(concepts().pronouns)
-    for entry, asset, _ in pair.sentence.things():
+    for entry, asset in pair.sentence.things():
         if entry in entries:
-            exact = {other for name, other, _ in said if name == entry}
+            exact = {other for name, other in said if name == entry}
             if asset not in exact and asset != pair.vocabulary.assets[entry].asset:
                 yield f"the words do not say {asset!r}"
         elif people and (refers or pair.words.table("people") or entries & _persons(pair.vocabulary)):
@@ -161,15 +161,10 @@ def _things(pair: Pair) -> Iterator[str]:
             yield f"no {entry} is in the words, nor in a sentence before"
         elif not pair.assumes and not (refers and entry in pair.earlier[-1:]):
             yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
-    written = {entry for entry, _, _ in pair.sentence.things()}
+    written = {entry for entry, _ in pair.sentence.things()}
     # `box` is a crate, and the area of interest.
     if not people and not any(part.form.does == "area" for part in pair.parts):
-        yield from (f"the {entry} of the words is lost" for entry in sorted(entries - written) if not _is_told(entry, entries, written))
-
-
-def _is_told(entry: str, entries: set[str], written: set[str]) -> bool:
-    """Whether a noun of the words is one of several that stand for what the sentence names: `a pickup truck`."""
-    return len(entries) > len(written) and bool(written) and entry == "civilian"
+        yield from (f"{noun!r} of the words is lost" for nouns, noun in pair.words.nouns() if written.isdisjoint(nouns))
 
 
 def _persons(vocabulary: Vocabulary) -> set[str]:
@@ -182,7 +177,7 @@ def _roles(pair: Pair) -> Iterator[str]:
     if pair.words.has(["link", "comms", "contact", "connection", "gps", "lost link"]):
         # `the link is lost` tells of nobody.
         said -= {Role.SOUGHT}
-    natural = {pair.vocabulary.role(entry) for entry, _, _ in pair.sentence.things()}
+    natural = {pair.vocabulary.role(entry) for entry, _ in pair.sentence.things()}
     searched = pair.words.has(concepts().topics["role"])
     for role in written - said - natural:
         if not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
@@ -204,8 +199,8 @@ def _written_roles(pair: Pair) -> Iterator[Role]:
 
 def _order(pair: Pair) -> Iterator[str]:
     """Who stands by whom: the things in the same order, unless the verb of the words turns them around."""
-    words = [entry for entry, _, _ in pair.words.things()]
-    sentence = [entry for entry, _, _ in pair.sentence.things()]
+    words = [entry for entry, _ in pair.words.things()]
+    sentence = [entry for entry, _ in pair.sentence.things()]
     common = [entry for entry in words if words.count(entry) == 1 and sentence.count(entry) == 1]
     ordered = [entry for entry in sentence if entry in common]
     related = any(part.first("reference") is not None for part in pair.parts)

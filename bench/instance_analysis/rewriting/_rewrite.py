@@ -93,7 +93,7 @@ class RewriteJudge:
     def _entries(self, segment: Segment) -> list[str]:
         if segment.mode == "unread":
             return []
-        return [entry for entry, _, _ in TextLoads(segment.sentence, self._vocabulary).things()]
+        return [entry for entry, _ in TextLoads(segment.sentence, self._vocabulary).things()]
 
     # Quotes.
 
