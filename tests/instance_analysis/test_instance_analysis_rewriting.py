@@ -137,7 +137,7 @@ def test_what_is_rewritten_rightly_is_read() -> None:
     assert (result.rounds, result.model, result.provider, result.refused) == (1, "small", "openai-compatible", ())
     assert requests[0]["path"] == "/v1/chat/completions"
     assert requests[0]["messages"][-1]["content"] == TEXT
-    assert page() in requests[0]["messages"][0]["content"]
+    assert page().strip() in requests[0]["messages"][0]["content"]
     assert requests[0]["response_format"]["json_schema"]["schema"]["properties"].keys() >= {"pairs"}
 
 
