@@ -86,7 +86,8 @@ def prose(
         ),
     ] = None,
     rewrite: Annotated[
-        Path | None, typer.Option(help="Rewrite of the text that a model has written before; no model is asked")
+        Path | None,
+        typer.Option(help="Rewrite of the text that a model has written before; no model is asked"),
     ] = None,
     llm_url: Annotated[
         str | None,
@@ -143,7 +144,9 @@ def prose(
             beside.write_text(dump_value({"format": rewritten.rewrite.format} | plain), encoding="utf-8")
     if campaign is not None:
         agents = [_from_folder(manifest, campaign.parent) for manifest in agent or []]
-        campaign.write_text(dump_value(_campaign(base_simspec, points, decomposition, agents)), encoding="utf-8")
+        campaign.write_text(
+            dump_value(_campaign(base_simspec, points, decomposition, agents)), encoding="utf-8"
+        )
         for fault in _unrated(base_simspec.simspec, decomposition):
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
@@ -197,7 +200,9 @@ def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
     if rewritten.failure:
         yield f"{rewritten.model} gave no whole rewrite, and the document stands without it: {rewritten.failure}"
     yield f"{rewritten.model} was asked {rewritten.rounds} times and wrote {len(rewritten.rewrite.pairs)} sentences"
-    yield from (f"refused from {rewritten.model}: {refusal.quote}: {refusal.why}" for refusal in rewritten.refused)
+    yield from (
+        f"refused from {rewritten.model}: {refusal.quote}: {refusal.why}" for refusal in rewritten.refused
+    )
 
 
 def _explained(base_simspec: BaseSimSpec) -> Iterator[str]:
@@ -294,7 +299,9 @@ def _campaign_description(base_simspec: BaseSimSpec) -> str:
         f"Open: {choice.quote!r}: {choice.ask} Read as: {choice.readings[choice.chosen - 1]}"
         for choice in base_simspec.open_choices
     ]
-    unread = [f"Not read: {item.quote!r}" for item in (*base_simspec.not_understood, *base_simspec.not_expressible)]
+    unread = [
+        f"Not read: {item.quote!r}" for item in (*base_simspec.not_understood, *base_simspec.not_expressible)
+    ]
     return "\n".join([base_simspec.prose.strip(), *choices, *unread])
 
 

@@ -62,7 +62,11 @@ class Reading:
     """The segments of a text, sentence by sentence, as a document."""
 
     def __init__(
-        self, text: str, vocabulary: Vocabulary, sentences: Sequence[Sequence[Segment]], answers: Sequence[int] = ()
+        self,
+        text: str,
+        vocabulary: Vocabulary,
+        sentences: Sequence[Sequence[Segment]],
+        answers: Sequence[int] = (),
     ) -> None:
         self.text, self.vocabulary, self._sentences = text, vocabulary, sentences
         self._segments = [segment for sentence in sentences for segment in sentence]
@@ -141,7 +145,9 @@ class Reading:
         if not segment.assumes:
             return segment.statements
         options = [(segment.sentence, segment.statements), *segment.options, ("leave it out", ())]
-        chosen = draft.ask(segment.span, f"taken to mean: {segment.assumes}", [sentence for sentence, _ in options])
+        chosen = draft.ask(
+            segment.span, f"taken to mean: {segment.assumes}", [sentence for sentence, _ in options]
+        )
         return options[chosen][1]
 
     def _grown(self, span: Span) -> Span:
@@ -174,13 +180,19 @@ class Reading:
 
     def _segments_that_set(self, draft: Draft, where: str, cuts: Sequence[Cut]) -> list[Segment]:
         """The segments that set fields; first those of the fields that a fault names, from the last to the first."""
-        names = [_by_id(name, draft.document()) for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
-        blamed = _spans_of(draft, names) or _spans_of(draft, [re.sub(r"\[\d+\].*", "", name) for name in names])
+        names = [
+            _by_id(name, draft.document()) for name in (where.split(" ")[0], *_FIELD.findall(where)) if name
+        ]
+        blamed = _spans_of(draft, names) or _spans_of(
+            draft, [re.sub(r"\[\d+\].*", "", name) for name in names]
+        )
         setting = [
             segment
             for segment in reversed(self._segments)
             if _touches(segment.span, cuts) is None
-            and any(_overlap(span, segment.span) for path, _, span in draft.statements if path != ("description",))
+            and any(
+                _overlap(span, segment.span) for path, _, span in draft.statements if path != ("description",)
+            )
         ]
         return sorted(setting, key=lambda segment: not any(_overlap(span, segment.span) for span in blamed))
 
@@ -191,10 +203,17 @@ class Reading:
         accounts = _accounts(self.draft, [segment.span for segment in segments])
         unread = {id(segment) for segment, account in zip(segments, accounts, strict=True) if account.unread}
         # What is not read in a sentence may be said of what stands beside it.
-        beside = {id(part) for sentence in self._sentences if any(id(part) in unread for part in sentence) for part in sentence}
+        beside = {
+            id(part)
+            for sentence in self._sentences
+            if any(id(part) in unread for part in sentence)
+            for part in sentence
+        }
         for segment, account in zip(segments, accounts, strict=True):
             notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
-            notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices]
+            notes += [
+                f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices
+            ]
             yield ClauseReading(
                 quote=self._quote(segment.span),
                 start=segment.span.start,
@@ -219,7 +238,10 @@ class _Account:
 def _accounts(draft: Draft, spans: Sequence[Span]) -> list[_Account]:
     """What the reading holds, divided among the segments that it touches, which are in order."""
     accounts = [_Account() for _ in spans]
-    starts, ends = [span.start for span in spans], list(itertools.accumulate((span.end for span in spans), max))
+    starts, ends = (
+        [span.start for span in spans],
+        list(itertools.accumulate((span.end for span in spans), max)),
+    )
     for span, part, item in _passages(draft):
         first, last = bisect.bisect_right(ends, span.start), bisect.bisect_left(starts, span.end)
         for account, place in zip(accounts[first:last], spans[first:last], strict=True):

@@ -68,7 +68,9 @@ class ClauseReading(Document):
     start: int
     end: int
     status: ClauseStatus
-    sentence: Annotated[str, Field(description="The sentence of the controlled language that it was rewritten to.")] = ""
+    sentence: Annotated[
+        str, Field(description="The sentence of the controlled language that it was rewritten to.")
+    ] = ""
     fields: Annotated[tuple[str, ...], Field(description="Paths of the fields that it sets.")] = ()
     notes: Annotated[tuple[str, ...], Field(description="What is not read, and what is assumed.")] = ()
 

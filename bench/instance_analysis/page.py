@@ -40,7 +40,26 @@ def page() -> str:
     return "\n".join([head, *_tables(), parts["cannot"], parts["example"]])
 
 
-_SHOWN_UNITS = ("m", "km", "ft", "yd", "mile", "nmi", "s", "min", "h", "m/s", "km/h", "mph", "knots", "°", "%", "wh", "km²", "ha")
+_SHOWN_UNITS = (
+    "m",
+    "km",
+    "ft",
+    "yd",
+    "mile",
+    "nmi",
+    "s",
+    "min",
+    "h",
+    "m/s",
+    "km/h",
+    "mph",
+    "knots",
+    "°",
+    "%",
+    "wh",
+    "km²",
+    "ha",
+)
 
 
 def _things(vocabulary: Vocabulary) -> Iterator[str]:

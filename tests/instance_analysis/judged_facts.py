@@ -9,7 +9,13 @@ from typing import Any
 from bench.instance_analysis import BaseSimSpec
 
 _STEP = re.compile(r"([a-z_0-9]+)((?:\[[^\]]*\])*)")
-_KINDS = {"static": ("still",), "still": ("still",), "moving": ("wander", "patrol"), "wander": ("wander", "patrol"), "patrol": ("patrol",)}
+_KINDS = {
+    "static": ("still",),
+    "still": ("still",),
+    "moving": ("wander", "patrol"),
+    "wander": ("wander", "patrol"),
+    "patrol": ("patrol",),
+}
 _MEMBER_OF = {"of": "actors", "about": "actors", "group": "actors", "intelligence": "intelligence"}
 TOLERANCE = 0.02
 """Facts are rounded: 45.7 m are 150 ft."""
@@ -23,7 +29,17 @@ def can_be_judged(fact: Mapping[str, Any]) -> bool:
                             "height_m", "at_s", "duration_s", "to_fraction", "drift_mps", "towards_deg", "from_s", "until_s",
                             "speed_mps", "from_deg", "mean_m", "priority", "latency_s", "where", "lost_share"} and not isinstance(value.get("where"), str) | (fact["path"].startswith(("actors", "rules")) and "where" in value)  # fmt: skip
     if isinstance(value, str):
-        return value in _KINDS or value in ("on", "granted", "refused", "never", "hold", "return", "continue", "ardupilot", "motor_off")
+        return value in _KINDS or value in (
+            "on",
+            "granted",
+            "refused",
+            "never",
+            "hold",
+            "return",
+            "continue",
+            "ardupilot",
+            "motor_off",
+        )
     return value is not None and not isinstance(value, list)
 
 
@@ -31,8 +47,16 @@ def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
     """Whether the document holds a fact on one of its paths."""
     document = result.simspec.model_dump(mode="json")
     ranges = {path: (item.low, item.high) for item in result.ranges for path in item.paths}
-    counts = [value for path, value in _found(document, fact["path"].split("|")[0].strip()) if path.endswith(".count")]
-    if len(counts) > 1 and counts == [count for count in counts if isinstance(count, int)] and sum(counts) == fact["value"]:
+    counts = [
+        value
+        for path, value in _found(document, fact["path"].split("|")[0].strip())
+        if path.endswith(".count")
+    ]
+    if (
+        len(counts) > 1
+        and counts == [count for count in counts if isinstance(count, int)]
+        and sum(counts) == fact["value"]
+    ):
         # A group that is divided.
         return True
     return any(
@@ -48,7 +72,11 @@ def _found(document: Any, path: str) -> Iterator[tuple[str, Any]]:
     path = re.sub(r"placement\.(away|separation_m)", lambda match: {"away": "placement.distances", "separation_m": "placement.spread_m"}[match[1]], path)  # fmt: skip
     for match in _STEP.finditer(path):
         name, choices = match[1], re.findall(r"\[([^\]]*)\]", match[2])
-        places = [(f"{where}.{name}".lstrip("."), value[name]) for where, value in places if isinstance(value, dict) and name in value]
+        places = [
+            (f"{where}.{name}".lstrip("."), value[name])
+            for where, value in places
+            if isinstance(value, dict) and name in value
+        ]
         places = [place for where, value in places for place in _members(where, value, choices, document)]
     return iter([(where, value) for where, value in places if value is not None])
 
@@ -56,11 +84,18 @@ def _found(document: Any, path: str) -> Iterator[tuple[str, Any]]:
 def _members(where: str, value: Any, choices: list[str], document: Any) -> list[tuple[str, Any]]:
     if not isinstance(value, list | tuple):
         return [(where, value)]
-    members = [(f"{where}[{member.get('id', at)}]" if isinstance(member, dict) else where, member) for at, member in enumerate(value)]
+    members = [
+        (f"{where}[{member.get('id', at)}]" if isinstance(member, dict) else where, member)
+        for at, member in enumerate(value)
+    ]
     for choice in choices:
         for condition in filter(None, choice.split(",")):
             name, _, wanted = condition.partition("=")
-            members = [(at, member) for at, member in members if not wanted or _is(member, name.strip(), wanted.strip(), document)]
+            members = [
+                (at, member)
+                for at, member in members
+                if not wanted or _is(member, name.strip(), wanted.strip(), document)
+            ]
     return members
 
 
@@ -89,10 +124,16 @@ def _same(value: Any, wanted: Any, path: str, document: Any, ranges: Mapping[str
     return value == wanted or (isinstance(wanted, str) and wanted in _names_of(value, document))
 
 
-def _same_dict(value: Any, wanted: Mapping[str, Any], path: str, document: Any, ranges: Mapping[str, tuple[Any, Any]]) -> bool:
+def _same_dict(
+    value: Any, wanted: Mapping[str, Any], path: str, document: Any, ranges: Mapping[str, tuple[Any, Any]]
+) -> bool:
     if {"low", "high"} <= set(wanted):
         low, high = ranges.get(path, (value, value))
-        inside = path.startswith("environment") and isinstance(value, int | float) and wanted["low"] <= value <= wanted["high"]
+        inside = (
+            path.startswith("environment")
+            and isinstance(value, int | float)
+            and wanted["low"] <= value <= wanted["high"]
+        )
         return inside or (_close(low, wanted["low"]) and _close(high, wanted["high"]))
     if "between" in wanted:
         low, high = wanted["between"]
@@ -111,4 +152,6 @@ def _same_dict(value: Any, wanted: Mapping[str, Any], path: str, document: Any, 
 
 
 def _close(value: Any, wanted: Any) -> bool:
-    return isinstance(value, int | float) and abs(float(value) - float(wanted)) <= TOLERANCE * max(1.0, abs(float(wanted)))
+    return isinstance(value, int | float) and abs(float(value) - float(wanted)) <= TOLERANCE * max(
+        1.0, abs(float(wanted))
+    )

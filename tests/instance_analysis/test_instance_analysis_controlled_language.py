@@ -22,7 +22,9 @@ ASKS = {"Do not mark near civilians."}
 
 def test_the_page_is_made_of_the_forms() -> None:
     """Whoever changes a form writes the page again."""
-    assert PAGE.read_text(encoding="utf-8") == page(), "python -m bench.instance_analysis.page > docs/controlled-language.md"
+    assert PAGE.read_text(encoding="utf-8") == page(), (
+        "python -m bench.instance_analysis.page > docs/controlled-language.md"
+    )
 
 
 def test_every_form_has_a_sentence_or_a_neighbour_that_shows_it() -> None:
@@ -41,7 +43,9 @@ def test_a_sentence_is_read_in_full(form: Form, sentence: str) -> None:
     told = {receipt.path: receipt.value for receipt in result.receipts if receipt.source != "default"}
     if sentence == form.write[0]:
         shown = re.findall(r"`([a-z][^`= ]*) = ([^`]*)`", form.shows)
-        assert {path: _plain(told[path]) for path, _ in shown} == {path: _plain(value) for path, value in shown}
+        assert {path: _plain(told[path]) for path, _ in shown} == {
+            path: _plain(value) for path, value in shown
+        }
 
 
 def _plain(value: object) -> object:
@@ -63,7 +67,9 @@ def test_all_settings_together_are_read_as_they_are_alone() -> None:
     """Weather, rules, failures and the flight do not depend on what stands beside them."""
     kinds = ("environment", "mission.a", "mission.t", "rules", "vehicle.camera", "vehicle.battery")
     # The first form of each field: two values of one field are a choice.
-    of_field = {path: form.write[0] for form in reversed(FORMS) for path in form.sets if path.startswith(kinds)}
+    of_field = {
+        path: form.write[0] for form in reversed(FORMS) for path in form.sets if path.startswith(kinds)
+    }
     result = read_prose(" ".join(dict.fromkeys(of_field.values())), VOCABULARY)
     told = {receipt.path for receipt in result.receipts if receipt.source == "prose"}
     assert set(of_field) <= told

@@ -45,7 +45,12 @@ def test_enemies_are_counted() -> None:
 def test_what_has_no_sentence_sets_nothing_unmarked(text: str) -> None:
     """No technician, no dead GPS, no single truck, no road of nine metres, no start before midnight."""
     result = read(f"A house. {text}")
-    sets = {path for clause in result.clauses if clause.status in ("understood", "default") for path in clause.fields}
+    sets = {
+        path
+        for clause in result.clauses
+        if clause.status in ("understood", "default")
+        for path in clause.fields
+    }
     assert {path.split(".")[0] for path in sets} <= {"actors[house]"}
     assert not result.complete
     assert not result.simspec.vehicle.failures
@@ -53,7 +58,9 @@ def test_what_has_no_sentence_sets_nothing_unmarked(text: str) -> None:
     assert all(group.asset not in ("civilian", "aid-worker") for group in result.simspec.actors)
 
 
-@pytest.mark.parametrize(("text", "asks"), [("No civilians. Two children.", True), ("No civilians. Two dogs.", False)])
+@pytest.mark.parametrize(
+    ("text", "asks"), [("No civilians. Two children.", True), ("No civilians. Two dogs.", False)]
+)
 def test_nobody_and_somebody_is_a_contradiction(text: str, asks: bool) -> None:
     """Children are civilians too."""
     choices = read(text).choices
@@ -84,7 +91,9 @@ def test_a_text_without_intelligence_has_a_default_that_is_told() -> None:
     assert read("Five civilians.").simspec.intelligence == ()
 
 
-def test_a_campaign_has_its_agents_its_name_and_the_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_has_its_agents_its_name_and_the_text(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of the text that it was made of, with what is open in it."""
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "deep" / "campaign.yaml"
@@ -93,7 +102,10 @@ def test_a_campaign_has_its_agents_its_name_and_the_text(tmp_path: Path, monkeyp
     assert run(["prose", text, "--campaign", str(path), "--agent", "a.yaml", "--agent", "reference"]) == 0
     campaign = load_campaign(path)
     assert campaign.name == "a-radar-3-to-9"
-    assert [os.path.normpath(agent.manifest) for agent in campaign.agents] == [str(tmp_path / "a.yaml"), "reference"]
+    assert [os.path.normpath(agent.manifest) for agent in campaign.agents] == [
+        str(tmp_path / "a.yaml"),
+        "reference",
+    ]
     assert campaign.description.startswith(text)
     assert "Open: 'Rain': how much rain? Read as: level 2, light" in campaign.description
     assert "Not read: 'Wombats'" in campaign.description

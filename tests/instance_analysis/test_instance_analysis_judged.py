@@ -14,7 +14,9 @@ from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
 
 VOCABULARY = load_vocabulary()
 JUDGED = sorted((Path(__file__).parent / "judged").glob("*.yaml"))
-DESCRIPTIONS: list[dict[str, Any]] = [entry for path in JUDGED for entry in yaml.safe_load(path.read_text("utf-8"))]
+DESCRIPTIONS: list[dict[str, Any]] = [
+    entry for path in JUDGED for entry in yaml.safe_load(path.read_text("utf-8"))
+]
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,9 @@ def is_understood(result: BaseSimSpec, words: str) -> bool:
     """Whether the clauses with the words of a fact claim to be read, and tell of no default."""
     begin = result.prose.find(words.split("...")[0].strip())
     end = begin + len(words.split("...")[0].strip())
-    clauses = [clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end]
+    clauses = [
+        clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end
+    ]
     return bool(clauses) and all(clause.status == "understood" for clause in clauses)
 
 

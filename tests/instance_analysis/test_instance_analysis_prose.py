@@ -366,5 +366,3 @@ def test_words_that_say_where_are_never_dropped() -> None:
 def test_words_that_would_change_the_scene_are_never_dropped(text: str, word: str) -> None:
     """Whose side, when, on what condition: what is not read is listed."""
     assert any(word in entry.quote for entry in read_prose(text, VOCABULARY).not_understood)
-
-

@@ -30,4 +30,6 @@ def test_what_is_not_read_is_visible(entry: dict[str, Any]) -> None:
     told = [receipt for receipt in result.receipts if receipt.source == "prose" and receipt.start is not None]
     quiet = {item.path: item.value for item in told if is_quiet(result, item.start or 0, item.end or 0)}
     expected = entry.get("is", {})
-    assert {path: quiet[path] for path in expected if path in quiet} == {path: expected[path] for path in expected if path in quiet}
+    assert {path: quiet[path] for path in expected if path in quiet} == {
+        path: expected[path] for path in expected if path in quiet
+    }

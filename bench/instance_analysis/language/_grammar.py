@@ -125,6 +125,8 @@ _VERBS = (
     ("lies",), ("lie",), ("sits",), ("sit",), ("remains",), ("remain",),
 )  # fmt: skip
 _LINKS = ((",", "and"), (",", "which"), (",", "who"), (",",), ("and",), ("which",), ("who",), ("that",), ())
+
+
 def _may_be_the_same(first: Statement, joint: tuple[str, ...], second: Statement) -> bool:
     """Whether a noun after a comma may name the group before it once more: `two hikers are missing, a man and a woman`."""
     groups = first.form.does == second.form.does == "groups"
@@ -132,7 +134,9 @@ def _may_be_the_same(first: Statement, joint: tuple[str, ...], second: Statement
 
 
 _JOINTS = ((",", "and"), (",",), ("and",))
-FRONTED = frozenset(["part", "middle", "on_road", "beside_road", "in_ground", "near", "within", "at", "inside"])
+FRONTED = frozenset(
+    ["part", "middle", "on_road", "beside_road", "in_ground", "near", "within", "at", "inside"]
+)
 """What may stand before its group in free text: `in the north two trucks`."""
 MAX_PREDICATES = 8
 
@@ -230,9 +234,7 @@ class Parser(SlotParser):
         if depth < MAX_PREDICATES:
             for begin in self._predicate_starts(at, depth):
                 for part in sorted(self._matching(begin, _patterns()[1]), key=lambda part: -part.end):
-                    yield from (
-                        ((part, *rest), end) for rest, end in self._predicates(part.end, depth + 1)
-                    )
+                    yield from (((part, *rest), end) for rest, end in self._predicates(part.end, depth + 1))
         yield (), at
 
     def _predicate_starts(self, at: int, depth: int) -> Iterator[int]:

@@ -56,7 +56,9 @@ class SlotParser(PhraseParser):
         if begin > at or self.word(at - 1) in ("level", "at", "of"):
             yield from (((count.low, count.high), end) for count, end in self.counts(begin))
         for low, end in self.vocabulary.longest("intensities", self.words, at):
-            for high, after in self.vocabulary.longest("intensities", self.words, end + 1) if self.word(end) == "to" else ():
+            for high, after in (
+                self.vocabulary.longest("intensities", self.words, end + 1) if self.word(end) == "to" else ()
+            ):
                 yield (low, high), after
             yield (low, low), end
 

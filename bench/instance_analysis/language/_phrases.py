@@ -13,7 +13,10 @@ from ._quantities import Quantity, QuantityParser
 from ._tokens import Span
 from ._vocabulary import MotionWords
 
-_SINGULAR, _PLURAL = frozenset(["it", "he", "she", "him", "her"]), frozenset(["they", "them", "these", "those"])
+_SINGULAR, _PLURAL = (
+    frozenset(["it", "he", "she", "him", "her"]),
+    frozenset(["they", "them", "these", "those"]),
+)
 PRONOUNS = _SINGULAR | _PLURAL
 _DEFINITE = (
     ("all", "of", "the"), ("all", "the"), ("both", "the"), ("each", "of", "the"), ("these",), ("those",), ("both",), ("all",),
@@ -24,7 +27,21 @@ _HOMES = (
     ("the", "drone's", "start"), ("the", "home", "position"), ("the", "launch", "site"), ("the", "start", "point"), ("home", "position"),
 )  # fmt: skip
 _ORIGINS = (("the", "origin"), ("the", "reference", "point"))
-_NAMED = frozenset(["sector", "zone", "area", "box", "objective", "site", "district", "block", "field", "compound", "village"])
+_NAMED = frozenset(
+    [
+        "sector",
+        "zone",
+        "area",
+        "box",
+        "objective",
+        "site",
+        "district",
+        "block",
+        "field",
+        "compound",
+        "village",
+    ]
+)
 _NAMES = re.compile(
     r"alpha|alfa|bravo|charlie|delta|echo|foxtrot|golf|hotel|red|blue|green|yellow|[b-z]|\d{1,2}"
 )
@@ -152,9 +169,14 @@ class PhraseParser(QuantityParser):
 
     def _bounded(self, at: int) -> Iterator[Determiner]:
         """`at least 5 and at most 9`, `up to 10`, `at least 5`."""
-        least, most = (("at", "least"), ("not", "less", "than"), ("not", "fewer", "than"), ("no", "fewer", "than")), (("at", "most"), ("up", "to"), ("not", "more", "than"), ("no", "more", "than"))
+        least, most = (
+            (("at", "least"), ("not", "less", "than"), ("not", "fewer", "than"), ("no", "fewer", "than")),
+            (("at", "most"), ("up", "to"), ("not", "more", "than"), ("no", "more", "than")),
+        )
         if end := self._first(at, most):
-            yield from (Determiner(after, Quantity("COUNT", 0, count.high)) for count, after in self.counts(end))
+            yield from (
+                Determiner(after, Quantity("COUNT", 0, count.high)) for count, after in self.counts(end)
+            )
         if end := self._first(at, least):
             for low, after in self.counts(end):
                 begin = after + (self.word(after) == "and")
@@ -201,11 +223,19 @@ class PhraseParser(QuantityParser):
             return
         for sides, end in self.dims(at + 1):
             if len(sides) == 3:
-                yield NounPhrase(self.span(begin, end), self.words[at], count=determiner.count, size_m=sides), end
+                yield (
+                    NounPhrase(self.span(begin, end), self.words[at], count=determiner.count, size_m=sides),
+                    end,
+                )
 
     def _portions(self, at: int) -> Iterator[tuple[NounPhrase, int]]:
         """`half of them`, `two of the trucks`, `none of them`, `the rest`."""
-        rests = (("the", "rest", "of", "them"), ("the", "rest"), ("the", "others"), ("the", "remaining", "ones"))
+        rests = (
+            ("the", "rest", "of", "them"),
+            ("the", "rest"),
+            ("the", "others"),
+            ("the", "remaining", "ones"),
+        )
         if end := self._first(at, rests):
             yield NounPhrase(self.span(at, end), rest=True), end
         if self.starts(at, "the", "remaining") or self.starts(at, "the", "other"):
@@ -219,7 +249,9 @@ class PhraseParser(QuantityParser):
                 yield phrase, after + 2
             for determiner in self._determiners(after + 1):
                 if determiner.fields.get("definite"):
-                    yield from ((replace(whole, portion=value), end) for whole, end in self._nouns(at, determiner))
+                    yield from (
+                        (replace(whole, portion=value), end) for whole, end in self._nouns(at, determiner)
+                    )
 
     def _parts(self, at: int) -> Iterator[tuple[Quantity, int]]:
         if self.word(at) == "none":
@@ -238,9 +270,17 @@ class PhraseParser(QuantityParser):
     def _targets(self, at: int) -> Iterator[tuple[NounPhrase, int]]:
         for determiner in self._determiners(at):
             word = self.word(determiner.end)
-            if word in ("target", "targets", "enemy", "enemies", "adversary", "adversaries") and determiner.end > at:
+            if (
+                word in ("target", "targets", "enemy", "enemies", "adversary", "adversaries")
+                and determiner.end > at
+            ):
                 end = determiner.end + 1
-                yield NounPhrase(self.span(at, end), word, (), determiner.count, target=True, **determiner.fields), end
+                yield (
+                    NounPhrase(
+                        self.span(at, end), word, (), determiner.count, target=True, **determiner.fields
+                    ),
+                    end,
+                )
 
     # Places.
 
@@ -253,7 +293,10 @@ class PhraseParser(QuantityParser):
         """A place: metres in brackets, degrees, home, the origin, or steps from one of them."""
         yield from self._brackets(at)
         yield from self._degrees(at)
-        for end, base in ((self._first(at, _HOMES), HOME_PLACE), (self._first(at, _ORIGINS), Coordinates(0.0, 0.0))):
+        for end, base in (
+            (self._first(at, _HOMES), HOME_PLACE),
+            (self._first(at, _ORIGINS), Coordinates(0.0, 0.0)),
+        ):
             if end:
                 yield base, end
         for place, end in self.steps(at):
@@ -316,7 +359,9 @@ class PhraseParser(QuantityParser):
     def shapes(self, at: int) -> Iterator[tuple[Shape, int]]:
         """The extent of ground, behind its name."""
         yield from self._boxes(at)
-        if end := self._first(at, (("with", "corners"), ("with", "the", "corners"), ("corners",), ("has", "the", "corners"))):
+        if end := self._first(
+            at, (("with", "corners"), ("with", "the", "corners"), ("corners",), ("has", "the", "corners"))
+        ):
             corners, after = self._corners(end)
             if len(corners) >= 3:
                 yield Shape(self.span(at, after), corners), after
@@ -348,7 +393,9 @@ class PhraseParser(QuantityParser):
         begin = self._first(at, (("a", "box"), ("box",), (",",))) or at
         for across, end in self.quantities("LENGTH", begin):
             for east, after in self.directions(end):
-                for along, last in self.quantities("LENGTH", after + 1) if self.word(after) in ("and", ",") else ():
+                for along, last in (
+                    self.quantities("LENGTH", after + 1) if self.word(after) in ("and", ",") else ()
+                ):
                     for north, stop in self.directions(last):
                         if self.starts(stop, "of", "home") and not across.single and not along.single:
                             ends = [(_step_of(across.low, east), _step_of(along.low, north)),
@@ -370,7 +417,9 @@ class PhraseParser(QuantityParser):
         """Two places or more, one after another: `(0, 0) to (50, 0)`, `between ... and ...`."""
         places: list[Coordinates] = []
         end, ends = at, []
-        while (place := next((pair for read in (self.places, self.steps) for pair in read(end)), None)) is not None:
+        while (
+            place := next((pair for read in (self.places, self.steps) for pair in read(end)), None)
+        ) is not None:
             places.append(place[0])
             ends.append(place[1])
             joint = place[1] + (self.word(place[1]) == ",")
@@ -391,7 +440,9 @@ class PhraseParser(QuantityParser):
 
 
 def _step_of(length: float, degrees: float) -> tuple[float, float]:
-    return length * round(math.sin(math.radians(degrees)), 9), length * round(math.cos(math.radians(degrees)), 9)
+    return length * round(math.sin(math.radians(degrees)), 9), length * round(
+        math.cos(math.radians(degrees)), 9
+    )
 
 
 def _step(length: Quantity, degrees: float) -> tuple[float, float]:
@@ -402,4 +453,7 @@ def _rectangle(first: Coordinates, second: Coordinates) -> tuple[Coordinates, ..
     """The corners of the rectangle between two opposite ones, which are given alike."""
     west, east = sorted((first.first, second.first))
     south, north = sorted((first.second, second.second))
-    return tuple(replace(first, first=e, second=n) for e, n in ((west, south), (east, south), (east, north), (west, north)))
+    return tuple(
+        replace(first, first=e, second=n)
+        for e, n in ((west, south), (east, south), (east, north), (west, north))
+    )

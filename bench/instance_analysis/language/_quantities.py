@@ -18,7 +18,18 @@ MONTHS = (
 )  # fmt: skip
 USUAL_YEAR = Environment().start_utc.year
 """The year of a date that has none: that of a SimSpec without a start."""
-ZONES_H = {"utc": 0, "gmt": 0, "z": 0, "zulu": 0, "cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
+ZONES_H = {
+    "utc": 0,
+    "gmt": 0,
+    "z": 0,
+    "zulu": 0,
+    "cest": 2,
+    "cet": 1,
+    "bst": 1,
+    "eest": 3,
+    "eet": 2,
+    "msk": 3,
+}
 _TENS = {"twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ninety"}
 _JOINTS = frozenset(["to", "-", "–", "—", "till"])
 _ARTICLES = ("a", "an")
@@ -98,7 +109,9 @@ class QuantityParser:
         """A number or a range of numbers with units of the kind; the range first."""
         begin = at + (self.word(at) == "between")
         figures = list(self._figures(kind, begin))
-        lows = [(low, 0.0, end) for low, _, end in figures] + [(low, 1.0, end) for low, end in self.numbers(begin)]
+        lows = [(low, 0.0, end) for low, _, end in figures] + [
+            (low, 1.0, end) for low, end in self.numbers(begin)
+        ]
         for low, bare, end in lows:
             if self._joins(end, between=begin > at):
                 for high, factor, after in self._figures(kind, end + 1):

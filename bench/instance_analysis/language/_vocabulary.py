@@ -72,7 +72,9 @@ class Defaults(Document):
     area_east_m: Annotated[float, Field(gt=0.0)] = 600.0
     area_north_m: Annotated[float, Field(gt=0.0)] = 250.0
     ground_m: Annotated[float, Field(gt=0.0, description="Side of named ground without a size.")] = 100.0
-    uncertainty_m: Annotated[float, Field(gt=0.0, description="Of intelligence that no sentence tells of.")] = 50.0
+    uncertainty_m: Annotated[
+        float, Field(gt=0.0, description="Of intelligence that no sentence tells of.")
+    ] = 50.0
 
 
 class VocabularyDocument(Document):
@@ -115,7 +117,18 @@ class Vocabulary:
         self.motions: dict[str, MotionWords] = {}
         self.phrases: dict[str, str] = {}
         self.tables: dict[str, dict[str, Any]] = {name: {} for name in _TABLES}
-        for name in ("noun", "unit", "weather", "motion", "ground", "soft", "people", "role", "concealment", "moving"):
+        for name in (
+            "noun",
+            "unit",
+            "weather",
+            "motion",
+            "ground",
+            "soft",
+            "people",
+            "role",
+            "concealment",
+            "moving",
+        ):
             self.tables[name] = {}
         for document in documents:
             self.assets = document.assets | self.assets
@@ -129,7 +142,12 @@ class Vocabulary:
             names = (*plurals(asset), *plurals(asset.replace("-", " ")))
             self._add("noun", dict.fromkeys(names, self._entry_of(asset)))
         self._prefixes = {
-            name: {" ".join(words[:end]) for key in table for words in [key.split()] for end in range(1, len(words) + 1)}
+            name: {
+                " ".join(words[:end])
+                for key in table
+                for words in [key.split()]
+                for end in range(1, len(words) + 1)
+            }
             for name, table in self.tables.items()
         }
 
@@ -178,7 +196,9 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     ]
     known = set(documents[-1].assets) | set(documents[0].assets)
     faults += [
-        Fault(f"{extra}: ambiguous.{word}", f"there is no asset {name!r}", f"known: {', '.join(sorted(known))}")
+        Fault(
+            f"{extra}: ambiguous.{word}", f"there is no asset {name!r}", f"known: {', '.join(sorted(known))}"
+        )
         for word, names in documents[0].ambiguous.items()
         for name in names
         if name not in known
@@ -208,7 +228,10 @@ def _words_of(document: VocabularyDocument) -> Iterator[tuple[str, dict[str, Any
         nouns |= {form: name for word in (*asset.words, *exact) for form in plurals(word.lower())}
     nouns |= {form: names for word, names in document.ambiguous.items() for form in plurals(word.lower())}
     yield "noun", nouns
-    yield "unit", {word: (kind, factor) for kind, units in document.units.items() for word, factor in units.items()}
+    yield (
+        "unit",
+        {word: (kind, factor) for kind, units in document.units.items() for word, factor in units.items()},
+    )
     yield "weather", {word: entry for entry in document.weather.values() for word in entry.words}
     yield "motion", {word: entry for entry in document.motions.values() for word in entry.words}
     yield "ground", {word: word for word in document.grounds}

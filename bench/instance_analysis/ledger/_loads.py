@@ -47,7 +47,9 @@ class Number:
     def is_like(self, other: Number) -> bool:
         """Whether two numbers are one, within a ten-thousandth. A share may be a plain number."""
         plain = {self.kind, other.kind} <= {"COUNT", "PERCENT", "ANGLE"}
-        return (self.kind == other.kind or plain) and abs(self.value - other.value) <= 1e-4 * max(1.0, abs(other.value))
+        return (self.kind == other.kind or plain) and abs(self.value - other.value) <= 1e-4 * max(
+            1.0, abs(other.value)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,10 @@ class TextLoads:
         for value in dict.fromkeys((quantity.low, quantity.high)):
             if quantity.kind != "COUNT" or value != 1.0:
                 # `a radar` is one radar: a single one is no number that a sentence could lose.
-                yield Number(quantity.kind, value, parser.span(at, end), self._thing_after(quantity.kind, end)), end
+                yield (
+                    Number(quantity.kind, value, parser.span(at, end), self._thing_after(quantity.kind, end)),
+                    end,
+                )
 
     def _thing_after(self, kind: str, at: int) -> str:
         """The noun that a number counts, within the next words."""
@@ -164,7 +169,11 @@ class TextLoads:
 
     def table(self, name: str) -> list[object]:
         """The values of a table of the vocabulary for the words of the text, in order."""
-        return [found[0][0] for at in range(len(self.words)) if (found := self._vocabulary.longest(name, self.words, at))]
+        return [
+            found[0][0]
+            for at in range(len(self.words))
+            if (found := self._vocabulary.longest(name, self.words, at))
+        ]
 
 
 @cache
@@ -177,6 +186,8 @@ def _stems(words: tuple[str, ...]) -> Mapping[int, list[list[str]]]:
 
 def _fits(run: Sequence[str], stem: Sequence[str]) -> bool:
     return all(
-        word.startswith(part[:-1]) if part.endswith("*") else word == part or (part == "n't" and word.endswith("n't"))
+        word.startswith(part[:-1])
+        if part.endswith("*")
+        else word == part or (part == "n't" and word.endswith("n't"))
         for word, part in zip(run, stem, strict=True)
     )

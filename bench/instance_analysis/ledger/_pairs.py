@@ -113,7 +113,11 @@ def _topics(pair: Pair) -> Iterator[str]:
                 wanted.append(capture.value.kind)
             elif isinstance(capture.value, WeatherWords):
                 wanted.append(capture.value.path.split(".")[1].removesuffix("_level"))
-        yield from (f"the words do not speak of {topic.replace('_', ' ')}" for topic in wanted if not pair.words.has(topics[topic]))
+        yield from (
+            f"the words do not speak of {topic.replace('_', ' ')}"
+            for topic in wanted
+            if not pair.words.has(topics[topic])
+        )
 
 
 def _weather(pair: Pair) -> Iterator[str]:
@@ -123,7 +127,9 @@ def _weather(pair: Pair) -> Iterator[str]:
         if pair.words.has(words) and not pair.sentence.has(concepts().topics[name]):
             yield f"the {name} of the words is lost"
     said, written = set(pair.words.table("intensities")) - {0}, set(pair.sentence.table("intensities")) - {0}
-    if (pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and said != written) and not pair.assumes:
+    if (
+        pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and said != written
+    ) and not pair.assumes:
         yield "the strength of the weather is another one"
 
 
@@ -164,7 +170,11 @@ def _things(pair: Pair) -> Iterator[str]:
     written = {entry for entry, _ in pair.sentence.things()}
     # `box` is a crate, and the area of interest.
     if not people and not any(part.form.does == "area" for part in pair.parts):
-        yield from (f"{noun!r} of the words is lost" for nouns, noun in pair.words.nouns() if written.isdisjoint(nouns))
+        yield from (
+            f"{noun!r} of the words is lost"
+            for nouns, noun in pair.words.nouns()
+            if written.isdisjoint(nouns)
+        )
 
 
 def _persons(vocabulary: Vocabulary) -> set[str]:
@@ -189,7 +199,10 @@ def _roles(pair: Pair) -> Iterator[str]:
 def _written_roles(pair: Pair) -> Iterator[Role]:
     """The roles that the sentence gives to its groups."""
     for part in pair.parts:
-        phrases = [*(part.subjects if isinstance(part, Statement) else ()), *(capture.value for capture in part.captures)]
+        phrases = [
+            *(part.subjects if isinstance(part, Statement) else ()),
+            *(capture.value for capture in part.captures),
+        ]
         for phrase in phrases:
             if isinstance(phrase, Role):
                 yield phrase

@@ -14,7 +14,12 @@ from ._scene import Scene
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 """Readings that are offered for `for how long?`. Chosen, not measured."""
 OUTAGES = frozenset(["operator_link", "detections", "detections_degraded"])
-REPORTED = {"priority": "priority", "age": "latency_s", "accuracy": "uncertainty_m", "delivered": "delivered_s"}
+REPORTED = {
+    "priority": "priority",
+    "age": "latency_s",
+    "accuracy": "uncertainty_m",
+    "delivered": "delivered_s",
+}
 """Fields of a report, by the slots that give them."""
 DRIFT_MPS = 0.5
 
@@ -127,7 +132,9 @@ class EventReader:
         """Read a report on a group: how old, how accurate, when it comes in."""
         group = self._scene.one(part.first("group"))
         if self._scene.role(group) is Role.CLUTTER:
-            raise NotReadError("intelligence is about adversaries, the sought or bystanders", expressible=False)
+            raise NotReadError(
+                "intelligence is about adversaries, the sought or bystanders", expressible=False
+            )
         stated = [(name, slot) for slot, name in REPORTED.items() if part.first(slot) is not None]
         report = self._on(group, part.span)
         if any(("intelligence", report, name) in self._draft.entries for name, _ in stated):

@@ -148,7 +148,9 @@ class GroundReader:
         self._draft.put((*base, "id"), piece.id, piece.span)
         shape = piece.shape or Shape(piece.span)
         self._draft.reading = piece.span
-        self._draft.put((*base, "corners"), self._corners(shape), shape.span if piece.shape else None, self._note(shape))
+        self._draft.put(
+            (*base, "corners"), self._corners(shape), shape.span if piece.shape else None, self._note(shape)
+        )
         for group, relation, span in piece.groups:
             rows: FieldPath = ("actors", group, "placement", relation)
             if relation == "avoid":
@@ -181,7 +183,12 @@ class GroundReader:
             angles = [(number + 0.5) * step for number in range(CORNERS_OF_A_CIRCLE)]
             return [moved(middle, far * math.sin(angle), far * math.cos(angle)) for angle in angles]
         east, north = shape.size_m[0] / 2, shape.size_m[1] / 2
-        return rectangle(middle["east_m"] - east, middle["north_m"] - north, middle["east_m"] + east, middle["north_m"] + north)
+        return rectangle(
+            middle["east_m"] - east,
+            middle["north_m"] - north,
+            middle["east_m"] + east,
+            middle["north_m"] + north,
+        )
 
     def _middle(self, middle: Any) -> Point:
         if isinstance(middle, Coordinates):
@@ -195,7 +202,11 @@ class GroundReader:
         base: FieldPath = ("rules", "no_fly", name)
         shape, ground = part.first("shape"), part.first("ground")
         self._draft.put((*base, "id"), name, part.span)
-        corners = self._outline(shape) if shape else self._draft.entries["world", "areas", ground.id, "corners"].value
+        corners = (
+            self._outline(shape)
+            if shape
+            else self._draft.entries["world", "areas", ground.id, "corners"].value
+        )
         note = self._note(shape) if shape else ""
         self._draft.put((*base, "area", "corners"), corners, part.span, note)
         for field_name, slot in (("from_s", "from"), ("until_s", "until")):
@@ -229,5 +240,3 @@ def _part_of(box: Box, direction: float | None) -> Box:
         across if to_east < 0 else east,
         up if to_north < 0 else north,
     )
-
-

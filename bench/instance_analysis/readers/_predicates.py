@@ -28,7 +28,13 @@ class PredicateReader:
     """Reads predicates; each form by the method that `does` names. `group` is whom the predicate is said of."""
 
     def __init__(
-        self, draft: Draft, vocabulary: Vocabulary, scene: Scene, places: PlaceReader, ground: GroundReader, roads: RoadReader
+        self,
+        draft: Draft,
+        vocabulary: Vocabulary,
+        scene: Scene,
+        places: PlaceReader,
+        ground: GroundReader,
+        roads: RoadReader,
     ) -> None:
         self._draft, self._vocabulary, self._scene = draft, vocabulary, scene
         self._places, self._ground, self._roads = places, ground, roads
@@ -47,12 +53,22 @@ class PredicateReader:
             raise NotReadError("it is a relation to nobody")
         return others
 
-    def _keep(self, group: str, part: Part, low: float, high: float | None, *, every: bool = False, note: str = "") -> None:
+    def _keep(
+        self, group: str, part: Part, low: float, high: float | None, *, every: bool = False, note: str = ""
+    ) -> None:
         for other in self._others(group, part):
             self._put_distance(group, other, part.span, low, high, every=every, note=note)
 
     def _put_distance(
-        self, group: str, other: RelationTarget, span: Span, low: float, high: float | None, *, every: bool, note: str
+        self,
+        group: str,
+        other: RelationTarget,
+        span: Span,
+        low: float,
+        high: float | None,
+        *,
+        every: bool,
+        note: str,
     ) -> None:
         base: FieldPath = ("actors", group, "placement")
         # A placement has one `near`, to a group or home. Everything else goes into its list of distances.
@@ -183,7 +199,9 @@ class PredicateReader:
             self._draft.put((*base, "height_m"), height.low, part.span)
 
     def _between(self, group: str, part: Part) -> None:
-        ends = [end for name in ("first", "second") if part.first(name) for end in self._others(group, part, name)]
+        ends = [
+            end for name in ("first", "second") if part.first(name) for end in self._others(group, part, name)
+        ]
         names = [end for end in ends if isinstance(end, str)]
         if len(names) == 1 and part.first("second") is None and self._scene.groups[names[0]].plural:
             # `between the houses` means between two members of one group.
@@ -237,14 +255,18 @@ class PredicateReader:
         other = self._others(group, part)[0]
         if not isinstance(other, str) or other not in self._scene.groups:
             raise NotReadError("a group cannot stand inside a point")
-        if self._scene.asset(other) in PERSONS or (self._scene.asset(other) not in ROOFED and self._scene.asset(group) not in PERSONS):
+        if self._scene.asset(other) in PERSONS or (
+            self._scene.asset(other) not in ROOFED and self._scene.asset(group) not in PERSONS
+        ):
             raise NotReadError("nobody stands inside of that")
         self._draft.put(("actors", group, "placement", "inside", "of"), other, part.span)
 
     def _apart(self, group: str, part: Part) -> None:
         self._several(group)
         length = part.first("length")
-        self._draft.vary(("actors", group, "placement", "spread_m"), length.low, length.low, part.span, unit="m")
+        self._draft.vary(
+            ("actors", group, "placement", "spread_m"), length.low, length.low, part.span, unit="m"
+        )
         size_m = ASSETS[self._scene.asset(group)].length_m
         if size_m > MAX_SHARE_OF_SIZE * length.low:
             self._draft.remark(part.span, f"measured between their centres; each is {size_m:g} m long")
@@ -293,9 +315,13 @@ class PredicateReader:
     def _motion(self, group: str, part: Part) -> None:
         motion, length = self._moves(group, part), part.first("length")
         if motion is not None and motion.way:
-            self._draft.remark(part.span, "a patrol without points: walks about, within 25 m of where it starts")
+            self._draft.remark(
+                part.span, "a patrol without points: walks about, within 25 m of where it starts"
+            )
         if length is not None:
-            self._draft.vary(("actors", group, "motion", "radius_m"), length.high, length.high, part.span, unit="m")
+            self._draft.vary(
+                ("actors", group, "motion", "radius_m"), length.high, length.high, part.span, unit="m"
+            )
 
     def _speed(self, group: str, part: Part) -> None:
         if ("actors", group, "motion", "kind") not in self._draft.entries:

@@ -44,7 +44,9 @@ class TextReader:
         """Read where the origin and home are."""
         for name, read in (("origin", self.places.set_origin), ("home", self.places.set_home)):
             if name == "home":
-                self.places.origin_of(part for statement in statements for part in (statement, *statement.predicates))
+                self.places.origin_of(
+                    part for statement in statements for part in (statement, *statement.predicates)
+                )
             for statement in statements:
                 if statement.form.reader == name:
                     self._attempt(statement.span, lambda part=statement, reader=read: reader(part))
@@ -59,7 +61,11 @@ class TextReader:
         """Read something in whole or not at all, and list it in that case."""
         draft = self.draft
         before = (dict(draft.entries), list(draft.ranges), list(draft.statements), len(draft.acknowledged))
-        known, families, subject = len(self.scene.groups), [[*family] for family in self.scene.families], self.scene.subject
+        known, families, subject = (
+            len(self.scene.groups),
+            [[*family] for family in self.scene.families],
+            self.scene.subject,
+        )
         draft.reading = span
         try:
             read()
@@ -79,9 +85,18 @@ class TextReader:
         if name == "groups":
             self._groups(statement)
             return
-        readers: tuple[object, ...] = (self.settings, self.weather, self.events, self.ground, self.roads, self)
+        readers: tuple[object, ...] = (
+            self.settings,
+            self.weather,
+            self.events,
+            self.ground,
+            self.roads,
+            self,
+        )
         names = {"ground_kind": "kind"}
-        read = next(found for reader in readers if (found := getattr(reader, names.get(name, name), None)) is not None)
+        read = next(
+            found for reader in readers if (found := getattr(reader, names.get(name, name), None)) is not None
+        )
         read(statement)
 
     def _groups(self, statement: Statement) -> None:
@@ -106,7 +121,9 @@ class TextReader:
         if len(groups) > 1:
             self.scene.subject = list(dict.fromkeys(groups))
 
-    def _said_of(self, predicate: Part, phrases: Sequence[NounPhrase], named: Sequence[Sequence[str]]) -> Sequence[str]:
+    def _said_of(
+        self, predicate: Part, phrases: Sequence[NounPhrase], named: Sequence[Sequence[str]]
+    ) -> Sequence[str]:
         """The groups of a list that a predicate is said of; asked where it may be all or the last of them."""
         everyone = [group for groups in named for group in groups]
         if len(phrases) == 1:
@@ -131,7 +148,9 @@ class TextReader:
         role = Role.ADVERSARY
         if self.scene.asset(group) in PERSONS:
             readings = ["they are sought", "they are adversaries"]
-            role = (Role.SOUGHT, Role.ADVERSARY)[self.draft.ask(statement.span, "who is the target?", readings)]
+            role = (Role.SOUGHT, Role.ADVERSARY)[
+                self.draft.ask(statement.span, "who is the target?", readings)
+            ]
         self.scene.set_role(group, role, statement.span)
 
     def finish(self) -> None:

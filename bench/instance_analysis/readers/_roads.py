@@ -32,8 +32,16 @@ class Road:
 class RoadReader:
     """The roads of a text. `finish` lays them out."""
 
-    def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, scene: Scene) -> None:
-        self._draft, self._defaults, self._ground, self._places, self._scene = draft, defaults, ground, places, scene
+    def __init__(
+        self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, scene: Scene
+    ) -> None:
+        self._draft, self._defaults, self._ground, self._places, self._scene = (
+            draft,
+            defaults,
+            ground,
+            places,
+            scene,
+        )
         self.roads: list[Road] = []
         self._travels: list[tuple[str, float, Span]] = []
         self._ways: list[tuple[str, Span]] = []
@@ -118,7 +126,11 @@ class RoadReader:
         taken = [road.axis for road in self.roads if road.axis is not None]
         followed = [heading % 180 for _, heading, _ in self._travels]
         for road, axis in zip(free, [*followed, WEST_TO_EAST, NORTH_TO_SOUTH], strict=False):
-            road.axis = axis if axis not in taken else next((a for a in (WEST_TO_EAST, NORTH_TO_SOUTH) if a not in taken), 45.0)
+            road.axis = (
+                axis
+                if axis not in taken
+                else next((a for a in (WEST_TO_EAST, NORTH_TO_SOUTH) if a not in taken), 45.0)
+            )
             taken.append(road.axis)
 
     def _lay_out(self, road: Road) -> None:
@@ -128,7 +140,9 @@ class RoadReader:
         points = road.points or across(self._ground.box, road.axis or 180.0)
         note = "" if road.points else "through the middle of the area"
         if not road.points and not road.described:
-            note += f", {'north to south' if road.axis == NORTH_TO_SOUTH else 'west to east' if road.axis == WEST_TO_EAST else ''}".rstrip(", ")
+            note += f", {'north to south' if road.axis == NORTH_TO_SOUTH else 'west to east' if road.axis == WEST_TO_EAST else ''}".rstrip(
+                ", "
+            )
         self._draft.reading = road.span
         self._draft.put((*base, "points"), points, road.span if road.described else None, note)
         width, span = road.width or (self._defaults.road_width_m, None)

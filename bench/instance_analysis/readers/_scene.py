@@ -92,7 +92,9 @@ class Scene:
             self._describe(group, phrase)
         return groups
 
-    def references(self, target: NounPhrase | Coordinates, subject: Sequence[str] = ()) -> list[RelationTarget]:
+    def references(
+        self, target: NounPhrase | Coordinates, subject: Sequence[str] = ()
+    ) -> list[RelationTarget]:
         """Whom or what a relation is to; `subject` is whom it is said of."""
         if isinstance(target, Coordinates):
             return [HOME] if target == HOME_PLACE else [target]
@@ -102,7 +104,9 @@ class Scene:
         """The groups that a phrase outside of the subject names."""
         some_member = phrase.portion is not None and phrase.portion.high == 1
         if some_member:
-            phrase = NounPhrase(phrase.span, phrase.noun, phrase.entries, definite=True, pronoun=phrase.pronoun)
+            phrase = NounPhrase(
+                phrase.span, phrase.noun, phrase.entries, definite=True, pronoun=phrase.pronoun
+            )
         groups = self._named(phrase, others=subject)
         for group in groups:
             self.groups[group].mentioned = self.sentence
@@ -140,7 +144,9 @@ class Scene:
 
     def _known(self, phrase: NounPhrase) -> list[str]:
         """The groups that have been named by the noun of a phrase."""
-        exact = {self._exact(entry, phrase.noun) for entry in phrase.entries if self._exact(entry, phrase.noun)}
+        exact = {
+            self._exact(entry, phrase.noun) for entry in phrase.entries if self._exact(entry, phrase.noun)
+        }
         roles = {value for name, value in phrase.adjectives if name == "role"}
         return [
             name
@@ -183,7 +189,9 @@ class Scene:
         fitting = [name for name in self.groups if name not in others and self._fits([name], phrase)]
         last = max((self.groups[name].mentioned for name in fitting), default=-1)
         if last <= self.unread:
-            raise NotReadError(f"{self.draft.quote(phrase.span)!r} may be something that is not read, or that is not named")
+            raise NotReadError(
+                f"{self.draft.quote(phrase.span)!r} may be something that is not read, or that is not named"
+            )
         recent = [name for name in fitting if self.groups[name].mentioned == last]
         if last < max(self.groups[name].mentioned for name in self.groups if name not in others):
             # `Four fishermen. A car is parked. They stand ...`
@@ -192,7 +200,9 @@ class Scene:
 
     def _doubtful(self, groups: list[str], span: Span) -> list[str]:
         """Groups that a pronoun may mean although another one was named after them."""
-        chosen = self.draft.ask(span, f"who is {self.draft.quote(span)!r}?", [*groups, "nobody: leave it out"])
+        chosen = self.draft.ask(
+            span, f"who is {self.draft.quote(span)!r}?", [*groups, "nobody: leave it out"]
+        )
         if chosen == len(groups):
             raise NotReadError("it is said of nobody")
         return [groups[chosen]]
@@ -284,7 +294,9 @@ class Scene:
             self.draft.put(path, 1, span)
         elif phrase.least:
             low = count.low
-            chosen = self.draft.ask(span, "no upper bound is given; how many?", [f"{low:g}", f"{low:g} to {2 * low:g}"])
+            chosen = self.draft.ask(
+                span, "no upper bound is given; how many?", [f"{low:g}", f"{low:g} to {2 * low:g}"]
+            )
             self.draft.vary(path, low, low * (1 + chosen), span, unit=None, integer=True)
         else:
             self.draft.vary(path, count.low, count.high, span, unit=None, integer=True)
@@ -306,7 +318,12 @@ class Scene:
             elif isinstance(value, MotionWords):
                 self.draft.put(("actors", group, "motion", "kind"), value.kind, phrase.span)
                 if value.speed_mps is not None:
-                    self.draft.put(("actors", group, "motion", "speed_mps"), value.speed_mps, None, "the word's own speed")
+                    self.draft.put(
+                        ("actors", group, "motion", "speed_mps"),
+                        value.speed_mps,
+                        None,
+                        "the word's own speed",
+                    )
 
     def set_role(self, group: str, role: Role, span: Span) -> None:
         """Set the role of a group, where its asset may have it."""
@@ -384,7 +401,10 @@ class Scene:
     def _is_referred_to(self, group: str) -> bool:
         """Whether another group stands by this one, so that it cannot be divided."""
         return any(
-            path[0] == "actors" and path[1] != group and path[-1] in ("of", "first", "second") and entry.value == group
+            path[0] == "actors"
+            and path[1] != group
+            and path[-1] in ("of", "first", "second")
+            and entry.value == group
             for path, entry in self.draft.entries.items()
         )
 

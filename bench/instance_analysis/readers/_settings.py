@@ -114,9 +114,16 @@ class SettingsReader:
         self._put_windows()
         self._ceiling()
         escorted = self._draft.entries.get(("mission", "escort", "group"))
-        if escorted is not None and self._scene.role(escorted.value) is Role.CLUTTER and escorted.span is not None:
+        if (
+            escorted is not None
+            and self._scene.role(escorted.value) is Role.CLUTTER
+            and escorted.span is not None
+        ):
             self._scene.set_role(escorted.value, Role.BYSTANDER, escorted.span)
-        if escorted is not None and ("actors", escorted.value, "motion", "pause_s") not in self._draft.entries:
+        if (
+            escorted is not None
+            and ("actors", escorted.value, "motion", "pause_s") not in self._draft.entries
+        ):
             path: FieldPath = ("actors", escorted.value, "motion", "pause_s")
             self._draft.put(path, 0.0, None, "an escorted group does not rest")
 
@@ -126,7 +133,11 @@ class SettingsReader:
         windows = sorted(self._windows, key=lambda window: window[:2])
         for low, high, span in self._silences:
             # Without stated windows reports are allowed all the time, so a silence cuts a hole into the whole mission.
-            windows = [part for window in windows or [(0.0, limit, span)] for part in _without(window, low, high, span)]
+            windows = [
+                part
+                for window in windows or [(0.0, limit, span)]
+                for part in _without(window, low, high, span)
+            ]
         for number, (low, high, span) in enumerate(windows):
             self._draft.put(("rules", "report_windows", number, "from_s"), low, span)
             self._draft.put(("rules", "report_windows", number, "until_s"), high, span)
@@ -141,7 +152,10 @@ class SettingsReader:
         usual = Rules().max_altitude_m
         if top <= usual:
             return
-        readings = [f"rules.max_altitude_m = {top:g}", f"keep the ceiling of {usual:g} m, and the mission at it"]
+        readings = [
+            f"rules.max_altitude_m = {top:g}",
+            f"keep the ceiling of {usual:g} m, and the mission at it",
+        ]
         question = f"it is above the ceiling of {usual:g} m that rules have by default"
         if self._draft.ask(height.span, question, readings) == 0:
             self._draft.put(("rules", "max_altitude_m"), top, height.span)
@@ -150,7 +164,9 @@ class SettingsReader:
             self._draft.put(("mission", "altitude_m"), usual, height.span)
 
 
-def _without(window: tuple[float, float, Span], low: float, high: float, span: Span) -> list[tuple[float, float, Span]]:
+def _without(
+    window: tuple[float, float, Span], low: float, high: float, span: Span
+) -> list[tuple[float, float, Span]]:
     """The parts of a time window that remain outside another one."""
     begin, end, _ = window
     if high <= begin or low >= end:

@@ -54,7 +54,9 @@ class WeatherReader:
         if winds is not None:
             self._draft.put((*base, "speed_mps"), float(winds), part.span)
         if turbulence is not None:
-            self._draft.vary((*base, "turbulence_mps"), turbulence.low, turbulence.high, part.span, unit="m/s")
+            self._draft.vary(
+                (*base, "turbulence_mps"), turbulence.low, turbulence.high, part.span, unit="m/s"
+            )
         self._direction(part, (*base, "from_deg"))
 
     def _direction(self, part: Part, path: FieldPath) -> None:
@@ -106,13 +108,20 @@ class WeatherReader:
         origin = self._places.origin
         moment = sun_moment(part.first("sun"), day, origin.latitude_deg, origin.longitude_deg)
         if moment is None:
-            raise NotReadError(f"the sun does not {part.first('sun')} there on {day}: give the time in UTC", span=part.span)
+            raise NotReadError(
+                f"the sun does not {part.first('sun')} there on {day}: give the time in UTC", span=part.span
+            )
         shift: Quantity = part.first("time") or Quantity("TIME", 0.0, 0.0)
         sign = -1 if "before" in part.words else 1
-        stamps = [_stamp(moment + sign * dt.timedelta(seconds=end)) for end in dict.fromkeys((shift.low, shift.high))]
+        stamps = [
+            _stamp(moment + sign * dt.timedelta(seconds=end))
+            for end in dict.fromkeys((shift.low, shift.high))
+        ]
         self._draft.put(START, stamps[0], part.span, note)
         if len(stamps) > 1:
-            self._draft.ranges.append(VariedField(name="start", paths=("environment.start_utc",), levels=tuple(stamps)))
+            self._draft.ranges.append(
+                VariedField(name="start", paths=("environment.start_utc",), levels=tuple(stamps))
+            )
 
 
 def _stamp(moment: dt.datetime) -> str:

@@ -74,7 +74,9 @@ class RewrittenResult(Document):
     provider: Annotated[str, Field(description="`openai-compatible` for a server of one's own.")]
     rounds: Annotated[int, Field(description="Answers that were heard.")]
     refused: tuple[UnreadText, ...] = ()
-    failure: Annotated[str, Field(description="Why the model gave no whole rewrite; the document stands without it.")] = ""
+    failure: Annotated[
+        str, Field(description="Why the model gave no whole rewrite; the document stands without it.")
+    ] = ""
 
 
 @dataclass(frozen=True, slots=True)

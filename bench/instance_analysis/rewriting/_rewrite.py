@@ -26,7 +26,9 @@ MAX_PAIRS = 300
 """A model may repeat itself without end. Chosen, not measured."""
 Text = Annotated[str, Field(max_length=2000)]
 UNQUOTED = "no sentence of the rewrite stands for it"
-FAINT = frozenset(["the", "and", "with", "that", "this", "there", "then", "also", "please", "from", "have", "will"])
+FAINT = frozenset(
+    ["the", "and", "with", "that", "this", "there", "then", "also", "please", "from", "have", "will"]
+)
 """Words that need no quote. Shorter words need none either."""
 MIN_LETTERS = 4
 
@@ -34,12 +36,18 @@ MIN_LETTERS = 4
 class Rewritten(Document):
     """Words of the text, and the sentence for them, or that there is none, or that they may mean several things."""
 
-    quotes: Annotated[tuple[Text, ...], Field(description="Words of the text, letter by letter.", min_length=1)]
+    quotes: Annotated[
+        tuple[Text, ...], Field(description="Words of the text, letter by letter.", min_length=1)
+    ]
     sentence: Annotated[Text, Field(description="One or more sentences of the page.")] = ""
-    taken_to_mean: Annotated[Text, Field(description="What the sentence assumes that the words leave open.")] = ""
+    taken_to_mean: Annotated[
+        Text, Field(description="What the sentence assumes that the words leave open.")
+    ] = ""
     cannot_say: Annotated[Text, Field(description="What the page has no sentence for.")] = ""
     unclear: Annotated[Text, Field(description="What the words leave open.")] = ""
-    readings: Annotated[tuple[Text, ...], Field(description="A sentence of the page for each thing that they may mean.")] = ()
+    readings: Annotated[
+        tuple[Text, ...], Field(description="A sentence of the page for each thing that they may mean.")
+    ] = ()
 
 
 class Rewrite(Document):
@@ -79,7 +87,9 @@ class RewriteJudge:
         for pair in rewrite.pairs[:MAX_PAIRS]:
             spans = self._places(pair.quotes, judged.quoted)
             if spans is None:
-                judged.faults.append(("; ".join(pair.quotes)[:200], "the quote is not in the text, or is quoted twice"))
+                judged.faults.append(
+                    ("; ".join(pair.quotes)[:200], "the quote is not in the text, or is quoted twice")
+                )
                 continue
             judged.quoted += spans
             segment, why = self._segment(pair, spans, earlier)
@@ -87,7 +97,9 @@ class RewriteJudge:
             if why:
                 judged.faults.append((self._text[spans[0].start : spans[-1].end][:200], why))
             earlier += [entry for entry in self._entries(segment) if entry not in earlier]
-        judged.faults += [(self._text[span.start : span.end], UNQUOTED) for span in self._unquoted_loads(judged.quoted)]
+        judged.faults += [
+            (self._text[span.start : span.end], UNQUOTED) for span in self._unquoted_loads(judged.quoted)
+        ]
         return judged
 
     def _entries(self, segment: Segment) -> list[str]:
@@ -101,7 +113,11 @@ class RewriteJudge:
         """Where the quotes stand in the text, in whole words; None where one does not, or tells what another one tells."""
         spans: list[Span] = []
         for quote in quotes:
-            places = [span for span in _occurrences(quote, self._text) if not self._tells_again(span, [*taken, *spans])]
+            places = [
+                span
+                for span in _occurrences(quote, self._text)
+                if not self._tells_again(span, [*taken, *spans])
+            ]
             if not places:
                 return None
             spans.append(places[0])
@@ -110,12 +126,16 @@ class RewriteJudge:
     def _tells_again(self, span: Span, taken: Sequence[Span]) -> bool:
         """Whether a number or a word that changes its clause is in another quote already."""
         told = [item.span for item in (*self._loads.numbers, *self._loads.loads) if _within(item.span, span)]
-        return any(_within(part, other) for part in told for other in taken) or any(span == other for other in taken)
+        return any(_within(part, other) for part in told for other in taken) or any(
+            span == other for other in taken
+        )
 
     def _unquoted_loads(self, quoted: Sequence[Span]) -> Iterator[Span]:
         """The numbers and the words that change their clause that stand in no quote."""
         hard = [load.span for load in self._loads.loads if load.kind in HARD]
-        for span in sorted([*(number.span for number in self._loads.numbers), *hard], key=lambda span: span.start):
+        for span in sorted(
+            [*(number.span for number in self._loads.numbers), *hard], key=lambda span: span.start
+        ):
             if not any(_within(span, other) for other in quoted):
                 yield span
 
@@ -128,7 +148,9 @@ class RewriteJudge:
             return Segment(span, "unread", why=f"the page has no sentence for it: {pair.cannot_say}"), ""
         assumes = pair.unclear or pair.taken_to_mean
         sentences = pair.readings if pair.unclear else (pair.sentence,)
-        words = TextLoads(" … ".join(self._text[place.start : place.end] for place in spans), self._vocabulary)
+        words = TextLoads(
+            " … ".join(self._text[place.start : place.end] for place in spans), self._vocabulary
+        )
         options: list[tuple[str, tuple[Statement, ...]]] = []
         why = "" if sentences else "it has no reading"
         for sentence in sentences:
@@ -144,12 +166,19 @@ class RewriteJudge:
         return Segment(span, "rewritten", held, sentence, assumes=assumes, options=tuple(options[1:])), ""
 
     def _wrong(
-        self, words: TextLoads, sentence: str, statements: Sequence[Statement] | None, earlier: Sequence[str], assumes: bool
+        self,
+        words: TextLoads,
+        sentence: str,
+        statements: Sequence[Statement] | None,
+        earlier: Sequence[str],
+        assumes: bool,
     ) -> str:
         if statements is None or not statements:
             return f"{sentence[:200]!r} is no sentence of the page"
         rewritten = TextLoads(sentence, self._vocabulary)
-        faults = faults_of(Pair(words, rewritten, tuple(statements), tuple(earlier), assumes, self._vocabulary))
+        faults = faults_of(
+            Pair(words, rewritten, tuple(statements), tuple(earlier), assumes, self._vocabulary)
+        )
         return f"{sentence[:200]!r}: {'; '.join(faults)}" if faults else ""
 
     # The whole text.
@@ -160,11 +189,19 @@ class RewriteJudge:
 
     def _of_sentence(self, sentence: Sentence, judged: Judged) -> list[Segment]:
         inside = [segment for segment in judged.segments if _begins_in(segment.span, sentence.span)]
-        quoted = [span for span in judged.quoted if span.start < sentence.span.end and sentence.span.start < span.end]
+        quoted = [
+            span
+            for span in judged.quoted
+            if span.start < sentence.span.end and sentence.span.start < span.end
+        ]
         if not quoted:
             return self._free.of_sentence(sentence)
         runs = _uncovered(sentence, quoted)
-        left = [Segment(span, "unread", why=UNQUOTED) for span in runs if _tells(self._text[span.start : span.end])]
+        left = [
+            Segment(span, "unread", why=UNQUOTED)
+            for span in runs
+            if _tells(self._text[span.start : span.end])
+        ]
         return sorted([*inside, *left], key=lambda segment: segment.span.start)
 
 

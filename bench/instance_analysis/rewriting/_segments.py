@@ -65,14 +65,18 @@ class PhraseBook:
             entries = {**vocabulary.phrases, **shipped_phrases()}
             self._entries = [(compiled(text, shared), sentence) for text, sentence in entries.items()]
         except (KeyError, IndexError) as error:
-            raise SetupError(Fault("vocabulary: phrases", f"has no valid pattern: {error}", "see docs/prose.md")) from error
+            raise SetupError(
+                Fault("vocabulary: phrases", f"has no valid pattern: {error}", "see docs/prose.md")
+            ) from error
 
     def sentences(self, parser: SlotParser, at: int) -> Iterator[tuple[str, int]]:
         """The sentences for what begins at a token, and the token after it."""
         for pattern, sentence in self._entries:
             yield from self._filled(pattern, sentence, parser, at)
 
-    def _filled(self, pattern: Pattern, sentence: str, parser: SlotParser, at: int) -> Iterator[tuple[str, int]]:
+    def _filled(
+        self, pattern: Pattern, sentence: str, parser: SlotParser, at: int
+    ) -> Iterator[tuple[str, int]]:
         for end, captures in pattern.matches(parser, at):
             words = {capture.name: _joined(parser.words[capture.begin : capture.end]) for capture in captures}
             if end > at and all(f"{{{name}}}" in sentence for name in words):
@@ -113,7 +117,11 @@ class FreeReader:
         if sentence.question:
             return [Segment(sentence.span, "unread", why="a question describes nothing")]
         if len(sentence.tokens) > MAX_SENTENCE_TOKENS:
-            return [Segment(sentence.span, "unread", why=f"it has more than {MAX_SENTENCE_TOKENS} words: divide it")]
+            return [
+                Segment(
+                    sentence.span, "unread", why=f"it has more than {MAX_SENTENCE_TOKENS} words: divide it"
+                )
+            ]
         statements = Parser(sentence.tokens, self._vocabulary).whole()
         if statements is not None:
             return [Segment(statement.span, "controlled", (statement,)) for statement in statements]
@@ -130,7 +138,9 @@ class FreeReader:
             why = f"{hard.text!r} is not read, and may turn around what stands beside it"
             return [Segment(sentence.span, "unread", why=why)]
         unread = [
-            Segment(run[0].span.joined(run[-1].span), "unread", why="it is none of the sentences that are read")
+            Segment(
+                run[0].span.joined(run[-1].span), "unread", why="it is none of the sentences that are read"
+            )
             for run in found.left
         ]
         return sorted([*found.segments, *unread], key=lambda segment: segment.span.start)
@@ -160,7 +170,10 @@ class FreeReader:
             if segment is not None:
                 found.segments.append(segment)
             else:
-                end = next((index for index in range(at + 1, len(tokens)) if tokens[index].text in BREAKS), len(tokens))
+                end = next(
+                    (index for index in range(at + 1, len(tokens)) if tokens[index].text in BREAKS),
+                    len(tokens),
+                )
                 run += tokens[at:end]
             while end < len(tokens) and tokens[end].text in BREAKS:
                 run += [tokens[end]] if run and segment is None else []
