@@ -299,9 +299,7 @@ def _campaign_description(base_simspec: BaseSimSpec) -> str:
         f"Open: {choice.quote!r}: {choice.ask} Read as: {choice.readings[choice.chosen - 1]}"
         for choice in base_simspec.open_choices
     ]
-    unread = [
-        f"Not read: {item.quote!r}" for item in (*base_simspec.not_understood, *base_simspec.not_expressible)
-    ]
+    unread = [f"Not read: {item.quote!r}" for item in base_simspec.not_understood]
     return "\n".join([base_simspec.prose.strip(), *choices, *unread])
 
 

@@ -62,7 +62,7 @@ def _header(result: BaseSimSpec) -> Iterator[str]:
         yield f"# choice: {_quoted(choice.quote)} {choice.ask} -> {chosen} (or: {others})"
     for clause in result.unchecked:
         yield f"# check: {_quoted(clause.quote)}"
-    for passage in (*result.not_understood, *result.not_expressible):
+    for passage in result.not_understood:
         yield f"# not read: {_quoted(passage.quote)}: {passage.why}"
 
 

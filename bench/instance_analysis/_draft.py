@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from bench.documents import validate_document
 from bench.errors import Fault
@@ -25,7 +25,6 @@ class DraftField:
     value: Any
     span: Span | None
     note: str = ""
-    model: bool = False
     beside: Span | None = None
     """The phrase whose reading used a default."""
 
@@ -46,7 +45,6 @@ class Draft:
         self.entries: dict[FieldPath, DraftField] = {}
         self.ranges: list[VariedField] = []
         self._choices: dict[ChoiceKey, Choice] = {}
-        self.not_expressible: list[UnreadText] = []
         self.not_understood: list[UnreadText] = []
         self._remarks: dict[ChoiceKey, UnreadText] = {}
         self.faults: list[tuple[Span, Fault]] = []
@@ -56,10 +54,6 @@ class Draft:
         """Every field that a passage has set, also where another passage has set it since."""
         self.acknowledged: list[Span] = []
         """Passages that are read and need no field."""
-        self.used_words: list[Span] = []
-        """Words outside of phrases that a reader has used."""
-        self.references: list[Span] = []
-        """Where the text mentions a group that it has named before."""
 
     def quote(self, span: Span) -> str:
         return self.text[span.start : span.end]
@@ -67,9 +61,6 @@ class Draft:
     def fault(self, span: Span, what: str, remedy: str) -> None:
         """Record what cannot hold; the clause is then left out."""
         self.faults.append((span, Fault(f"{self.quote(span)[:80]!r}", what, remedy)))
-
-    def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
-        (self.not_understood if expressible else self.not_expressible).append(self._passage(span, why))
 
     def remark(self, span: Span, why: str) -> None:
         """Record that a passage is read differently from how it is written."""
@@ -215,11 +206,10 @@ class Draft:
                 yield Receipt(path=where, value=value, source="default")
                 continue
             span = entry.span
-            stated: Literal["prose", "default"] = "prose" if span else "default"
             yield Receipt(
                 path=where,
                 value=value,
-                source="model" if entry.model else stated,
+                source="prose" if span else "default",
                 quote=self.quote(span) if span else "",
                 start=span.start if span else None,
                 end=span.end if span else None,

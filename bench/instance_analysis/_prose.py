@@ -83,7 +83,6 @@ class Reading:
             receipts=tuple(draft.receipts(simspec)),
             choices=tuple(draft.choices),
             clauses=tuple(self._clauses()),
-            not_expressible=tuple(draft.not_expressible),
             not_understood=tuple(sorted(draft.not_understood, key=lambda item: item.start)),
             remarks=tuple(draft.remarks),
         )
@@ -257,7 +256,7 @@ def _passages(draft: Draft) -> Iterator[tuple[Span, str, object]]:
             yield entry.span, "fields", dotted(path)
         elif entry.span is None and entry.note and entry.beside is not None:
             yield entry.beside, "told", f"{dotted(path)} = {entry.value}: {entry.note}"
-    for unread in (*draft.not_understood, *draft.not_expressible):
+    for unread in draft.not_understood:
         yield Span(unread.start, unread.end), "unread", unread
     yield from ((Span(choice.start, choice.end), "choices", choice) for choice in draft.choices)
     yield from ((Span(remark.start, remark.end), "told", remark.why) for remark in draft.remarks)

@@ -33,7 +33,7 @@ class Receipt(Document):
 
     path: str
     value: Any
-    source: Literal["prose", "default", "answer", "model"]
+    source: Literal["prose", "default"]
     quote: str = ""
     start: int | None = None
     end: int | None = None
@@ -87,7 +87,6 @@ class BaseSimSpec(Document):
     receipts: tuple[Receipt, ...] = ()
     choices: tuple[Choice, ...] = ()
     clauses: tuple[ClauseReading, ...] = ()
-    not_expressible: tuple[UnreadText, ...] = ()
     not_understood: tuple[UnreadText, ...] = ()
     remarks: Annotated[
         tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
@@ -107,7 +106,7 @@ class BaseSimSpec(Document):
     @property
     def complete(self) -> bool:
         """Whether every choice is answered and nothing is left out."""
-        return not (self.open_choices or self.not_understood or self.not_expressible)
+        return not (self.open_choices or self.not_understood)
 
     @property
     def unchecked(self) -> tuple[ClauseReading, ...]:

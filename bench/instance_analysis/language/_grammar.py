@@ -134,9 +134,7 @@ def _may_be_the_same(first: Statement, joint: tuple[str, ...], second: Statement
 
 
 _JOINTS = ((",", "and"), (",",), ("and",))
-FRONTED = frozenset(
-    ["part", "middle", "on_road", "beside_road", "in_ground", "near", "within", "at", "inside"]
-)
+FRONTED = frozenset(["part", "road", "ground", "near", "within", "at", "inside"])
 """What may stand before its group in free text: `in the north two trucks`."""
 MAX_PREDICATES = 8
 

@@ -79,11 +79,6 @@ class EventReader:
             kind = "resume_reporting"
         self._silent = kind == "stop_reporting" or (self._silent and kind not in ("resume_reporting",))
         report = self._on(self._scene.one(part.first("group")), part.span) if part.first("group") else None
-        base = self._order(kind, part)
-        if report is not None:
-            self._draft.put((*base, "intelligence"), report, part.span)
-
-    def _order(self, kind: str, part: Part) -> FieldPath:
         # Orders have ids, because an agent answers them by id; failures and outages are plain lists.
         key = f"{kind.replace('_', '-')}-{self._next('orders') + 1}"
         base: FieldPath = ("orders", key)
@@ -92,28 +87,14 @@ class EventReader:
         self._draft.put((*base, "kind"), kind, part.span)
         if (within := part.first("within")) is not None:
             self._draft.put((*base, "within_s"), within.low, part.span)
-        return base
+        if report is not None:
+            self._draft.put((*base, "intelligence"), report, part.span)
 
-    def hand_over(self, part: Part) -> None:
-        self._order("hand_over", part)
-
-    def take_back(self, part: Part) -> None:
-        self._order("take_back", part)
-
-    def granted(self, part: Part) -> None:
-        self._consent("granted", part)
-
-    def refused(self, part: Part) -> None:
-        self._consent("refused", part)
-
-    def never(self, part: Part) -> None:
-        self._consent("never", part)
-
-    def _consent(self, answer: str, part: Part) -> None:
+    def consent(self, part: Part) -> None:
         """Read how the operator answers requests about one report."""
         group = self._target(part.first("group"))
         base: FieldPath = ("consents", self._next("consents"))
-        self._draft.put((*base, "answer"), answer, part.span)
+        self._draft.put((*base, "answer"), part.form.kind, part.span)
         if (after := part.first("after")) is not None:
             self._draft.put((*base, "after_s"), after.low, part.span)
         self._draft.put((*base, "intelligence"), self._on(group, part.span), part.span)
@@ -132,9 +113,7 @@ class EventReader:
         """Read a report on a group: how old, how accurate, when it comes in."""
         group = self._scene.one(part.first("group"))
         if self._scene.role(group) is Role.CLUTTER:
-            raise NotReadError(
-                "intelligence is about adversaries, the sought or bystanders", expressible=False
-            )
+            raise NotReadError("intelligence is about adversaries, the sought or bystanders")
         stated = [(name, slot) for slot, name in REPORTED.items() if part.first(slot) is not None]
         report = self._on(group, part.span)
         if any(("intelligence", report, name) in self._draft.entries for name, _ in stated):

@@ -11,6 +11,6 @@ class NotReadError(Exception):
     `span` says where, if that is not the statement that is being read.
     """
 
-    def __init__(self, why: str, *, expressible: bool = True, span: Span | None = None) -> None:
+    def __init__(self, why: str, span: Span | None = None) -> None:
         super().__init__(why)
-        self.why, self.expressible, self.span = why, expressible, span
+        self.why, self.span = why, span

@@ -53,7 +53,7 @@ class PlaceReader:
         """Read where the map's origin is."""
         place = part.first("place")
         if not place.degrees:
-            raise NotReadError("an origin is given in degrees of latitude and longitude", expressible=False)
+            raise NotReadError("an origin is given in degrees of latitude and longitude")
         self._put_origin(place, part.span, "")
 
     def _put_origin(self, place: Coordinates, span: Span, note: str) -> None:

@@ -18,6 +18,7 @@ from ._not_read import NotReadError
 from ._places import PlaceReader
 from ._roads import RoadReader
 from ._scene import IMMOVABLE, PERSONS, ROOFED, RelationTarget, Scene
+from ._settings import put_fields
 
 MAX_SHARE_OF_SIZE = 0.25
 """Above this share of a distance the size of a thing decides whether its centre or its edge is meant. Chosen."""
@@ -40,7 +41,11 @@ class PredicateReader:
         self._places, self._ground, self._roads = places, ground, roads
 
     def read(self, group: str, part: Part) -> None:
-        getattr(self, f"_{part.form.does}")(group, part)
+        names = {"ground": "ground_of"}
+        getattr(self, f"_{names.get(part.form.reader, part.form.reader)}")(group, part)
+
+    def _sets(self, group: str, part: Part) -> None:
+        put_fields(self._draft, ("actors", group), part)
 
     # Distances.
 
@@ -119,7 +124,7 @@ class PredicateReader:
     def _mean(self, group: str, part: Part) -> None:
         length, others = part.first("length"), self._others(group, part)
         if not isinstance(others[0], str):
-            raise NotReadError("a mean distance is to a group or to home", expressible=False)
+            raise NotReadError("a mean distance is to a group or to home")
         base: FieldPath = ("actors", group, "placement", "mean_distance")
         self._draft.put((*base, "of"), others[0], part.span)
         self._draft.vary((*base, "mean_m"), length.low, length.high, part.span, unit="m")
@@ -163,16 +168,6 @@ class PredicateReader:
         else:
             self._draft.put((*base, "of"), place, span)
 
-    def _facing(self, group: str, part: Part) -> None:
-        base: FieldPath = ("actors", group, "placement", "facing")
-        direction, angle = part.first("direction"), part.first("angle")
-        if part.first("reference") is not None:
-            self._put_place(base, self._others(group, part)[0], part.span)
-        elif direction is not None:
-            self._draft.put((*base, "heading_deg"), direction, part.span)
-        else:
-            self._draft.put((*base, "heading_deg"), angle.low % 360, part.span)
-
     # Sight.
 
     def _behind(self, group: str, part: Part) -> None:
@@ -186,14 +181,8 @@ class PredicateReader:
                 self._draft.put((*base, "of"), "home", part.span)
         self._near(group, part)
 
-    def _hidden(self, group: str, part: Part) -> None:
-        self._sight("hidden_from", group, part)
-
-    def _visible(self, group: str, part: Part) -> None:
-        self._sight("visible_from", group, part)
-
-    def _sight(self, name: str, group: str, part: Part) -> None:
-        base: FieldPath = ("actors", group, "placement", name)
+    def _sight(self, group: str, part: Part) -> None:
+        base: FieldPath = ("actors", group, "placement", part.form.kind)
         self._put_place(base, self._others(group, part)[0], part.span)
         if (height := part.first("length")) is not None:
             self._draft.put((*base, "height_m"), height.low, part.span)
@@ -207,7 +196,7 @@ class PredicateReader:
             # `between the houses` means between two members of one group.
             names *= 2
         if len(names) != 2:
-            raise NotReadError("`between` needs two groups, or a group of several", expressible=False)
+            raise NotReadError("`between` needs two groups, or a group of several")
         base: FieldPath = ("actors", group, "placement", "between")
         self._draft.put((*base, "first"), names[0], part.span)
         self._draft.put((*base, "second"), names[1], part.span)
@@ -242,14 +231,8 @@ class PredicateReader:
     def _part(self, group: str, part: Part) -> None:
         self._ground.part_of_area(group, part.first("direction"), part.span)
 
-    def _middle(self, group: str, part: Part) -> None:
-        self._ground.part_of_area(group, None, part.span)
-
-    def _in_ground(self, group: str, part: Part) -> None:
-        self._ground.relate(group, part, "inside")
-
-    def _outside(self, group: str, part: Part) -> None:
-        self._ground.relate(group, part, "avoid")
+    def _ground_of(self, group: str, part: Part) -> None:
+        self._ground.relate(group, part, part.form.kind)
 
     def _inside(self, group: str, part: Part) -> None:
         other = self._others(group, part)[0]
@@ -280,14 +263,11 @@ class PredicateReader:
         if self._scene.count(group) == 1:
             raise NotReadError("a group of one has no distance between members")
 
-    def _on_road(self, group: str, part: Part) -> None:
-        self._roads.place(group, part, "on")
-
-    def _beside_road(self, group: str, part: Part) -> None:
-        self._roads.place(group, part, "beside")
-
-    def _along_road(self, group: str, part: Part) -> None:
-        self._roads.along(group, part)
+    def _road(self, group: str, part: Part) -> None:
+        if part.form.kind == "along":
+            self._roads.along(group, part)
+        else:
+            self._roads.place(group, part, part.form.kind)
 
     def _parallel(self, group: str, part: Part) -> None:
         self._roads.parallel(group, part)
@@ -336,33 +316,14 @@ class PredicateReader:
         self._moves(group, part)
         self._roads.travel(group, part.first("direction"), part.span)
 
-    def _nonstop(self, group: str, part: Part) -> None:
-        self._draft.put(("actors", group, "motion", "pause_s"), 0.0, part.span)
-
-    def _departs(self, group: str, part: Part) -> None:
-        self._moment(group, part, "depart_s")
-
-    def _halts(self, group: str, part: Part) -> None:
-        self._moment(group, part, "halt_s")
-
-    def _moment(self, group: str, part: Part, name: str) -> None:
+    def _moment(self, group: str, part: Part) -> None:
         """Set a time of a group's motion; what sets off or halts does move."""
         base: FieldPath = ("actors", group, "motion")
         if (*base, "kind") not in self._draft.entries:
             self._draft.put((*base, "kind"), "wander", None, "the text says when it moves")
-        self._draft.put((*base, name), part.first("moment"), part.span)
+        self._draft.put((*base, part.form.kind), part.first("moment"), part.span)
 
     # What it is.
-
-    def _concealed(self, group: str, part: Part) -> None:
-        share = part.first("share")
-        self._draft.vary(("actors", group, "concealment"), share.low, share.high, part.span, unit=None)
-
-    def _camouflaged(self, group: str, part: Part) -> None:
-        self._draft.put(("actors", group, "concealment"), part.first("concealment"), part.span)
-
-    def _uncovered(self, group: str, part: Part) -> None:
-        self._draft.put(("actors", group, "concealment"), 0.0, part.span)
 
     def _role(self, group: str, part: Part) -> None:
         self._scene.set_role(group, Role(part.first("role")), part.span)

@@ -76,7 +76,7 @@ class TextReader:
             for group in list(self.scene.groups)[known:]:
                 del self.scene.groups[group]
             self.scene.unread = self.scene.sentence
-            draft.unread(error.span or span, error.why, expressible=error.expressible)
+            draft.leave_out(error.span or span, error.why)
             return False
         return True
 

@@ -16,6 +16,24 @@ NO_MARK_CHOICES_M = (50.0, 20.0, 100.0)
 """Distances that are offered for `near`. The first is the default of the SimSpec."""
 
 
+def put_fields(draft: Draft, base: FieldPath, part: Part) -> None:
+    """Set the fields of a form, under a base, to its values or to what its slots hold; one that holds nothing sets none."""
+    for path, value in part.form.sets.items():
+        where: FieldPath = (*base, *path.split("."))
+        stated = part.first(value[1:]) if isinstance(value, str) and value.startswith("$") else value
+        if isinstance(stated, Quantity):
+            low = stated.low % 360 if stated.kind == "ANGLE" else stated.low
+            draft.vary(where, low, stated.high, part.span, unit=UNITS.get(stated.kind))
+        elif where[0] == "seeds":
+            draft.vary(where, stated, stated, part.span, unit=None, integer=True)
+        elif stated is not None:
+            draft.put(
+                where,
+                float(stated) if isinstance(stated, int) and not isinstance(stated, bool) else stated,
+                part.span,
+            )
+
+
 class SettingsReader:
     """Reads settings into a draft; each form by the method that `does` names, or by its `sets`."""
 
@@ -25,28 +43,7 @@ class SettingsReader:
         self._silences: list[tuple[float, float, Span]] = []
 
     def sets(self, part: Part) -> None:
-        """Set the fields of a form to its numbers or values."""
-        names = {capture.name for capture in part.captures}
-        for path, value in part.form.sets.items():
-            if isinstance(value, str) and value in names:
-                self._put(path, part.first(value), part.span)
-            else:
-                self._draft.put(tuple(path.split(".")), value, part.span)
-
-    def _put(self, path: str, value: Quantity | float, span: Span) -> None:
-        where = tuple(path.split("."))
-        if isinstance(value, Quantity):
-            self._draft.vary(where, value.low, value.high, span, unit=UNITS.get(value.kind))
-        elif where[0] == "seeds":
-            self._draft.vary(where, value, value, span, unit=None, integer=True)
-        else:
-            self._draft.put(where, value, span)
-
-    def flight(self, part: Part) -> None:
-        """Read the height and the speed of the mission."""
-        for slot, path in (("altitude", "mission.altitude_m"), ("speed", "mission.speed_mps")):
-            if (value := part.first(slot)) is not None:
-                self._put(path, value, part.span)
+        put_fields(self._draft, (), part)
 
     def height_band(self, part: Part) -> None:
         """Read the heights between which the drone stays."""
@@ -56,36 +53,11 @@ class SettingsReader:
         self._draft.put(("rules", "min_altitude_m"), band.low, part.span)
         self._draft.put(("rules", "max_altitude_m"), band.high, part.span)
 
-    def battery(self, part: Part) -> None:
-        """Read the capacity of the battery, and its charge."""
-        self._put("vehicle.battery.capacity_wh", part.first("energy"), part.span)
-        if (share := part.first("share")) is not None:
-            self._put("vehicle.battery.initial_fraction", share, part.span)
-
-    def slow(self, part: Part) -> None:
-        """Read how slow the drone must be near people."""
-        self._put("rules.bystander_slow_mps", part.first("speed"), part.span)
-        self._put("rules.bystander_slow_within_m", part.first("length"), part.span)
-
     def no_mark_near(self, part: Part) -> None:
         """Read a ban on marking near people whose distance the text leaves open."""
         readings = [f"within {choice:g} m" for choice in NO_MARK_CHOICES_M]
         chosen = self._draft.ask(part.span, "how near is `near`?", readings)
         self._draft.put(("rules", "no_mark_within_m"), NO_MARK_CHOICES_M[chosen], part.span)
-
-    def link_return(self, part: Part) -> None:
-        self._link("return", part)
-
-    def link_hold(self, part: Part) -> None:
-        self._link("hold", part)
-
-    def link_continue(self, part: Part) -> None:
-        self._link("continue", part)
-
-    def _link(self, what: str, part: Part) -> None:
-        self._draft.put(("rules", "link_lost"), what, part.span)
-        if (time := part.first("time")) is not None:
-            self._put("rules.link_lost_after_s", time, part.span)
 
     def report_windows(self, part: Part) -> None:
         """Read when reports are allowed or forbidden."""
@@ -99,7 +71,7 @@ class SettingsReader:
         """Read whom the drone escorts, how near it stays, and how early it warns."""
         group = self._scene.one(part.first("group"))
         if self._scene.asset(group) in IMMOVABLE or self._scene.role(group) in (Role.ADVERSARY, Role.SOUGHT):
-            raise NotReadError("an escort is of one group that moves and is no target", expressible=False)
+            raise NotReadError("an escort is of one group that moves and is no target")
         base: FieldPath = ("mission", "escort")
         self._draft.put((*base, "group"), group, part.span)
         if (length := part.first("length")) is not None:

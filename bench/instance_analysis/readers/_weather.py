@@ -45,27 +45,6 @@ class WeatherReader:
         levels = (low, other[0])
         self._draft.ranges.append(VariedField(name=name, paths=(word.path,), levels=levels, unit="level"))
 
-    def wind(self, part: Part) -> None:
-        """Read speed, direction and turbulence of the wind."""
-        base: FieldPath = ("environment", "wind")
-        speed, winds, turbulence = part.first("speed"), part.first("winds"), part.first("turbulence")
-        if speed is not None:
-            self._draft.vary((*base, "speed_mps"), speed.low, speed.high, part.span, unit="m/s")
-        if winds is not None:
-            self._draft.put((*base, "speed_mps"), float(winds), part.span)
-        if turbulence is not None:
-            self._draft.vary(
-                (*base, "turbulence_mps"), turbulence.low, turbulence.high, part.span, unit="m/s"
-            )
-        self._direction(part, (*base, "from_deg"))
-
-    def _direction(self, part: Part, path: FieldPath) -> None:
-        direction, angle = part.first("direction"), part.first("angle")
-        if direction is not None:
-            self._draft.put(path, float(direction), part.span)
-        elif isinstance(angle, Quantity):
-            self._draft.vary(path, angle.low % 360, angle.high, part.span, unit="deg")
-
     def start(self, part: Part) -> None:
         """Note what a sentence says of the start; it is put together at the end."""
         self._starts.append(part)
