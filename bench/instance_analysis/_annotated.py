@@ -66,6 +66,10 @@ def _header(result: BaseSimSpec) -> Iterator[str]:
         yield f"# not read: {_quoted(passage.quote)}: {passage.why}"
 
 
+def _is_mentioned(path: str, mentioned: set[str]) -> bool:
+    return any(mention == path or mention.startswith((f"{path}.", f"{path}[")) for mention in mentioned)
+
+
 def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
     """The fields of a document that differ from the defaults (`differing`) or are mentioned."""
     if isinstance(value, Mapping):
@@ -74,11 +78,7 @@ def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
         return {
             name: _stated(value[name], present.get(name), inner[name], mentioned)
             for name in value
-            if name in present
-            or any(
-                mention == inner[name] or mention.startswith((f"{inner[name]}.", f"{inner[name]}["))
-                for mention in mentioned
-            )
+            if name in present or _is_mentioned(inner[name], mentioned)
         }
     if isinstance(value, list) and isinstance(differing, list):
         pairs = enumerate(zip(value, differing, strict=True))

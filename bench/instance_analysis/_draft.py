@@ -111,23 +111,24 @@ class Draft:
         if span is not None:
             self.statements.append((path, value, span))
         previous = self.entries.get(path)
-        # Only two statements of the text can contradict each other: a default gives way without a question.
-        if (
-            previous is not None
-            and previous.span is not None
-            and span is not None
-            and previous.value != value
-        ):
-            readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
-            # Both are read: the choice shows them.
-            self.acknowledged += [previous.span, span]
-            conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
-            if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
-                return
-            # The range belonged to the reading that was not chosen.
-            self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
+        if previous is not None and span is not None and self._holds_against(previous, path, value, span):
+            return
         if span is not None or previous is None:
             self.entries[path] = DraftField(value, span, note, beside=self.reading)
+
+    def _holds_against(self, previous: DraftField, path: FieldPath, value: Any, span: Span) -> bool:
+        """Whether a field keeps its value although the text states another one; a default gives way without a question."""
+        if previous.span is None or previous.value == value:
+            return False
+        readings = [f"{dotted(path)} = {stated}" for stated in (previous.value, value)]
+        # Both are read: the choice shows them.
+        self.acknowledged += [previous.span, span]
+        conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
+        if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
+            return True
+        # The range belonged to the reading that was not chosen.
+        self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
+        return False
 
     def vary(
         self,
@@ -141,24 +142,22 @@ class Draft:
         note: str = "",
     ) -> None:
         """Set a field to a number or a range. The SimSpec itself holds the lower end of a range."""
-        if low > high and span is not None:
-            self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
-        clean = (lambda varied: int(varied)) if integer else float
-        if integer and (low != int(low) or high != int(high)) and span is not None:
-            self.fault(span, "is counted in whole numbers", "write a whole number")
+        for wrong, what, remedy in (
+            (low > high, f"the range runs from {low:g} down to {high:g}", "write the lower number first"),
+            (integer and (low % 1 or high % 1), "is counted in whole numbers", "write a whole number"),
+        ):
+            if wrong and span is not None:
+                self.fault(span, what, remedy)
         spanned = "" if low == high else f"{low:g} to {high:g}"
-        self.put(path, clean(low), span, ", ".join(filter(None, (note, spanned))))
+        self.put(path, int(low) if integer else float(low), span, ", ".join(filter(None, (note, spanned))))
         if low < high and self.entries[path].span == span:
-            name = (
-                "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement"))
-                .replace("_", "-")
-                .lower()
-            )
+            parts = [str(part) for part in path[-3:] if part not in ("actors", "placement")]
+            name = "-".join(parts).replace("_", "-").lower()[:63]
             # A field has one range: the later statement about it holds.
             where = dotted(path)
             self.ranges = [varied for varied in self.ranges if where not in varied.paths]
             self.ranges.append(
-                VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit)
+                VariedField(name=name, paths=(where,), low=low, high=high, integer=integer, unit=unit)
             )
 
     def forget(self, path: FieldPath) -> None:

@@ -70,8 +70,7 @@ def _things(vocabulary: Vocabulary) -> Iterator[str]:
 
 
 def _nouns(name: str, words: AssetWords) -> str:
-    exact = [asset for asset in words.kinds]
-    shown = dict.fromkeys([name.replace("-", " "), *words.words[:SHOWN_NOUNS], *exact])
+    shown = dict.fromkeys([name.replace("-", " "), *words.words[:SHOWN_NOUNS], *words.kinds])
     return ", ".join(shown if name != "civilian-truck" else list(shown)[:SHOWN_NOUNS])
 
 

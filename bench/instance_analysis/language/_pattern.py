@@ -64,21 +64,20 @@ class SlotParser(PhraseParser):
 
     def moments(self, at: int) -> Iterator[tuple[float, int]]:
         """A time of the flight in seconds: `90 s`, `t+90 s`, `minute 3`, `1:30`."""
-        begin = at
         if self.word(at) in ("t", "h") and self.word(at + 1) in ("+", "=", "plus"):
-            begin = at + 2
-        for time, end in self.quantities("TIME", begin):
-            if time.single:
-                yield time.low, end
-        if begin > at:
+            yield from self._single_times(at + 2)
             # `t+90`: a time of the flight without a unit is in seconds.
-            yield from self.numbers(begin)
+            yield from self.numbers(at + 2)
+        yield from self._single_times(at)
         unit = {"minute": 60.0, "second": 1.0}.get(self.word(at))
-        for number, end in self.numbers(at + 1) if unit else ():
-            yield number * (unit or 0.0), end
+        if unit is not None:
+            yield from ((number * unit, end) for number, end in self.numbers(at + 1))
         clock = re.fullmatch(r"(\d):(\d\d)", self.word(at))
         if clock and self.word(at + 1) not in ("am", "pm", "utc", "z"):
             yield 60.0 * int(clock[1]) + int(clock[2]), at + 1
+
+    def _single_times(self, at: int) -> Iterator[tuple[float, int]]:
+        return ((time.low, end) for time, end in self.quantities("TIME", at) if time.single)
 
 
 def _from_table(name: str) -> Callable[[SlotParser, int], Iterator[tuple[Any, int]]]:
@@ -117,7 +116,7 @@ _SLOTS: Mapping[str, Callable[[SlotParser, int], Iterator[tuple[Any, int]]]] = {
     "reference": lambda parser, at: parser.references(at),
     "group": lambda parser, at: parser.noun_phrases(at),
     "ground": lambda parser, at: parser.grounds(at),
-    "shape": lambda parser, at: parser.shapes(at),
+    "corners": lambda parser, at: parser.corners(at),
     "level": lambda parser, at: parser.levels(at),
     "people": _from_table("people"),
     "per_area": _from_table("per_area"),
@@ -168,12 +167,17 @@ def _alternatives(parts: list[str], at: int) -> tuple[Node, _First, int]:
         if at >= len(parts) or parts[at] != "/":
             break
         at += 1
-    firsts = [first for _, first in nodes]
-    joined = None if None in firsts else frozenset().union(*(first for first in firsts if first is not None))
-    if len(nodes) == 1:
-        return nodes[0][0], joined, at
-    choices = [node for node, _ in nodes]
-    return (lambda parser, index: (match for node in choices for match in node(parser, index))), joined, at
+    known = [first for _, first in nodes if first is not None]
+    joined = frozenset().union(*known) if len(known) == len(nodes) else None
+    return _any_of([node for node, _ in nodes]), joined, at
+
+
+def _any_of(nodes: list[Node]) -> Node:
+    def match(parser: SlotParser, at: int) -> Iterator[tuple[int, Captures]]:
+        for node in nodes:
+            yield from node(parser, at)
+
+    return nodes[0] if len(nodes) == 1 else match
 
 
 def _sequence(parts: list[str], at: int) -> tuple[Node, _First, int]:

@@ -98,23 +98,12 @@ class Ground:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
-    """The extent of a piece of ground: corners, or a size or radius around a middle, which may be a group's name."""
-
-    span: Span
-    corners: tuple[Coordinates, ...] = ()
-    size_m: tuple[float, ...] = ()
-    radius_m: float = 0.0
-    middle: Any = None
-
-
-@dataclass(frozen=True, slots=True)
 class Determiner:
     """What begins a noun phrase."""
 
     end: int
     count: Quantity | None = None
-    fields: dict[str, bool] = field(default_factory=dict)
+    fields: dict[str, Any] = field(default_factory=dict)
 
 
 HOME_PLACE = Coordinates(0.0, 0.0, from_home=True)
@@ -242,16 +231,17 @@ class PhraseParser(QuantityParser):
             for phrase, end in self._nouns(at, Determiner(at + 2)):
                 yield replace(phrase, rest=True), end
         for value, after in self._parts(at):
-            if self.word(after) != "of":
-                continue
-            if self.word(after + 1) in ("them", "these", "those", "which", "whom"):
-                phrase = NounPhrase(self.span(at, after + 2), pronoun="them", portion=value)
-                yield phrase, after + 2
-            for determiner in self._determiners(after + 1):
-                if determiner.fields.get("definite"):
-                    yield from (
-                        (replace(whole, portion=value), end) for whole, end in self._nouns(at, determiner)
-                    )
+            if self.word(after) == "of":
+                yield from self._shares_of(at, value, after + 1)
+
+    def _shares_of(self, at: int, value: Quantity, begin: int) -> Iterator[tuple[NounPhrase, int]]:
+        """The share of a group that is named at an index."""
+        if self.word(begin) in ("them", "these", "those", "which", "whom"):
+            yield NounPhrase(self.span(at, begin + 1), pronoun="them", portion=value), begin + 1
+        for determiner in self._determiners(begin):
+            if determiner.fields.get("definite"):
+                nouns = self._nouns(at, determiner)
+                yield from ((replace(whole, portion=value), end) for whole, end in nouns)
 
     def _parts(self, at: int) -> Iterator[tuple[Quantity, int]]:
         if self.word(at) == "none":
@@ -356,54 +346,8 @@ class PhraseParser(QuantityParser):
         for word, end in self.vocabulary.longest("ground", self.words, begin):
             yield Ground(self.span(at, end), re.sub(r"[^a-z]+", "-", word), definite), end
 
-    def shapes(self, at: int) -> Iterator[tuple[Shape, int]]:
-        """The extent of ground, behind its name."""
-        yield from self._boxes(at)
-        if end := self._first(
-            at, (("with", "corners"), ("with", "the", "corners"), ("corners",), ("has", "the", "corners"))
-        ):
-            corners, after = self._corners(end)
-            if len(corners) >= 3:
-                yield Shape(self.span(at, after), corners), after
-        if self.word(at) == "from":
-            for first, end in self.places(at + 1):
-                for second, after in self.places(end + 1) if self.word(end) == "to" else ():
-                    yield Shape(self.span(at, after), _rectangle(first, second)), after
-        for shape, end in self._sizes(at):
-            joint = self._first(end + (self.word(end) == ","), (("centred", "on"), ("centered", "on"), ("centred", "at"), ("around",), ("at",), ("centre",)))  # fmt: skip
-            for middle, after in self.references(joint) if joint else ():
-                yield replace(shape, middle=middle, span=self.span(at, after)), after
-            yield shape, end
-
-    def _sizes(self, at: int) -> Iterator[tuple[Shape, int]]:
-        begin = at + (self.word(at) in ("of", ",")) or at
-        begin = begin + 1 if self.word(begin) == "is" else begin
-        radius = self._first(begin, (("with", "a", "radius", "of"), ("radius", "of"), ("radius",), ("a", "radius", "of"), ("with", "radius")))  # fmt: skip
-        for length, end in self.quantities("LENGTH", radius) if radius else ():
-            yield Shape(self.span(at, end), radius_m=length.low), end
-        for sides, end in self.dims(begin):
-            if len(sides) == 2:
-                yield Shape(self.span(at, end), size_m=sides), end
-        square = self._first(begin, (("a", "square", "of"), ("square", "of")))
-        for length, end in self.quantities("LENGTH", square) if square else ():
-            yield Shape(self.span(at, end), size_m=(length.low, length.low)), end
-
-    def _boxes(self, at: int) -> Iterator[tuple[Shape, int]]:
-        """`60 to 120 m west and 20 to 80 m south of home`."""
-        begin = self._first(at, (("a", "box"), ("box",), (",",))) or at
-        for across, end in self.quantities("LENGTH", begin):
-            for east, after in self.directions(end):
-                for along, last in (
-                    self.quantities("LENGTH", after + 1) if self.word(after) in ("and", ",") else ()
-                ):
-                    for north, stop in self.directions(last):
-                        if self.starts(stop, "of", "home") and not across.single and not along.single:
-                            ends = [(_step_of(across.low, east), _step_of(along.low, north)),
-                                    (_step_of(across.high, east), _step_of(along.high, north))]  # fmt: skip
-                            first, second = (HOME_PLACE.moved(a[0] + b[0], a[1] + b[1]) for a, b in ends)
-                            yield Shape(self.span(at, stop + 2), _rectangle(first, second)), stop + 2
-
-    def _corners(self, at: int) -> tuple[tuple[Coordinates, ...], int]:
+    def corners(self, at: int) -> Iterator[tuple[tuple[Coordinates, ...], int]]:
+        """Three places or more, one after another."""
         corners: list[Coordinates] = []
         end = at
         while (place := next(self.places(end), None)) is not None:
@@ -411,7 +355,8 @@ class PhraseParser(QuantityParser):
             at = place[1]
             end = at + (self.word(at) == ",")
             end += self.word(end) == "and"
-        return tuple(corners), at
+        if len(corners) >= 3:
+            yield tuple(corners), at
 
     def ways(self, at: int) -> Iterator[tuple[tuple[Coordinates, ...], int]]:
         """Two places or more, one after another: `(0, 0) to (50, 0)`, `between ... and ...`."""
@@ -439,21 +384,11 @@ class PhraseParser(QuantityParser):
         yield from self.vocabulary.longest("motion", self.words, at)
 
 
-def _step_of(length: float, degrees: float) -> tuple[float, float]:
+def step_of(length: float, degrees: float) -> tuple[float, float]:
     return length * round(math.sin(math.radians(degrees)), 9), length * round(
         math.cos(math.radians(degrees)), 9
     )
 
 
 def _step(length: Quantity, degrees: float) -> tuple[float, float]:
-    return _step_of(length.low, degrees)
-
-
-def _rectangle(first: Coordinates, second: Coordinates) -> tuple[Coordinates, ...]:
-    """The corners of the rectangle between two opposite ones, which are given alike."""
-    west, east = sorted((first.first, second.first))
-    south, north = sorted((first.second, second.second))
-    return tuple(
-        replace(first, first=e, second=n)
-        for e, n in ((west, south), (east, south), (east, north), (west, north))
-    )
+    return step_of(length.low, degrees)

@@ -167,7 +167,7 @@ class QuantityParser:
             hour, minute = digits or [int(text), 0]
             yield from self._zoned(hour % 12 + half, minute, at + 2)
         elif clock and (":" in text or after in (*ZONES_H, "hours", "hrs", "h")):
-            yield from self._zoned(*digits, at + 1)
+            yield from self._zoned(digits[0], digits[1], at + 1)
 
     def _zoned(self, hour: int, minute: int, at: int) -> Iterator[tuple[TimeOfDay, int]]:
         at += self.word(at) in ("hours", "hrs", "h")
@@ -178,7 +178,8 @@ class QuantityParser:
     def dates(self, at: int) -> Iterator[tuple[dt.date, int]]:
         """A day: `3 March 2026`, `March 3, 2026`, `2026-03-03`, `the 3rd of March`."""
         if at < len(self.tokens) and self.tokens[at].kind == "iso":
-            yield from _day(*map(int, self.words[at].split("-")), at + 1)
+            year, number, day_of_month = map(int, self.words[at].split("-"))
+            yield from _day(year, number, day_of_month, at + 1)
         at += self.word(at) == "the"
         day, end = self._day_of_month(at)
         end += self.word(end) == "of"

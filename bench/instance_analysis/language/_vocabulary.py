@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -116,43 +116,20 @@ class Vocabulary:
         self.assets: dict[str, AssetWords] = {}
         self.motions: dict[str, MotionWords] = {}
         self.phrases: dict[str, str] = {}
-        self.tables: dict[str, dict[str, Any]] = {name: {} for name in _TABLES}
-        for name in (
-            "noun",
-            "unit",
-            "weather",
-            "motion",
-            "ground",
-            "soft",
-            "people",
-            "role",
-            "concealment",
-            "moving",
-        ):
-            self.tables[name] = {}
+        self.tables: dict[str, dict[str, Any]] = {}
         for document in documents:
             self.assets = document.assets | self.assets
             self.motions = document.motions | self.motions
             self.phrases = document.phrases | self.phrases
-            for name in _TABLES:
-                self._add(name, getattr(document, name))
-            for name, entries in _words_of(document):
+            for name, entries in _tables_of(document).items():
                 self._add(name, entries)
         for asset in ASSETS:
             names = (*plurals(asset), *plurals(asset.replace("-", " ")))
             self._add("noun", dict.fromkeys(names, self._entry_of(asset)))
-        self._prefixes = {
-            name: {
-                " ".join(words[:end])
-                for key in table
-                for words in [key.split()]
-                for end in range(1, len(words) + 1)
-            }
-            for name, table in self.tables.items()
-        }
+        self._prefixes = {name: set(_prefixes(table)) for name, table in self.tables.items()}
 
     def _add(self, name: str, entries: Mapping[str, Any]) -> None:
-        table = self.tables[name]
+        table = self.tables.setdefault(name, {})
         for word, value in entries.items():
             table.setdefault(word.lower(), value)
 
@@ -220,23 +197,40 @@ def plurals(word: str) -> Iterator[str]:
         yield f"{word[:-3]}men"
 
 
-def _words_of(document: VocabularyDocument) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The parts of a document that are lists of words, as tables."""
-    nouns: dict[str, Any] = {}
+def _prefixes(table: Iterable[str]) -> Iterator[str]:
+    """The first words of every key, in every number."""
+    for key in table:
+        words = key.split()
+        yield from (" ".join(words[:end]) for end in range(1, len(words) + 1))
+
+
+def _tables_of(document: VocabularyDocument) -> dict[str, dict[str, Any]]:
+    """The parts of a document as tables, by word."""
+    tables: dict[str, dict[str, Any]] = {name: dict(getattr(document, name)) for name in _TABLES}
+    for name in ("soft", "people"):
+        tables[name] = {word: word for word in getattr(document, name)}
+    adjectives = document.adjectives
+    motions = {word: document.motions.get(entry) for word, entry in adjectives.motion.items()}
+    return tables | {
+        "noun": dict(_nouns_of(document)),
+        "unit": {word: (kind, units[word]) for kind, units in document.units.items() for word in units},
+        "weather": _by_word(document.weather),
+        "motion": _by_word(document.motions),
+        "ground": {word: word for word in document.grounds},
+        "role": dict(adjectives.role),
+        "concealment": dict(adjectives.concealment),
+        "moving": motions,
+    }
+
+
+def _by_word(entries: Mapping[str, WeatherWords | MotionWords]) -> dict[str, Any]:
+    return {word: entry for entry in entries.values() for word in entry.words}
+
+
+def _nouns_of(document: VocabularyDocument) -> Iterator[tuple[str, str | Words]]:
+    """Every noun with its plurals, and the entry or entries that it may be."""
     for name, asset in document.assets.items():
-        exact = [word for words in asset.kinds.values() for word in words]
-        nouns |= {form: name for word in (*asset.words, *exact) for form in plurals(word.lower())}
-    nouns |= {form: names for word, names in document.ambiguous.items() for form in plurals(word.lower())}
-    yield "noun", nouns
-    yield (
-        "unit",
-        {word: (kind, factor) for kind, units in document.units.items() for word, factor in units.items()},
-    )
-    yield "weather", {word: entry for entry in document.weather.values() for word in entry.words}
-    yield "motion", {word: entry for entry in document.motions.values() for word in entry.words}
-    yield "ground", {word: word for word in document.grounds}
-    yield "soft", dict.fromkeys(document.soft)
-    yield "people", {word: word for word in document.people}
-    yield "role", dict(document.adjectives.role)
-    yield "concealment", dict(document.adjectives.concealment)
-    yield "moving", {word: document.motions.get(entry) for word, entry in document.adjectives.motion.items()}
+        for words in (asset.words, *asset.kinds.values()):
+            yield from ((form, name) for word in words for form in plurals(word.lower()))
+    for word, names in document.ambiguous.items():
+        yield from ((form, names) for form in plurals(word.lower()))

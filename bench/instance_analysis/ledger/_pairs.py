@@ -49,16 +49,25 @@ def _numbers(pair: Pair) -> Iterator[str]:
     left = list(pair.words.numbers)
     matched: list[tuple[Number, Number]] = []
     for number in pair.sentence.numbers:
-        same = next((other for other in left if number.is_like(other) and number.thing == other.thing), None)
-        same = same or next((other for other in left if number.is_like(other)), None)
+        same = _same_number(number, left)
         if same is None:
             yield f"the number {_shown(number)} is not in the words"
         else:
             left.remove(same)
             matched.append((same, number))
     yield from (f"the number {_shown(number)} of the words is lost" for number in left)
-    kinds = {number.kind for number, _ in matched}
-    for kind in kinds:
+    yield from _misplaced(matched)
+
+
+def _same_number(number: Number, others: Sequence[Number]) -> Number | None:
+    """The number of the words that a number of the sentence is; if it can be, one that counts the same thing."""
+    alike = [other for other in others if number.is_like(other)]
+    return next((other for other in alike if other.thing == number.thing), next(iter(alike), None))
+
+
+def _misplaced(matched: Sequence[tuple[Number, Number]]) -> Iterator[str]:
+    """Numbers in another order, or that count something else."""
+    for kind in {number.kind for number, _ in matched}:
         starts = [words.span.start for words, number in matched if number.kind == kind]
         if starts != sorted(starts):
             yield "its numbers stand in another order than those of the words"
@@ -73,21 +82,33 @@ def _shown(number: Number) -> str:
 
 def _loads(pair: Pair) -> Iterator[str]:
     """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
-    carried = {load for part in pair.parts for load in part.form.carries}
-    if any(part.first("people") for part in pair.parts):
-        # `one of the helpers`: anybody of those whom a rule protects.
-        carried |= {"share", "quantifier"}
+    carried = _carried(pair)
     words, sentence = pair.words.counted(), pair.sentence.counted()
+    may_deny = bool(words["negation"]) or pair.words.has(["only", "before", "dry"])
     for kind in sorted(HARD):
         if words[kind] > sentence[kind] and kind not in carried:
-            lost = next(load.text for load in pair.words.loads if load.kind == kind)
-            yield f"{lost!r} of the words is lost"
-        denied = kind == "negation" and not words[kind] and not pair.words.has(["only", "before", "dry"])
-        if sentence[kind] > words[kind] and (denied or kind not in carried):
-            added = next(load.text for load in pair.sentence.loads if load.kind == kind)
-            yield f"the words have nothing like {added!r}"
+            yield f"{_first_load(pair.words, kind)!r} of the words is lost"
+        carries = kind in carried and (kind != "negation" or may_deny)
+        if sentence[kind] > words[kind] and not carries:
+            yield f"the words have nothing like {_first_load(pair.sentence, kind)!r}"
     if words["aside"]:
         yield "the words speak of another occasion"
+
+
+def _carried(pair: Pair) -> set[str]:
+    """The loads that the forms of the sentence have in themselves."""
+    carried = {load for part in pair.parts for load in part.form.carries}
+    # `one of the helpers`: anybody of those whom a rule protects.
+    return carried | ({"share", "quantifier"} if _protects(pair) else set())
+
+
+def _protects(pair: Pair) -> bool:
+    """Whether the sentence is a rule about people."""
+    return any(part.first("people") for part in pair.parts)
+
+
+def _first_load(text: TextLoads, kind: str) -> str:
+    return next(load.text for load in text.loads if load.kind == kind)
 
 
 def _bounds(pair: Pair) -> Iterator[str]:
@@ -152,29 +173,38 @@ def _directions(text: TextLoads) -> list[float]:
 
 def _things(pair: Pair) -> Iterator[str]:
     """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
+    earlier = set(pair.earlier)
     said = pair.words.things()
     entries = {entry for entry, _ in said}
-    people = any(part.first("people") for part in pair.parts)
+    people = _protects(pair)
+    means_people = bool(pair.words.table("people")) or not entries.isdisjoint(_persons(pair.vocabulary))
     refers = pair.words.has(concepts().pronouns)
     for entry, asset in pair.sentence.things():
         if entry in entries:
-            exact = {other for name, other in said if name == entry}
-            if asset not in exact and asset != pair.vocabulary.assets[entry].asset:
-                yield f"the words do not say {asset!r}"
-        elif people and (refers or pair.words.table("people") or entries & _persons(pair.vocabulary)):
-            continue
-        elif entry not in pair.earlier:
-            yield f"no {entry} is in the words, nor in a sentence before"
-        elif not pair.assumes and not (refers and entry in pair.earlier[-1:]):
-            yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
-    written = {entry for entry, _ in pair.sentence.things()}
+            yield from _other_asset(entry, asset, said, pair.vocabulary)
+        elif not (people and (refers or means_people)):
+            yield from _not_named(entry, earlier, pair.assumes or (refers and entry in pair.earlier[-1:]))
     # `box` is a crate, and the area of interest.
     if not people and not any(part.form.does == "area" for part in pair.parts):
-        yield from (
-            f"{noun!r} of the words is lost"
-            for nouns, noun in pair.words.nouns()
-            if written.isdisjoint(nouns)
-        )
+        written = {entry for entry, _ in pair.sentence.things()}
+        lost = [noun for nouns, noun in pair.words.nouns() if written.isdisjoint(nouns)]
+        yield from (f"{noun!r} of the words is lost" for noun in lost)
+
+
+def _other_asset(
+    entry: str, asset: str, said: Sequence[tuple[str, str]], vocabulary: Vocabulary
+) -> Iterator[str]:
+    """A noun of the same entry that says more than the words: a woman is not any person."""
+    exact = {other for name, other in said if name == entry}
+    if asset not in exact and asset != vocabulary.assets[entry].asset:
+        yield f"the words do not say {asset!r}"
+
+
+def _not_named(entry: str, earlier: set[str], is_meant: bool) -> Iterator[str]:
+    if entry not in earlier:
+        yield f"no {entry} is in the words, nor in a sentence before"
+    elif not is_meant:
+        yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
 
 
 def _persons(vocabulary: Vocabulary) -> set[str]:
@@ -214,10 +244,10 @@ def _order(pair: Pair) -> Iterator[str]:
     """Who stands by whom: the things in the same order, unless the verb of the words turns them around."""
     words = [entry for entry, _ in pair.words.things()]
     sentence = [entry for entry, _ in pair.sentence.things()]
-    common = [entry for entry in words if words.count(entry) == 1 and sentence.count(entry) == 1]
-    ordered = [entry for entry in sentence if entry in common]
+    common = [entry for entry in words if (words.count(entry), sentence.count(entry)) == (1, 1)]
     related = any(part.first("reference") is not None for part in pair.parts)
-    if related and len(common) > 1 and common != ordered and not pair.words.has(concepts().passives):
+    turned = common != [entry for entry in sentence if entry in common]
+    if related and turned and not pair.words.has(concepts().passives):
         yield "who and whom are exchanged"
 
 

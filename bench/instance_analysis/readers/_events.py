@@ -42,20 +42,25 @@ class EventReader:
         is_outage = kind in OUTAGES
         where = "outages" if is_outage else "failures"
         base: FieldPath = (where, self._next(where)) if is_outage else ("vehicle", where, self._next(where))
-        at_s, lasting = part.first("at"), part.first("lasting")
-        duration_s = lasting.low if lasting is not None else None
-        if part.first("until") is not None:
-            duration_s = part.first("until") - at_s
-        if duration_s is not None and duration_s <= 0:
-            raise NotReadError("it ends before it begins")
-        if duration_s is None and is_outage:
-            readings = [f"{choice:g} s" for choice in DURATION_CHOICES_S]
-            duration_s = DURATION_CHOICES_S[self._draft.ask(part.span, "for how long?", readings)]
-        self._draft.put((*base, "at_s"), at_s, part.span)
+        duration_s = self._duration_s(part, needed=is_outage)
+        self._draft.put((*base, "at_s"), part.first("at"), part.span)
         self._draft.put((*base, "kind"), kind, part.span)
         if duration_s is not None and kind != "battery_drop":
             self._draft.put((*base, "duration_s"), duration_s, part.span)
         self._values(base, part)
+
+    def _duration_s(self, part: Part, *, needed: bool) -> float | None:
+        """How long an event lasts; asked where it must be told and is not."""
+        lasting, until_s = part.first("lasting"), part.first("until")
+        if lasting is None and until_s is None:
+            if not needed:
+                return None
+            readings = [f"{choice:g} s" for choice in DURATION_CHOICES_S]
+            return DURATION_CHOICES_S[self._draft.ask(part.span, "for how long?", readings)]
+        duration_s = float(lasting.low if lasting is not None else until_s - part.first("at"))
+        if duration_s <= 0:
+            raise NotReadError("it ends before it begins")
+        return duration_s
 
     def _values(self, base: FieldPath, part: Part) -> None:
         """Set the numbers that an event has beside its times."""

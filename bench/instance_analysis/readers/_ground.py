@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
-
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates
 from ..language._grammar import Part
-from ..language._phrases import HOME_PLACE, Ground, NounPhrase, Shape
-from ..language._quantities import Quantity
+from ..language._phrases import HOME_PLACE, Ground, NounPhrase, step_of
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._not_read import NotReadError
@@ -21,6 +19,66 @@ AREA: FieldPath = ("world", "area", "corners")
 CORNERS_OF_A_CIRCLE = 16
 MIDDLE_SHARE = 1 / 3
 DEFAULT_PLACE = "a square of {:g} m in the middle of the area"
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The extent of ground: corners, or a size or radius around a middle."""
+
+    span: Span
+    corners: tuple[Coordinates, ...] = ()
+    size_m: tuple[float, ...] = ()
+    radius_m: float = 0.0
+    middle: Coordinates | None = None
+
+
+def shape_of(part: Part) -> Shape | None:
+    """The shape that a part states; None where it states none."""
+    middle, corners, radius = part.first("middle"), _corners_of(part), part.first("radius")
+    size = _size_of(part)
+    if isinstance(middle, NounPhrase):
+        raise NotReadError("ground lies around a place, and no group")
+    if not (size or radius or corners):
+        return None
+    return Shape(part.span, corners, size, radius.low if radius else 0.0, middle)
+
+
+def _size_of(part: Part) -> tuple[float, ...]:
+    """Extent east and north; of a surface only the size is told, so it is a square too."""
+    side, surface = part.first("side"), part.first("surface")
+    if surface is not None:
+        return (round(surface.low**0.5, 3),) * 2
+    size: tuple[float, ...] = part.first("size") or ((side.low,) * 2 if side is not None else ())
+    if len(size) == 3:
+        raise NotReadError("ground has two sides")
+    return size
+
+
+def _corners_of(part: Part) -> tuple[Coordinates, ...]:
+    if part.first("opposite") is not None:
+        return _rectangle(part.first("corner"), part.first("opposite"))
+    return _box(part) if part.first("across") is not None else part.first("corners") or ()
+
+
+def _box(part: Part) -> tuple[Coordinates, ...]:
+    """`60 to 120 m west and 20 to 80 m south of home`."""
+    across, along = part.first("across"), part.first("along")
+    if across.single or along.single:
+        raise NotReadError("a box has a range to each side")
+    ends = []
+    for end in ("low", "high"):
+        east, north = step_of(getattr(across, end), part.first("sideways"))
+        more_east, more_north = step_of(getattr(along, end), part.first("lengthways"))
+        ends.append(HOME_PLACE.moved(east + more_east, north + more_north))
+    return _rectangle(*ends)
+
+
+def _rectangle(first: Coordinates, second: Coordinates) -> tuple[Coordinates, ...]:
+    """The corners of the rectangle between two opposite ones, which are given alike."""
+    west, east = sorted((first.first, second.first))
+    south, north = sorted((first.second, second.second))
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    return tuple(replace(first, first=e, second=n) for e, n in corners)
 
 
 @dataclass(slots=True)
@@ -43,20 +101,12 @@ class GroundReader:
         self._parts: list[tuple[str, float | None, Span]] = []
         self._bans: list[tuple[str, Part]] = []
         self._fences: list[Part] = []
-        self._area: tuple[Shape, Span] | None = None
 
     def area(self, part: Part) -> None:
         """Read the area of interest, which is laid out at the end."""
-        value = part.first("area")
-        if isinstance(value, Quantity):
-            # Only its size is told: a square.
-            value = (round(value.low**0.5, 3),) * 2
-        shape = value if isinstance(value, Shape) else Shape(part.span, size_m=value)
-        if shape.size_m and len(shape.size_m) != 2:
-            raise NotReadError("an area has two sides")
-        self._check(shape)
+        shape = shape_of(part)
+        assert shape is not None
         self._draft.put(AREA, self._outline(shape), part.span)
-        self._area = (shape, part.span)
 
     def kind(self, part: Part) -> None:
         """Read what the ground is made of."""
@@ -64,16 +114,11 @@ class GroundReader:
 
     def ground(self, part: Part) -> None:
         """Read a piece of named ground, with its shape where it has one."""
-        piece = self.piece(part.first("ground"))
-        if piece.shape is not None and part.first("shape") is not None:
+        piece, shape = self.piece(part.first("ground")), shape_of(part)
+        if piece.shape is not None and shape is not None:
             raise NotReadError(f"the text has told where {piece.id} is")
-        self._check(part.first("shape"))
-        piece.shape = part.first("shape") or piece.shape
+        piece.shape = shape or piece.shape
         self._draft.acknowledge(part.span)
-
-    def _check(self, shape: Shape | None) -> None:
-        if shape is not None and isinstance(shape.middle, NounPhrase):
-            raise NotReadError("ground lies around a place, and no group")
 
     def piece(self, ground: Ground) -> Piece:
         """The piece that a phrase names."""
@@ -92,7 +137,7 @@ class GroundReader:
     def no_fly(self, part: Part) -> None:
         """Read an area that must not be flown over."""
         ground = part.first("ground")
-        self._check(part.first("shape"))
+        shape_of(part)
         name = "no-fly" if ground is None else self.piece(ground).id
         taken = [other for other, _ in self._bans if other.startswith(name)]
         self._bans.append((name if not taken else f"{name}-{len(taken) + 1}", part))
@@ -100,7 +145,7 @@ class GroundReader:
 
     def fence(self, part: Part) -> None:
         """Read the geofence."""
-        self._check(part.first("shape"))
+        shape_of(part)
         self._fences.append(part)
         if part.first("ground") is not None:
             self.piece(part.first("ground"))
@@ -115,19 +160,14 @@ class GroundReader:
 
     def finish(self) -> None:
         """Lay out everything that depends on the area of interest."""
-        if AREA not in self._draft.entries and (ground := self._may_be_the_area()) is not None:
-            readings = ["yes", "no, it is a place in the usual area"]
-            if self._draft.ask(ground.span, "is this the area of interest?", readings) == 0:
-                self._draft.put(AREA, self._outline(ground), ground.span)
-        if AREA not in self._draft.entries:
-            east, north = self._defaults.area_east_m / 2, self._defaults.area_north_m / 2
-            self._draft.put(AREA, rectangle(-east, -north, east, north), None)
+        self._settle_the_area()
         # A statement that was not read in full has left its group out.
         known = {path[1] for path in self._draft.entries if path[0] == "actors"}
-        for group, direction, span in (part for part in self._parts if part[0] in known):
-            note = "the middle third, each way" if direction is None else ""
-            path = ("actors", group, "placement", "region", "corners")
-            self._draft.put(path, rectangle(*_part_of(self.box, direction)), span, note)
+        for group, direction, span in self._parts:
+            if group in known:
+                note = "the middle third, each way" if direction is None else ""
+                path = ("actors", group, "placement", "region", "corners")
+                self._draft.put(path, rectangle(*_part_of(self.box, direction)), span, note)
         for piece in self.pieces.values():
             piece.groups = [relation for relation in piece.groups if relation[0] in known]
             self._lay_out(piece)
@@ -135,6 +175,17 @@ class GroundReader:
             self._put_ban(name, part)
         for part in self._fences:
             self._put_fence(part)
+
+    def _settle_the_area(self) -> None:
+        """The area of interest: as stated, or the only ground of a size, or the usual one."""
+        ground = None if AREA in self._draft.entries else self._may_be_the_area()
+        if ground is not None:
+            readings = ["yes", "no, it is a place in the usual area"]
+            if self._draft.ask(ground.span, "is this the area of interest?", readings) == 0:
+                self._draft.put(AREA, self._outline(ground), ground.span)
+        if AREA not in self._draft.entries:
+            east, north = self._defaults.area_east_m / 2, self._defaults.area_north_m / 2
+            self._draft.put(AREA, rectangle(-east, -north, east, north), None)
 
     def _may_be_the_area(self) -> Shape | None:
         """The shape of the only named ground, if it has a size and no place, and nothing is told from it."""
@@ -200,7 +251,7 @@ class GroundReader:
 
     def _put_ban(self, name: str, part: Part) -> None:
         base: FieldPath = ("rules", "no_fly", name)
-        shape, ground = part.first("shape"), part.first("ground")
+        shape, ground = shape_of(part), part.first("ground")
         self._draft.put((*base, "id"), name, part.span)
         corners = (
             self._outline(shape)
@@ -214,7 +265,7 @@ class GroundReader:
                 self._draft.put((*base, field_name), moment, part.span)
 
     def _put_fence(self, part: Part) -> None:
-        shape, ground, length = part.first("shape"), part.first("ground"), part.first("length")
+        shape, ground, length = shape_of(part), part.first("ground"), part.first("length")
         if length is not None:
             corners = self._outline(Shape(part.span, radius_m=length.high, middle=HOME_PLACE))
         elif shape is not None:

@@ -10,7 +10,6 @@ from bench.simspec import Origin
 from .._draft import Draft
 from ..language._coordinates import Coordinates, local_m
 from ..language._grammar import Part
-from ..language._phrases import Shape
 from ..language._tokens import Span
 from ._not_read import NotReadError
 
@@ -90,9 +89,8 @@ def _degrees_in(parts: Iterable[Part]) -> Iterable[tuple[Coordinates, Span]]:
         for capture, span in zip(part.captures, part.spans, strict=True):
             values = capture.value if isinstance(capture.value, tuple) else (capture.value,)
             for value in values:
-                for place in value.corners if isinstance(value, Shape) else (value,):
-                    if isinstance(place, Coordinates) and place.degrees:
-                        yield place, span
+                if isinstance(value, Coordinates) and value.degrees:
+                    yield value, span
 
 
 def box_of(corners: list[Point]) -> Box:

@@ -206,16 +206,6 @@ class PredicateReader:
     def _at(self, group: str, part: Part) -> None:
         self._stand(group, part.first("place"), part.span)
 
-    def _steps(self, group: str, part: Part) -> None:
-        lengths, directions = part.all("length"), part.all("direction")
-        place = Coordinates(0.0, 0.0, from_home=True)
-        for length, direction in zip(lengths, directions, strict=True):
-            if not length.single:
-                raise NotReadError("a place is one, not a range: give one number of each")
-            radians = math.radians(direction)
-            place = place.moved(*(round(length.low * turn(radians), 6) for turn in (math.sin, math.cos)))
-        self._stand(group, place, part.span)
-
     def _stand(self, group: str, place: Coordinates, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement")
         point, note = self._places.point(place), "from the origin of the map" if place.degrees else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from bench.simspec import Role
 
@@ -42,14 +43,14 @@ class TextReader:
 
     def read_first(self, statements: Sequence[Statement]) -> None:
         """Read where the origin and home are."""
-        for name, read in (("origin", self.places.set_origin), ("home", self.places.set_home)):
-            if name == "home":
-                self.places.origin_of(
-                    part for statement in statements for part in (statement, *statement.predicates)
-                )
-            for statement in statements:
-                if statement.form.reader == name:
-                    self._attempt(statement.span, lambda part=statement, reader=read: reader(part))
+        self._read_all("origin", self.places.set_origin, statements)
+        self.places.origin_of(part for statement in statements for part in (statement, *statement.predicates))
+        self._read_all("home", self.places.set_home, statements)
+
+    def _read_all(self, name: str, read: Callable[[Part], None], statements: Sequence[Statement]) -> None:
+        for statement in statements:
+            if statement.form.reader == name:
+                self._attempt(statement.span, partial(read, statement))
 
     def read(self, statement: Statement) -> bool:
         """Read a statement of the sentence with the scene's number; whether it could be read."""

@@ -118,8 +118,7 @@ class RoadReader:
             self._journey(group, heading_deg, span)
         for group, span in self._ways:
             if group in known and ("actors", group, "motion", "route") not in self._draft.entries:
-                road = self._road_of(group)
-                self.route(group, road or [], span, "to the end of the road and back")
+                self.route(group, self._road_of(group) or [], span, "to the end of the road and back")
 
     def _default_axes(self) -> None:
         free = [road for road in self.roads if road.axis is None and not road.points]

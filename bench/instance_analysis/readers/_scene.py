@@ -132,8 +132,12 @@ class Scene:
             return self._chosen(self.convoys(), phrase.span, "the text names no convoy")
         if phrase.target:
             return self._target(phrase)
-        known = self._known(phrase)
-        if phrase.definite and known:
+        return self._by_noun(phrase)
+
+    def _by_noun(self, phrase: NounPhrase) -> list[str]:
+        """The groups that a noun names, or the new one that it introduces."""
+        known = self._known(phrase) if phrase.definite else []
+        if known:
             return self._again(phrase, known)
         if phrase.definite and phrase.plural and phrase.count is None:
             raise NotReadError(f"the text has named no {phrase.noun} before: say how many there are")
@@ -144,9 +148,7 @@ class Scene:
 
     def _known(self, phrase: NounPhrase) -> list[str]:
         """The groups that have been named by the noun of a phrase."""
-        exact = {
-            self._exact(entry, phrase.noun) for entry in phrase.entries if self._exact(entry, phrase.noun)
-        }
+        exact = {self._exact(entry, phrase.noun) for entry in phrase.entries} - {""}
         roles = {value for name, value in phrase.adjectives if name == "role"}
         return [
             name
@@ -170,9 +172,9 @@ class Scene:
             if not fitting:
                 raise NotReadError(f"the text names no group of {phrase.count.low:g} before")
             known = fitting
-        return self._chosen(known, phrase.span, "")
+        return self._chosen(known, phrase.span)
 
-    def _chosen(self, groups: list[str], span: Span, why: str) -> list[str]:
+    def _chosen(self, groups: list[str], span: Span, why: str = "it is nobody") -> list[str]:
         """One of some groups, or all of them; a family is one."""
         if not groups:
             raise NotReadError(why)
@@ -186,17 +188,16 @@ class Scene:
         """The groups that a pronoun means: those of the last sentence that names any, but never past something unread."""
         if not others and self.subject and self._fits(self.subject, phrase) and self._fresh(self.subject):
             return self.subject
-        fitting = [name for name in self.groups if name not in others and self._fits([name], phrase)]
-        last = max((self.groups[name].mentioned for name in fitting), default=-1)
+        mentioned = {name: group.mentioned for name, group in self.groups.items() if name not in others}
+        fitting = [name for name in mentioned if self._fits([name], phrase)]
+        last = max((mentioned[name] for name in fitting), default=-1)
         if last <= self.unread:
-            raise NotReadError(
-                f"{self.draft.quote(phrase.span)!r} may be something that is not read, or that is not named"
-            )
-        recent = [name for name in fitting if self.groups[name].mentioned == last]
-        if last < max(self.groups[name].mentioned for name in self.groups if name not in others):
-            # `Four fishermen. A car is parked. They stand ...`
-            return self._doubtful(recent, phrase.span)
-        return self._chosen(recent, phrase.span, "")
+            quote = self.draft.quote(phrase.span)
+            raise NotReadError(f"{quote!r} may be something that is not read, or that is not named")
+        recent = [name for name in fitting if mentioned[name] == last]
+        # `Four fishermen. A car is parked. They stand ...`
+        choose = self._doubtful if last < max(mentioned.values()) else self._chosen
+        return choose(recent, phrase.span)
 
     def _doubtful(self, groups: list[str], span: Span) -> list[str]:
         """Groups that a pronoun may mean although another one was named after them."""
@@ -219,7 +220,7 @@ class Scene:
         """`the target`: whoever is to be found; `a target`: a new adversary, of which kind is asked."""
         targets = self.targets()
         if targets and (phrase.definite or phrase.article):
-            return self._chosen(targets, phrase.span, "")
+            return self._chosen(targets, phrase.span)
         if phrase.definite:
             raise NotReadError("nobody in the scene is an adversary or sought")
         entries = [name for name, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY]
@@ -252,7 +253,7 @@ class Scene:
 
     def _by_size(self, phrase: NounPhrase) -> tuple[str, str]:
         """The things of the catalogue that are nearest in size to one that it does not have."""
-        wanted = sorted(phrase.size_m[:2], reverse=True) + [phrase.size_m[2]]
+        wanted = [*sorted(phrase.size_m[:2], reverse=True), phrase.size_m[2]]
         lifeless = [name for name in ASSETS if name in IMMOVABLE | VEHICLES]
 
         def difference(name: str) -> float:
@@ -357,17 +358,14 @@ class Scene:
     def _share(self, phrase: NounPhrase, portion: Quantity) -> str:
         """A part of a group as a group of its own, with all that was said of the whole so far."""
         whole = self._whole(phrase)
-        counts = [self.count(part) for part in self.family(whole)]
-        if None in counts:
+        counts = [count for part in self.family(whole) if (count := self.count(part)) is not None]
+        if len(counts) < len(self.family(whole)):
             raise NotReadError("it is a part of a group without one stated number")
-        total, left = sum(count or 0 for count in counts), counts[0] or 0
-        exact = portion.low * total if portion.kind == "PERCENT" else portion.low
+        exact = portion.low * sum(counts) if portion.kind == "PERCENT" else portion.low
         number = round(exact)
-        if not portion.single or abs(exact - number) > 1e-6 or not 0 < number <= left:
+        if not portion.single or abs(exact - number) > 1e-6 or not 0 < number <= counts[0]:
             raise NotReadError("it is no part of a stated number")
-        if number == left:
-            return whole
-        return self._divided(whole, number, phrase)
+        return whole if number == counts[0] else self._divided(whole, number, phrase)
 
     def _divided(self, whole: str, number: int, phrase: NounPhrase) -> str:
         if self._is_referred_to(whole):
@@ -413,15 +411,22 @@ class Scene:
     def finish(self) -> None:
         """Tell of contradictions, and give cars with people in them their role."""
         for entry, span in self.absent.items():
-            role = self.vocabulary.role(entry)
-            present = [name for name in self.groups if self.groups[name].entry == entry or (role, self.role(name)) == (Role.BYSTANDER,) * 2]  # fmt: skip
+            present = [name for name in self.groups if self._contradicts(entry, name)]
             if present:
-                self.draft.ask(span, f"the text also names {', '.join(present)}; is it so?", [f"there are {', '.join(present)}", "leave this out"])  # fmt: skip
+                readings = [f"there are {', '.join(present)}", "leave this out"]
+                self.draft.ask(span, f"the text also names {', '.join(present)}; is it so?", readings)
         for group in self.groups:
-            kind = self.draft.entries.get(("actors", group, "motion", "kind"))
-            drives = kind is not None and kind.value != "still" and self.asset(group) in VEHICLES
-            if drives and self.role(group) is Role.CLUTTER:
+            if self.role(group) is Role.CLUTTER and self._is_driven(group):
                 named = self.draft.entries["actors", group, "id"].span
                 assert named is not None
                 self.set_role(group, Role.BYSTANDER, named)
                 self.draft.remark(named, "people drive it: its role is bystander")
+
+    def _contradicts(self, entry: str, group: str) -> bool:
+        """Whether a group is there although the text says that there are none of an entry: children are civilians too."""
+        protected = self.vocabulary.role(entry) is self.role(group) is Role.BYSTANDER
+        return self.groups[group].entry == entry or protected
+
+    def _is_driven(self, group: str) -> bool:
+        kind = self.draft.entries.get(("actors", group, "motion", "kind"))
+        return kind is not None and kind.value != "still" and self.asset(group) in VEHICLES

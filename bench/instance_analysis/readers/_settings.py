@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from bench.simspec import Mission, Role, Rules
 
 from .._draft import Draft, FieldPath
@@ -20,18 +22,14 @@ def put_fields(draft: Draft, base: FieldPath, part: Part) -> None:
     """Set the fields of a form, under a base, to its values or to what its slots hold; one that holds nothing sets none."""
     for path, value in part.form.sets.items():
         where: FieldPath = (*base, *path.split("."))
-        stated = part.first(value[1:]) if isinstance(value, str) and value.startswith("$") else value
+        stated: Any = part.first(value[1:]) if isinstance(value, str) and value.startswith("$") else value
         if isinstance(stated, Quantity):
             low = stated.low % 360 if stated.kind == "ANGLE" else stated.low
             draft.vary(where, low, stated.high, part.span, unit=UNITS.get(stated.kind))
         elif where[0] == "seeds":
             draft.vary(where, stated, stated, part.span, unit=None, integer=True)
         elif stated is not None:
-            draft.put(
-                where,
-                float(stated) if isinstance(stated, int) and not isinstance(stated, bool) else stated,
-                part.span,
-            )
+            draft.put(where, float(stated) if type(stated) is int else stated, part.span)
 
 
 class SettingsReader:

@@ -133,7 +133,7 @@ def _outputs(model: Model) -> list[NativeOutput[Rewrite] | PromptedOutput[Rewrit
     return [NativeOutput(Rewrite), prompted] if has_schema else [prompted]
 
 
-class _SchemaRefused(Exception):  # noqa: N818 - it is caught here, and never shown
+class _SchemaRefused(Exception):
     """A server does not take the schema of an answer."""
 
 
@@ -194,10 +194,10 @@ async def _run(
     except UsageLimitExceeded:
         return Conversation(len(_answers(messages)), f"has used more than {MAX_TOKENS} tokens")
     except (ModelAPIError, UnexpectedModelBehavior) as error:
-        if isinstance(output, NativeOutput) and _is_refusal(error) and not _answers(messages):
+        answers = len(_answers(messages))
+        if not answers and isinstance(output, NativeOutput) and _is_refusal(error):
             raise _SchemaRefused from error
-        exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == MAX_ROUNDS
-        if not exhausted:
+        if type(error) is not UnexpectedModelBehavior or answers < MAX_ROUNDS:
             raise _failure(error, door, gate) from error
     except _MALFORMED as error:
         if judging:

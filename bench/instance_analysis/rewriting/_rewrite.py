@@ -125,7 +125,8 @@ class RewriteJudge:
 
     def _tells_again(self, span: Span, taken: Sequence[Span]) -> bool:
         """Whether a number or a word that changes its clause is in another quote already."""
-        told = [item.span for item in (*self._loads.numbers, *self._loads.loads) if _within(item.span, span)]
+        spans = [*(number.span for number in self._loads.numbers), *(load.span for load in self._loads.loads)]
+        told = [part for part in spans if _within(part, span)]
         return any(_within(part, other) for part in told for other in taken) or any(
             span == other for other in taken
         )
@@ -152,14 +153,11 @@ class RewriteJudge:
             " … ".join(self._text[place.start : place.end] for place in spans), self._vocabulary
         )
         options: list[tuple[str, tuple[Statement, ...]]] = []
-        why = "" if sentences else "it has no reading"
+        why = "it has no reading"
         for sentence in sentences:
-            statements = self._free.parsed(sentence, span)
-            wrong = self._wrong(words, sentence, statements, earlier, bool(assumes))
-            if wrong or statements is None:
-                why = wrong
-            else:
-                options.append((sentence, tuple(statements)))
+            statements = self._free.parsed(sentence, span) or []
+            why = self._wrong(words, sentence, statements, earlier, bool(assumes))
+            options += [] if why else [(sentence, tuple(statements))]
         if not options:
             return Segment(span, "unread", why=why), why
         sentence, held = options[0]
@@ -169,11 +167,11 @@ class RewriteJudge:
         self,
         words: TextLoads,
         sentence: str,
-        statements: Sequence[Statement] | None,
+        statements: Sequence[Statement],
         earlier: Sequence[str],
         assumes: bool,
     ) -> str:
-        if statements is None or not statements:
+        if not statements:
             return f"{sentence[:200]!r} is no sentence of the page"
         rewritten = TextLoads(sentence, self._vocabulary)
         faults = faults_of(

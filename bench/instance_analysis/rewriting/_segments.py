@@ -83,6 +83,16 @@ class PhraseBook:
                 yield sentence.format(**words), end
 
 
+def _next_break(tokens: Sequence[Token], at: int) -> int:
+    """The first break from an index on; the end where there is none."""
+    return next((index for index in range(at, len(tokens)) if tokens[index].text in BREAKS), len(tokens))
+
+
+def _end_of_breaks(tokens: Sequence[Token], at: int) -> int:
+    """The first token from an index on that is no break."""
+    return next((index for index in range(at, len(tokens)) if tokens[index].text not in BREAKS), len(tokens))
+
+
 def _joined(words: Sequence[str]) -> str:
     """Tokens as text that is divided into the same tokens again."""
     return " ".join(words).replace("( ", "(").replace(" )", ")").replace(" ,", ",").replace("- ", "-")
@@ -167,21 +177,15 @@ class FreeReader:
         run: list[Token] = []
         while at < len(tokens):
             segment, end = self._longest(parser, at)
-            if segment is not None:
-                found.segments.append(segment)
+            stop = _end_of_breaks(tokens, end if segment is not None else _next_break(tokens, at + 1))
+            if segment is None:
+                run += tokens[at:stop]
             else:
-                end = next(
-                    (index for index in range(at + 1, len(tokens)) if tokens[index].text in BREAKS),
-                    len(tokens),
-                )
-                run += tokens[at:end]
-            while end < len(tokens) and tokens[end].text in BREAKS:
-                run += [tokens[end]] if run and segment is None else []
-                end += 1
-            if segment is not None or end >= len(tokens):
-                found.left += [run] if run else []
+                found.segments.append(segment)
+            if run and (segment is not None or stop >= len(tokens)):
+                found.left.append(run)
                 run = []
-            at = end
+            at = stop
         return found
 
     def _longest(self, parser: Parser, at: int) -> tuple[Segment | None, int]:
