@@ -142,12 +142,8 @@ class Draft:
         note: str = "",
     ) -> None:
         """Set a field to a number or a range. The SimSpec itself holds the lower end of a range."""
-        for wrong, what, remedy in (
-            (low > high, f"the range runs from {low:g} down to {high:g}", "write the lower number first"),
-            (integer and (low % 1 or high % 1), "is counted in whole numbers", "write a whole number"),
-        ):
-            if wrong and span is not None:
-                self.fault(span, what, remedy)
+        if span is not None:
+            self._check_range(low, high, span, integer=integer)
         spanned = "" if low == high else f"{low:g} to {high:g}"
         self.put(path, int(low) if integer else float(low), span, ", ".join(filter(None, (note, spanned))))
         if low < high and self.entries[path].span == span:
@@ -159,6 +155,12 @@ class Draft:
             self.ranges.append(
                 VariedField(name=name, paths=(where,), low=low, high=high, integer=integer, unit=unit)
             )
+
+    def _check_range(self, low: float, high: float, span: Span, *, integer: bool) -> None:
+        if low > high:
+            self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
+        if integer and (low % 1 or high % 1):
+            self.fault(span, "is counted in whole numbers", "write a whole number")
 
     def forget(self, path: FieldPath) -> None:
         """Remove a field, or all fields under a path, with their ranges."""

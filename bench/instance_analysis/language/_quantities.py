@@ -99,7 +99,7 @@ class QuantityParser:
             yield from ((round(number * factor, 9), factor, after) for factor, after in self.units(kind, end))
         if self.word(at) == "half" and self.word(at + 1) in _ARTICLES:
             yield from ((0.5 * factor, factor, end) for factor, end in self.units(kind, at + 2))
-        if self.word(at) in ("a", "an"):
+        if self.word(at) in ("a", "an") and self.word(at + 1) != "second":
             for factor, end in self.units(kind, at + 1):
                 if self.words[end : end + 3] == ["and", "a", "half"]:
                     yield 1.5 * factor, factor, end + 3

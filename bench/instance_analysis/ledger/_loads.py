@@ -15,6 +15,8 @@ from ..language._tokens import Span, Token, tokens_of
 from ..language._vocabulary import Vocabulary
 
 KINDS = ("LENGTH", "SPEED", "TIME", "ANGLE", "AREA", "ENERGY", "PERCENT")
+_PREPOSITIONS = frozenset(["over", "under", "above", "below", "beyond", "within"])
+"""Words that are bounds before a number alone."""
 HARD = frozenset(["negation", "condition", "share", "alternative", "lower", "upper", "quantifier"])
 """Loads that may turn around what stands beside them: nothing of a sentence is read while one of them is not."""
 
@@ -107,6 +109,14 @@ class TextLoads:
         for day, end in parser.slot("date", at):
             yield Number("DATE", float(day.toordinal()), parser.span(at, end)), end
             return
+        for sides, end in parser.dims(at):
+            yield from ((Number("LENGTH", side, parser.span(at, end)), end) for side in sides)
+            return
+        if at and self.words[at - 1] == "the" and any(True for _ in parser.counts(at)):
+            # `the two trucks` are known, and `the third` is one of several.
+            at_number = [quantity for kind in KINDS for quantity, _ in parser.quantities(kind, at)]
+            if not at_number:
+                return
         read = [(quantity, end) for kind in KINDS for quantity, end in parser.quantities(kind, at)]
         read += [(quantity, end) for quantity, end in parser.counts(at)]
         if not read:
@@ -140,10 +150,16 @@ class TextLoads:
                 run = self.words[at : at + length]
                 if at not in taken and len(run) == length and _fits(run, word.split()):
                     taken |= set(range(at, at + length))
-                    if not (kind == "condition" and self._parser.slot("moment", at + length)):
-                        # `after 45 s` tells when, and is no condition.
+                    if not self._is_idle(kind, run, at + length):
                         yield Load(kind, " ".join(run), self._parser.span(at, at + length))
                     break
+
+    def _is_idle(self, kind: str, run: Sequence[str], end: int) -> bool:
+        """Whether a word changes nothing here: `after 45 s` is no condition, `under rain` no bound."""
+        number = bool(self._parser.slot("moment", end)) or any(True for _ in self._parser.numbers(end))
+        if kind == "condition":
+            return number
+        return len(run) == 1 and run[0] in _PREPOSITIONS and not number
 
     def nouns(self) -> list[tuple[tuple[str, ...], str]]:
         """Every noun of the vocabulary with the entries that it may be, in order."""

@@ -186,7 +186,7 @@ class Scene:
 
     def _meant(self, phrase: NounPhrase, others: Sequence[str]) -> list[str]:
         """The groups that a pronoun means: those of the last sentence that names any, but never past something unread."""
-        if not others and self.subject and self._fits(self.subject, phrase) and self._fresh(self.subject):
+        if not others and self._is_subject(phrase):
             return self.subject
         mentioned = {name: group.mentioned for name, group in self.groups.items() if name not in others}
         fitting = [name for name in mentioned if self._fits([name], phrase)]
@@ -213,8 +213,10 @@ class Scene:
         person = phrase.pronoun not in ("he", "she", "him", "her") or self.asset(groups[0]) in PERSONS
         return plural == phrase.plural and person
 
-    def _fresh(self, groups: Sequence[str]) -> bool:
-        return all(self.groups[group].mentioned > self.unread for group in groups)
+    def _is_subject(self, phrase: NounPhrase) -> bool:
+        """Whether a pronoun means whom the last statement was about, with nothing unread since."""
+        fresh = all(self.groups[group].mentioned > self.unread for group in self.subject)
+        return bool(self.subject) and fresh and self._fits(self.subject, phrase)
 
     def _target(self, phrase: NounPhrase) -> list[str]:
         """`the target`: whoever is to be found; `a target`: a new adversary, of which kind is asked."""

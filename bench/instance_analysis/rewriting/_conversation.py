@@ -171,9 +171,7 @@ async def _run(
         instructions=brief,
         # A retry sends the judge's faults back, so the first answer and the retries together are the rounds.
         retries={"output": MAX_ROUNDS - 1, "tools": 0},
-        model_settings=ModelSettings(
-            temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
-        ),
+        model_settings=_settings(door),
     )
     judged, judging = 0, False
 
@@ -206,6 +204,12 @@ async def _run(
             f"{door.description} answers in another form than it should: {_first_line(error)}"
         ) from error
     return _ended(_answers(messages), judged)
+
+
+def _settings(door: ModelConnection) -> ModelSettings:
+    return ModelSettings(
+        temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
+    )
 
 
 def _is_refusal(error: Exception) -> bool:
