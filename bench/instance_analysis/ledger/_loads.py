@@ -100,25 +100,31 @@ class TextLoads:
                 end = max(end, after)
             at = max(end, at + 1)
 
-    def _numbers_at(self, at: int) -> Iterator[tuple[Number, int]]:
+    def _numbers_at(self, at: int) -> list[tuple[Number, int]]:
         """The numbers of the longest quantity at a token; none where there is none."""
+        for read in (self._moments_at, self._sides_at, self._quantity_at):
+            if numbers := list(read(at)):
+                return numbers
+        return []
+
+    def _moments_at(self, at: int) -> Iterator[tuple[Number, int]]:
+        """A time of day or a date."""
         parser = self._parser
-        for clock, end in parser.slot("clock", at):
+        for clock, end in parser.slot("clock", at)[:1]:
             yield Number("CLOCK", 60.0 * clock.at.hour + clock.at.minute, parser.span(at, end)), end
-            return
-        for day, end in parser.slot("date", at):
+        for day, end in parser.slot("date", at)[:1]:
             yield Number("DATE", float(day.toordinal()), parser.span(at, end)), end
-            return
-        for sides, end in parser.dims(at):
-            yield from ((Number("LENGTH", side, parser.span(at, end)), end) for side in sides)
-            return
-        if at and self.words[at - 1] == "the" and any(True for _ in parser.counts(at)):
-            # `the two trucks` are known, and `the third` is one of several.
-            at_number = [quantity for kind in KINDS for quantity, _ in parser.quantities(kind, at)]
-            if not at_number:
-                return
-        read = [(quantity, end) for kind in KINDS for quantity, end in parser.quantities(kind, at)]
-        read += [(quantity, end) for quantity, end in parser.counts(at)]
+
+    def _sides_at(self, at: int) -> Iterator[tuple[Number, int]]:
+        """`600 by 400 m`: the unit stands once, for all of them."""
+        for sides, end in self._parser.slot("dim", at)[:1]:
+            yield from ((Number("LENGTH", side, self._parser.span(at, end)), end) for side in sides)
+
+    def _quantity_at(self, at: int) -> Iterator[tuple[Number, int]]:
+        read = [pair for kind in KINDS for pair in self._parser.quantities(kind, at)]
+        if at == 0 or self.words[at - 1] != "the":
+            # `the two trucks` are known: their number is told before.
+            read += self._parser.counts(at)
         if not read:
             return
         quantity, end = max(read, key=lambda item: item[1])
@@ -126,7 +132,12 @@ class TextLoads:
             if quantity.kind != "COUNT" or value != 1.0:
                 # `a radar` is one radar: a single one is no number that a sentence could lose.
                 yield (
-                    Number(quantity.kind, value, parser.span(at, end), self._thing_after(quantity.kind, end)),
+                    Number(
+                        quantity.kind,
+                        value,
+                        self._parser.span(at, end),
+                        self._thing_after(quantity.kind, end),
+                    ),
                     end,
                 )
 

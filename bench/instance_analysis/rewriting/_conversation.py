@@ -181,8 +181,7 @@ async def _run(
         judged, judging = len(_answers(messages)), True
         faults = judge(rewrite)
         judging = False
-        if faults:
-            raise ModelRetry(faults)
+        _raise_faults(faults)
         return rewrite
 
     try:
@@ -204,6 +203,12 @@ async def _run(
             f"{door.description} answers in another form than it should: {_first_line(error)}"
         ) from error
     return _ended(_answers(messages), judged)
+
+
+def _raise_faults(faults: str) -> None:
+    """Send the faults of an answer back to the model."""
+    if faults:
+        raise ModelRetry(faults)
 
 
 def _settings(door: ModelConnection) -> ModelSettings:
