@@ -24,6 +24,8 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
     shown_notes: set[str] = set()
     for clause in result.clauses:
         yield _shortened(f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}", width)
+        if clause.sentence:
+            yield from _wrapped(f"-> {clause.sentence}", width)
         if summary := field_summary(clause, values):
             yield from _wrapped(f"= {summary}", width)
         for note in clause.notes:
@@ -31,14 +33,12 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
             if note not in shown_notes and "Read as: " not in note:
                 shown_notes.add(note)
                 yield from _wrapped(f"! {note}", width)
-    for word, other in result.corrected.items():
-        yield f"{word!r} was read as {other!r}"
     for number, choice in enumerate(result.choices, start=1):
         yield from _wrapped_choice(number, choice, width)
     if result.open_choices:
         yield "take other readings with --accept NUMBER, once for each choice in this order"
     if result.unchecked:
-        yield "check: the sentence is none of the controlled language; compare the values with its words (then --checked)"
+        yield "check: the clause is no sentence of the controlled language; compare sentence and values with its words (then --checked)"
     for varied in result.ranges:
         yield f"varies: {range_text(varied)}"
     yield _total(result.clauses)

@@ -54,7 +54,7 @@ def schema(
     from bench import contracts
     from bench.campaign import Campaign, CampaignState
     from bench.errors import Fault, SetupError
-    from bench.instance_analysis import BaseSimSpec, ProposedResult, VocabularyDocument
+    from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
     from bench.scoring import Explanation, ScoreReport
@@ -91,7 +91,8 @@ def schema(
         "mqtt-end": contracts.MqttEnd,
         "mavlink-message": contracts.MavlinkJson,
         "prose": BaseSimSpec,
-        "proposed": ProposedResult,
+        "rewrite": Rewrite,
+        "rewritten": RewrittenResult,
         "vocabulary": VocabularyDocument,
     }
     if name == "decomposition":

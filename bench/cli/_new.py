@@ -132,9 +132,7 @@ class Interview:
         result = self._read(text)
         begin = len(text) - len(sentence)
         unread = [
-            f"{passage.quote!r}: {passage.why}"
-            for passage in (*result.not_understood, *result.not_expressible)
-            if passage.end > begin
+            f"{passage.quote!r}: {passage.why}" for passage in result.not_understood if passage.end > begin
         ]
         unread += [f"{choice.quote!r}: {choice.ask}" for choice in result.open_choices if choice.end > begin]
         for reason in unread:

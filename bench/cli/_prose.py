@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,7 +19,7 @@ from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
     from bench.errors import Fault
-    from bench.instance_analysis import BaseSimSpec, ProposedResult, VariedField
+    from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VariedField, Vocabulary
     from bench.simspec import SimSpec
     from decompositions import Decomposition
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 KEY_VARIABLE = "REBAR_LLM_KEY"
 MAX_PATH_CHARACTERS = 255
 """From here on, file systems refuse a name, and a text is no path."""
+NAME_WORDS, NAME_CHARACTERS = 5, 40
+"""Words and characters of a text that name its campaign."""
 MAX_VARIATIONS = 256
 """Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
 
@@ -73,11 +76,18 @@ def prose(
     decomposition: Annotated[
         str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")
     ] = ("search-and-report"),
+    agent: Annotated[
+        list[str] | None, typer.Option(help="For --campaign: manifest of an agent that flies. Repeatable")
+    ] = None,
     llm: Annotated[
         str | None,
         typer.Option(
-            help="Language model for what grammar and vocabulary do not understand: provider:name, or a name"
+            help="Language model that rewrites the text into sentences of the controlled language: provider:name, or a name"
         ),
+    ] = None,
+    rewrite: Annotated[
+        Path | None,
+        typer.Option(help="Rewrite of the text that a model has written before; no model is asked"),
     ] = None,
     llm_url: Annotated[
         str | None,
@@ -90,6 +100,7 @@ def prose(
 
     A document is always written. What is uncertain is a choice, of which the first reading is taken; --accept
     takes another one. A clause marked `check` is read in full, but may be read wrongly: compare its values with it.
+    With --llm and --out, the rewrite is written beside the SimSpec, and --rewrite reads it again without a model.
 
     Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, fly at 80 m"
     --explain
@@ -97,29 +108,27 @@ def prose(
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
     from bench.documents import dump_value
-    from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
+    from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose
 
     from ._clause_view import clause_lines, clause_page
 
     description = _description(text, file)
     words = load_vocabulary(vocabulary)
-    proposed: ProposedResult | None = None
+    rewritten: RewrittenResult | None = None
     if llm is None:
-        base_simspec = read_prose(description, words, accept or []).model_copy(update={"checked": checked})
+        stored = None if rewrite is None else _stored(rewrite)
+        base_simspec = read_prose(description, words, accept or [], stored)
     else:
-        endpoint = ModelEndpoint(llm, llm_url, os.environ.get(KEY_VARIABLE))
-        proposed = propose(description, words, endpoint, answers=accept or [])
-        proposed = proposed.model_copy(
-            update={"result": proposed.result.model_copy(update={"checked": checked})}
-        )
-        base_simspec = proposed.result
+        rewritten = _rewritten(description, words, llm, llm_url, accept or [])
+        base_simspec = rewritten.result
+    base_simspec = base_simspec.model_copy(update={"checked": checked})
     if as_json:
-        shown = base_simspec if proposed is None else proposed
+        shown = base_simspec if rewritten is None else rewritten.model_copy(update={"result": base_simspec})
         print(json.dumps(shown.model_dump(mode="json"), indent=2))
     else:
         # On stderr: stdout belongs to the document, which may be piped into a file.
         width = shutil.get_terminal_size().columns
-        for line in (*clause_lines(base_simspec, width), *_proposed_lines(proposed)):
+        for line in (*clause_lines(base_simspec, width), *_rewritten_lines(rewritten)):
             print(line, file=sys.stderr)
     if strict and not base_simspec.certain:
         raise typer.Exit(1)
@@ -129,9 +138,14 @@ def prose(
         html.write_text(clause_page(base_simspec), encoding="utf-8")
     if out is not None:
         out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
+        if rewritten is not None and rewritten.rewrite.pairs:
+            beside = out.with_suffix(".rewrite.yaml")
+            plain = rewritten.rewrite.model_dump(mode="json", exclude_defaults=True)
+            beside.write_text(dump_value({"format": rewritten.rewrite.format} | plain), encoding="utf-8")
     if campaign is not None:
+        agents = [_from_folder(manifest, campaign.parent) for manifest in agent or []]
         campaign.write_text(
-            dump_value(_campaign(base_simspec, base_simspec.simspec, points, decomposition)), encoding="utf-8"
+            dump_value(_campaign(base_simspec, points, decomposition, agents)), encoding="utf-8"
         )
         for fault in _unrated(base_simspec.simspec, decomposition):
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
@@ -163,12 +177,31 @@ def _description(text: str | None, file: Path | None) -> str:
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
 
 
-def _proposed_lines(proposed: ProposedResult | None) -> Iterator[str]:
-    if proposed is None:
+def _stored(path: Path) -> Rewrite:
+    from bench.documents import load_document
+    from bench.instance_analysis import Rewrite
+
+    return load_document(path, Rewrite)
+
+
+def _rewritten(
+    description: str, words: Vocabulary, model: str, url: str | None, answers: Sequence[int]
+) -> RewrittenResult:
+    from bench.instance_analysis import ModelEndpoint, rewrite_prose
+
+    endpoint = ModelEndpoint(model, url, os.environ.get(KEY_VARIABLE))
+    return rewrite_prose(description, words, endpoint, answers=answers)
+
+
+def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
+    """How often the model was asked, what of its answer does not hold, and why there is none."""
+    if rewritten is None:
         return
-    yield f"{proposed.model} was asked {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
+    if rewritten.failure:
+        yield f"{rewritten.model} gave no whole rewrite, and the document stands without it: {rewritten.failure}"
+    yield f"{rewritten.model} was asked {rewritten.rounds} times and wrote {len(rewritten.rewrite.pairs)} sentences"
     yield from (
-        f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused
+        f"refused from {rewritten.model}: {refusal.quote}: {refusal.why}" for refusal in rewritten.refused
     )
 
 
@@ -219,9 +252,11 @@ def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
     return ()
 
 
-def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decomposition: str) -> dict[str, Any]:
+def _campaign(
+    base_simspec: BaseSimSpec, points: int, decomposition: str, agents: Sequence[str]
+) -> dict[str, Any]:
     """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only
-    levels.
+    levels. It carries the text, and what was open when it was written.
     """
     from bench.campaign import Campaign
     from bench.documents import validate_document
@@ -233,14 +268,39 @@ def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decompos
     method = {"kind": "latin_hypercube", "points": points} if ranged else {"kind": "full_factorial"}
     document = {
         "format": "rebar.campaign/1",
-        "name": "prose",
+        "name": _campaign_name(base_simspec.prose),
+        "description": _campaign_description(base_simspec),
         "base": stated_values(base_simspec),
-        "agents": [{"manifest": simspec.agent.manifest}],
+        "agents": [{"manifest": manifest} for manifest in agents or [base_simspec.simspec.agent.manifest]],
         "decomposition": decomposition,
         "design": {"factors": factors, "method": method},
     }
     validate_document(document, Campaign, source="campaign")
     return document
+
+
+def _from_folder(manifest: str, folder: Path) -> str:
+    """The manifest as a campaign in a folder names it: the path of a file from there, or an entry point."""
+    from bench.simspec import is_manifest_file
+
+    return os.path.relpath(manifest, folder) if is_manifest_file(manifest) else manifest
+
+
+def _campaign_name(text: str) -> str:
+    """A name made of the first words of a text."""
+    words = re.findall(r"[a-z0-9]+", text.lower())[:NAME_WORDS]
+    name = "-".join(words)[:NAME_CHARACTERS].strip("-")
+    return name if name[:1].isalpha() else f"prose-{name}".strip("-")
+
+
+def _campaign_description(base_simspec: BaseSimSpec) -> str:
+    """The text, and under it the choices that nobody has answered."""
+    choices = [
+        f"Open: {choice.quote!r}: {choice.ask} Read as: {choice.readings[choice.chosen - 1]}"
+        for choice in base_simspec.open_choices
+    ]
+    unread = [f"Not read: {item.quote!r}" for item in base_simspec.not_understood]
+    return "\n".join([base_simspec.prose.strip(), *choices, *unread])
 
 
 def _variations(base_simspec: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:

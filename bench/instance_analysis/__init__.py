@@ -17,9 +17,10 @@ from ._result import ClauseReading as ClauseReading
 from ._result import Receipt as Receipt
 from ._result import UnreadText as UnreadText
 from ._result import VariedField as VariedField
+from ._rewritten import rewrite_prose as rewrite_prose
 from .language._vocabulary import Vocabulary as Vocabulary
 from .language._vocabulary import VocabularyDocument as VocabularyDocument
 from .language._vocabulary import load_vocabulary as load_vocabulary
-from .model._endpoint import ModelEndpoint as ModelEndpoint
-from .model._proposal import ProposedResult as ProposedResult
-from .model._proposal import propose as propose
+from .rewriting._endpoint import ModelEndpoint as ModelEndpoint
+from .rewriting._model import RewrittenResult as RewrittenResult
+from .rewriting._rewrite import Rewrite as Rewrite

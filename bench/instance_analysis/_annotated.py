@@ -62,8 +62,12 @@ def _header(result: BaseSimSpec) -> Iterator[str]:
         yield f"# choice: {_quoted(choice.quote)} {choice.ask} -> {chosen} (or: {others})"
     for clause in result.unchecked:
         yield f"# check: {_quoted(clause.quote)}"
-    for passage in (*result.not_understood, *result.not_expressible):
+    for passage in result.not_understood:
         yield f"# not read: {_quoted(passage.quote)}: {passage.why}"
+
+
+def _is_mentioned(path: str, mentioned: set[str]) -> bool:
+    return any(mention == path or mention.startswith((f"{path}.", f"{path}[")) for mention in mentioned)
 
 
 def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
@@ -74,11 +78,7 @@ def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
         return {
             name: _stated(value[name], present.get(name), inner[name], mentioned)
             for name in value
-            if name in present
-            or any(
-                mention == inner[name] or mention.startswith((f"{inner[name]}.", f"{inner[name]}["))
-                for mention in mentioned
-            )
+            if name in present or _is_mentioned(inner[name], mentioned)
         }
     if isinstance(value, list) and isinstance(differing, list):
         pairs = enumerate(zip(value, differing, strict=True))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from bench.documents import validate_document
 from bench.errors import Fault
@@ -25,7 +25,6 @@ class DraftField:
     value: Any
     span: Span | None
     note: str = ""
-    model: bool = False
     beside: Span | None = None
     """The phrase whose reading used a default."""
 
@@ -46,7 +45,6 @@ class Draft:
         self.entries: dict[FieldPath, DraftField] = {}
         self.ranges: list[VariedField] = []
         self._choices: dict[ChoiceKey, Choice] = {}
-        self.not_expressible: list[UnreadText] = []
         self.not_understood: list[UnreadText] = []
         self._remarks: dict[ChoiceKey, UnreadText] = {}
         self.faults: list[tuple[Span, Fault]] = []
@@ -56,10 +54,6 @@ class Draft:
         """Every field that a passage has set, also where another passage has set it since."""
         self.acknowledged: list[Span] = []
         """Passages that are read and need no field."""
-        self.used_words: list[Span] = []
-        """Words outside of phrases that a reader has used."""
-        self.references: list[Span] = []
-        """Where the text mentions a group that it has named before."""
 
     def quote(self, span: Span) -> str:
         return self.text[span.start : span.end]
@@ -67,9 +61,6 @@ class Draft:
     def fault(self, span: Span, what: str, remedy: str) -> None:
         """Record what cannot hold; the clause is then left out."""
         self.faults.append((span, Fault(f"{self.quote(span)[:80]!r}", what, remedy)))
-
-    def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
-        (self.not_understood if expressible else self.not_expressible).append(self._passage(span, why))
 
     def remark(self, span: Span, why: str) -> None:
         """Record that a passage is read differently from how it is written."""
@@ -120,23 +111,24 @@ class Draft:
         if span is not None:
             self.statements.append((path, value, span))
         previous = self.entries.get(path)
-        # Only two statements of the text can contradict each other: a default gives way without a question.
-        if (
-            previous is not None
-            and previous.span is not None
-            and span is not None
-            and previous.value != value
-        ):
-            readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
-            # Both are read: the choice shows them.
-            self.acknowledged += [previous.span, span]
-            conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
-            if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
-                return
-            # The range belonged to the reading that was not chosen.
-            self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
+        if previous is not None and span is not None and self._holds_against(previous, path, value, span):
+            return
         if span is not None or previous is None:
             self.entries[path] = DraftField(value, span, note, beside=self.reading)
+
+    def _holds_against(self, previous: DraftField, path: FieldPath, value: Any, span: Span) -> bool:
+        """Whether a field keeps its value although the text states another one; a default gives way without a question."""
+        if previous.span is None or previous.value == value:
+            return False
+        readings = [f"{dotted(path)} = {stated}" for stated in (previous.value, value)]
+        # Both are read: the choice shows them.
+        self.acknowledged += [previous.span, span]
+        conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
+        if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
+            return True
+        # The range belonged to the reading that was not chosen.
+        self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
+        return False
 
     def vary(
         self,
@@ -150,25 +142,25 @@ class Draft:
         note: str = "",
     ) -> None:
         """Set a field to a number or a range. The SimSpec itself holds the lower end of a range."""
-        if low > high and span is not None:
-            self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
-        clean = (lambda varied: int(varied)) if integer else float
-        if integer and (low != int(low) or high != int(high)) and span is not None:
-            self.fault(span, "is counted in whole numbers", "write a whole number")
+        if span is not None:
+            self._check_range(low, high, span, integer=integer)
         spanned = "" if low == high else f"{low:g} to {high:g}"
-        self.put(path, clean(low), span, ", ".join(filter(None, (note, spanned))))
+        self.put(path, int(low) if integer else float(low), span, ", ".join(filter(None, (note, spanned))))
         if low < high and self.entries[path].span == span:
-            name = (
-                "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement"))
-                .replace("_", "-")
-                .lower()
-            )
+            parts = [str(part) for part in path[-3:] if part not in ("actors", "placement")]
+            name = "-".join(parts).replace("_", "-").lower()[:63]
             # A field has one range: the later statement about it holds.
             where = dotted(path)
             self.ranges = [varied for varied in self.ranges if where not in varied.paths]
             self.ranges.append(
-                VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit)
+                VariedField(name=name, paths=(where,), low=low, high=high, integer=integer, unit=unit)
             )
+
+    def _check_range(self, low: float, high: float, span: Span, *, integer: bool) -> None:
+        if low > high:
+            self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
+        if integer and (low % 1 or high % 1):
+            self.fault(span, "is counted in whole numbers", "write a whole number")
 
     def forget(self, path: FieldPath) -> None:
         """Remove a field, or all fields under a path, with their ranges."""
@@ -215,11 +207,10 @@ class Draft:
                 yield Receipt(path=where, value=value, source="default")
                 continue
             span = entry.span
-            stated: Literal["prose", "default"] = "prose" if span else "default"
             yield Receipt(
                 path=where,
                 value=value,
-                source="model" if entry.model else stated,
+                source="prose" if span else "default",
                 quote=self.quote(span) if span else "",
                 start=span.start if span else None,
                 end=span.end if span else None,

@@ -1,48 +1,53 @@
-"""Prose to base SimSpec by grammar and vocabulary alone: the same text always gives the same document.
+"""Prose to base SimSpec: the same text always gives the same document.
 
-A text is read as often as it takes until the ledger and the SimSpec's own checks find nothing more to leave
-out. So a fault in one clause costs that clause and what depends on it, and never the document.
+A text is divided into segments once. Its statements are read as often as it takes until the SimSpec's own checks find
+nothing more to leave out. So a fault in one clause costs that clause and what depends on it, and never the document.
 """
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 from bench.errors import Fault, SetupError
 
-from ._clause_readings import clause_readings
-from ._controlled_language import controlled
 from ._draft import ChoiceKey, Draft, dotted
-from ._items import items_of
-from ._result import BaseSimSpec, Choice
-from .language._corrections import with_corrections
-from .language._phrases import Phrase, with_quantities
-from .language._tokens import Span, Word, headings_of, words_of
+from ._result import BaseSimSpec, Choice, ClauseReading, ClauseStatus, UnreadText
+from .language._grammar import Statement
+from .language._tokens import Span
 from .language._vocabulary import Vocabulary
-from .ledger._clauses import Clause, clauses_of, is_stop
-from .ledger._ledger import CLAIMING_RULES, UNUSED_WORD, Ledger, LedgerEntry, marked
-from .ledger._loaded_words import hostile_words, loaded_words
 from .readers._reader import TextReader
+from .rewriting._rewrite import Rewrite, RewriteJudge
+from .rewriting._segments import FreeReader, Segment
 
 MAX_CHARACTERS = 20_000
 MAX_SINGLE_CUTS = 40
-"""Clauses that are left out one by one for a fault of the SimSpec; after these, all that set anything. Chosen."""
+"""Statements that are left out one by one for a fault of the SimSpec; after these, all that set anything. Chosen."""
+_FIELD = re.compile(r"[a-z_0-9]+(?:(?:\.[a-z_0-9]+|\[[^]]*\])*(?:\.[a-z_0-9]+|\[[^]]*\]))")
+"""A field as a fault names it: `rules.max_altitude_m`, `actors[truck].count`."""
 
 
-def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
+def read_prose(
+    text: str, vocabulary: Vocabulary, answers: Sequence[int] = (), rewrite: Rewrite | None = None
+) -> BaseSimSpec:
     """Read a text into a base SimSpec with ranges, choices, and a receipt for every field.
 
     There is always a document: what is uncertain is a choice, what cannot hold is left out, and both are
-    listed. `answers` take readings of the choices, in their order, counted from 1. Raises SetupError for a
-    text without a word or of more than 20,000 characters, and for an answer that is no reading.
+    listed. `answers` take readings of the choices, in their order, counted from 1. A `rewrite` is read in the place
+    of the words that it quotes, as far as the ledger lets it pass. Raises SetupError for a text without a word or of
+    more than 20,000 characters, and for an answer that is no reading.
     """
-    return Reading(text, vocabulary, answers).result()
-
-
-_FIELD = re.compile(r"[a-z_0-9]+(?:(?:\.[a-z_0-9]+|\[[^]]*\])*(?:\.[a-z_0-9]+|\[[^]]*\]))")
-"""A field as a fault names it: `rules.max_altitude_m`, `actors[truck].count`."""
+    check_text(text)
+    if rewrite is None:
+        sentences = list(FreeReader(text, vocabulary).segments())
+    else:
+        judge = RewriteJudge(text, vocabulary)
+        sentences = judge.sentences(judge.judge(rewrite))
+    return Reading(text, vocabulary, sentences, answers).result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,30 +59,18 @@ class Cut:
 
 
 class Reading:
-    """A text as grammar and vocabulary read it, with what had to be left out."""
+    """The segments of a text, sentence by sentence, as a document."""
 
-    def __init__(self, text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> None:
-        _check_length(text)
-        self.text, self.vocabulary = text, vocabulary
-        words = words_of(text, vocabulary)
-        self.unknown_units: list[tuple[Word, Word]] = []
-        self.words, self._corrections = with_corrections(with_quantities(words, self.unknown_units), text)
-        self.items = items_of(self.words, text, vocabulary)
-        claiming = [item for item in self.items if isinstance(item, Phrase) and item.rule in CLAIMING_RULES]
-        claimed = marked(len(text), [part.span for phrase in claiming for part in phrase.leaves])
-        # `rotor 3 quits`: what a statement has claimed is no unit.
-        self.unknown_units = [pair for pair in self.unknown_units if not claimed[pair[1].span.start]]
-        self.clauses: list[Clause] = clauses_of(text, self.items)
-        self._headings = headings_of(text)
-        self._ledger = Ledger(text, [*loaded_words(text), *hostile_words(text)], self.clauses)
-        self.cuts: list[Cut] = []
-        self._entries: list[LedgerEntry] = []
+    def __init__(
+        self,
+        text: str,
+        vocabulary: Vocabulary,
+        sentences: Sequence[Sequence[Segment]],
+        answers: Sequence[int] = (),
+    ) -> None:
+        self.text, self.vocabulary, self._sentences = text, vocabulary, sentences
+        self._segments = [segment for sentence in sentences for segment in sentence]
         self.draft = self._answered(answers)
-
-    @property
-    def corrected(self) -> dict[str, str]:
-        """Misspelt words, and what each was read as."""
-        return {word.span_text(self.text): word.mended for word in self.words if word.mended}
 
     def result(self) -> BaseSimSpec:
         """The finished document."""
@@ -89,16 +82,12 @@ class Reading:
             ranges=tuple(draft.ranges),
             receipts=tuple(draft.receipts(simspec)),
             choices=tuple(draft.choices),
-            clauses=tuple(clause_readings(draft, self.clauses, controlled(self.items, self.words))),
-            not_expressible=tuple(draft.not_expressible),
+            clauses=tuple(self._clauses()),
             not_understood=tuple(sorted(draft.not_understood, key=lambda item: item.start)),
             remarks=tuple(draft.remarks),
-            corrected=self.corrected,
         )
 
-    def read_characters(self) -> bytearray:
-        """For each character of the text, whether a reader has used it for a field of the document."""
-        return self._ledger.read_characters(self.draft)
+    # Reading.
 
     def _answered(self, answers: Sequence[int]) -> Draft:
         """Read with the answers of a person. An answer may raise further choices, which the next one takes."""
@@ -109,162 +98,225 @@ class Reading:
             if choice is None:
                 raise SetupError(Fault("--accept", f"there is no choice {number}", "leave it out"))
             if not 1 <= answer <= len(choice.readings):
-                raise SetupError(
-                    Fault(
-                        "--accept",
-                        f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}.",
-                        "take one of them",
-                    )
-                )
+                what = f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}."
+                raise SetupError(Fault("--accept", what, "take one of them"))
             taken[_key(choice)] = answer - 1
             draft = self._settled(taken)
         return draft
 
     def _settled(self, answers: Mapping[ChoiceKey, int]) -> Draft:
-        """The reading in which nothing has to be left out any more, with the choices of the ledger."""
-        self.cuts, self._entries = self._cuts_of_units(), []
+        """The reading in which nothing has to be left out any more."""
+        cuts: list[Cut] = []
         while True:
-            draft = self._read(answers)
-            standing = self._ledger.audit(draft, [cut.span for cut in self.cuts])
-            # The readings are numbered: the one that holds without an answer is the first.
-            out = [
-                entry
-                for entry in standing
-                if entry.left_out == (answers.get((entry.span, entry.ask), 0) == 0)
-            ]
-            faults = self._faults_of(draft)
-            # What hangs on a condition goes with a fault in the condition.
-            out = [entry for entry in out if entry.conditional or not faults]
-            cuts = [*faults, *(Cut(entry.span, entry.ask) for entry in out)] or self._invalid(draft)
-            if not cuts:
-                break
-            self.cuts += cuts
-            self._entries += out
-        for entry in sorted([*self._entries, *standing], key=lambda entry: entry.span.start):
-            draft.ask(entry.span, entry.ask, entry.readings)
-        for span in list(self._ledger.unused(draft, self.words, self.vocabulary.unused)):
-            draft.leave_out(span, UNUSED_WORD)
-        return draft
+            draft = self._read(answers, cuts)
+            found = [Cut(self._grown(span), f"{fault.what} ({fault.remedy})") for span, fault in draft.faults]
+            found = found or self._invalid(draft, cuts)
+            if not found:
+                return draft
+            cuts += found
 
-    def _cuts_of_units(self) -> list[Cut]:
-        return [
-            Cut(
-                self._grown(number.span.joined(word.span)),
-                f"there is no unit {word.text!r}: use m, km, ft, s, min, m/s, knots",
-            )
-            for number, word in self.unknown_units
-        ]
-
-    def _read(self, answers: Mapping[ChoiceKey, int]) -> Draft:
-        for item in self.items:
-            for part in item.leaves if isinstance(item, Phrase) else ():
-                part.disown()
+    def _read(self, answers: Mapping[ChoiceKey, int], cuts: Sequence[Cut]) -> Draft:
         draft = Draft(self.text, answers)
-        draft.used_words += [*self._headings, *self._corrections]
-        for span in self._corrections:
-            draft.remark(span, "read as the number that holds, in the place of the one before it")
-        self._gone = marked(len(self.text), [cut.span for cut in self.cuts])
-        reader = TextReader(draft, self.vocabulary, [cut.span for cut in self.cuts])
-        reader.read([item for item in self.items if is_stop(item) or not self._is_cut(item.span)])
+        reader = TextReader(draft, self.vocabulary)
+        kept = [segment for segment in self._segments if not _touches(segment.span, cuts)]
+        reader.read_first([statement for segment in kept for statement in segment.statements])
+        for number, sentence in enumerate(self._sentences):
+            reader.scene.sentence = number
+            for segment in sentence:
+                self._segment(segment, reader, _touches(segment.span, cuts))
+        reader.finish()
         draft.put(("name",), "prose", None)
         draft.describe()
-        for cut in self.cuts:
-            draft.leave_out(cut.span, cut.why)
         return draft
 
-    def _is_cut(self, span: Span) -> bool:
-        return any(self._gone[span.start : span.end])
+    def _segment(self, segment: Segment, reader: TextReader, cut: Cut | None) -> None:
+        draft = reader.draft
+        statements = () if cut is not None or segment.mode == "unread" else self._chosen(segment, draft)
+        if not statements:
+            why = cut.why if cut is not None else segment.why or "you left it out"
+            draft.leave_out(segment.span, why)
+            reader.scene.unread = reader.scene.sentence
+        for statement in statements:
+            reader.read(statement)
 
-    def _faults_of(self, draft: Draft) -> list[Cut]:
-        """The clauses of statements that cannot hold, as a range that runs downwards."""
-        return [Cut(self._grown(span), f"{fault.what} ({fault.remedy})") for span, fault in draft.faults]
+    def _chosen(self, segment: Segment, draft: Draft) -> Sequence[Statement]:
+        """The statements of a segment; of one that assumes something those that a person takes, which may be none."""
+        if not segment.assumes:
+            return segment.statements
+        options = [(segment.sentence, segment.statements), *segment.options, ("leave it out", ())]
+        chosen = draft.ask(
+            segment.span, f"taken to mean: {segment.assumes}", [sentence for sentence, _ in options]
+        )
+        return options[chosen][1]
 
     def _grown(self, span: Span) -> Span:
-        """A span, and the clauses that it touches: what stands beside a fault has lost its subject."""
-        for clause in self.clauses:
-            if clause.span.start < span.end and span.start < clause.span.end:
-                span = span.joined(clause.span)
+        """A span, and the segments that it touches."""
+        for segment in self._segments:
+            if _overlap(segment.span, span):
+                span = span.joined(segment.span)
         return span
 
-    def _invalid(self, draft: Draft) -> list[Cut]:
-        """The clause that makes the SimSpec invalid; nothing when it is valid."""
+    def _invalid(self, draft: Draft, cuts: Sequence[Cut]) -> list[Cut]:
+        """The segment that makes the SimSpec invalid; nothing when it is valid."""
         try:
             draft.checked()
         except SetupError as error:
             fault = error.faults[0]
-            candidates = self._clauses_that_set(draft, f"{fault.where} {fault.what}")
+            candidates = self._segments_that_set(draft, f"{fault.where} {fault.what}", cuts)
             if not candidates:
                 raise
-            if len(self.cuts) > MAX_SINGLE_CUTS:
-                return [Cut(clause.span, str(fault)) for clause in self._clauses_that_set(draft, "")]
+            if len(cuts) > MAX_SINGLE_CUTS:
+                return [Cut(segment.span, str(fault)) for segment in candidates]
             why = "; ".join(map(str, error.faults))
-            return [Cut(clause.span, why) for clause in [candidates[0], *self._twins(candidates[0])]]
+            words = self._quote(candidates[0].span)
+            # What is wrong in one is wrong in all that say the same.
+            twins = [segment for segment in candidates if self._quote(segment.span) == words]
+            return [Cut(segment.span, why) for segment in twins]
         return []
 
-    def _twins(self, clause: Clause) -> list[Clause]:
-        """The other clauses with the same words: what is wrong in one is wrong in all."""
-        words = self.text[clause.span.start : clause.span.end]
-        return [
-            other
-            for other in self.clauses
-            if other is not clause
-            and self.text[other.span.start : other.span.end] == words
-            and not self._is_cut(other.span)
-        ]
+    def _quote(self, span: Span) -> str:
+        return self.text[span.start : span.end]
 
-    def _clauses_that_set(self, draft: Draft, where: str) -> list[Clause]:
-        """The clauses that set fields; first those of the fields that a fault names, from the last to the first."""
-        names = [name for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
-        # A list is named by numbers there and by ids here.
+    def _segments_that_set(self, draft: Draft, where: str, cuts: Sequence[Cut]) -> list[Segment]:
+        """The segments that set fields; first those of the fields that a fault names, from the last to the first."""
+        names = [
+            _by_id(name, draft.document()) for name in (where.split(" ")[0], *_FIELD.findall(where)) if name
+        ]
         blamed = _spans_of(draft, names) or _spans_of(
             draft, [re.sub(r"\[\d+\].*", "", name) for name in names]
         )
         setting = [
-            clause
-            for clause in reversed(self.clauses)
-            if not all(self._gone[clause.span.start : clause.span.end])
+            segment
+            for segment in reversed(self._segments)
+            if _touches(segment.span, cuts) is None
             and any(
-                span.start < clause.span.end and clause.span.start < span.end
-                for path, _, span in draft.statements
-                if path != ("description",)
+                _overlap(span, segment.span) for path, _, span in draft.statements if path != ("description",)
             )
         ]
-        return sorted(
-            setting,
-            key=lambda clause: (
-                not any(
-                    span is not None and span.start < clause.span.end and clause.span.start < span.end
-                    for span in blamed
-                )
-            ),
-        )
+        return sorted(setting, key=lambda segment: not any(_overlap(span, segment.span) for span in blamed))
+
+    # The account of every clause.
+
+    def _clauses(self) -> Iterator[ClauseReading]:
+        segments = sorted(self._segments, key=lambda segment: segment.span.start)
+        accounts = _accounts(self.draft, [segment.span for segment in segments])
+        unread = {id(segment) for segment, account in zip(segments, accounts, strict=True) if account.unread}
+        # What is not read in a sentence may be said of what stands beside it.
+        beside = {
+            id(part)
+            for sentence in self._sentences
+            if any(id(part) in unread for part in sentence)
+            for part in sentence
+        }
+        for segment, account in zip(segments, accounts, strict=True):
+            notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
+            notes += [
+                f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices
+            ]
+            yield ClauseReading(
+                quote=self._quote(segment.span),
+                start=segment.span.start,
+                end=segment.span.end,
+                status=_status(segment, account, alone=id(segment) not in beside),
+                sentence=segment.sentence,
+                fields=tuple(account.fields),
+                notes=tuple(dict.fromkeys([*notes, *account.told])),
+            )
 
 
-def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span | None]:
+@dataclass(slots=True)
+class _Account:
+    """What the reading holds about one segment."""
+
+    fields: list[str] = field(default_factory=list)
+    unread: list[UnreadText] = field(default_factory=list)
+    choices: list[Choice] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+
+
+def _accounts(draft: Draft, spans: Sequence[Span]) -> list[_Account]:
+    """What the reading holds, divided among the segments that it touches, which are in order."""
+    accounts = [_Account() for _ in spans]
+    starts, ends = (
+        [span.start for span in spans],
+        list(itertools.accumulate((span.end for span in spans), max)),
+    )
+    for span, part, item in _passages(draft):
+        first, last = bisect.bisect_right(ends, span.start), bisect.bisect_left(starts, span.end)
+        for account, place in zip(accounts[first:last], spans[first:last], strict=True):
+            if _overlap(place, span):
+                getattr(account, part).append(item)
+    return accounts
+
+
+def _passages(draft: Draft) -> Iterator[tuple[Span, str, object]]:
+    """Every passage that the reading holds something about, the part of an account that it is for, and the entry."""
+    for path, entry in draft.entries.items():
+        if entry.span is not None and path != ("description",):
+            yield entry.span, "fields", dotted(path)
+        elif entry.span is None and entry.note and entry.beside is not None:
+            yield entry.beside, "told", f"{dotted(path)} = {entry.value}: {entry.note}"
+    for unread in draft.not_understood:
+        yield Span(unread.start, unread.end), "unread", unread
+    yield from ((Span(choice.start, choice.end), "choices", choice) for choice in draft.choices)
+    yield from ((Span(remark.start, remark.end), "told", remark.why) for remark in draft.remarks)
+
+
+def _status(segment: Segment, account: _Account, *, alone: bool) -> ClauseStatus:
+    if account.unread:
+        return "in part" if account.fields and segment.mode != "unread" else "not understood"
+    if any(not choice.answered for choice in account.choices):
+        return "choice"
+    if segment.mode != "controlled" or not alone:
+        return "check"
+    return "default" if account.told else "understood"
+
+
+def _touches(span: Span, cuts: Sequence[Cut]) -> Cut | None:
+    return next((cut for cut in cuts if _overlap(cut.span, span)), None)
+
+
+def _overlap(one: Span, other: Span) -> bool:
+    return one.start < other.end and other.start < one.end
+
+
+def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span]:
     """Where the text states fields, the parts of them, or what they are parts of."""
-    return [
+    spans = (
         entry.span or entry.beside
         for path, entry in draft.entries.items()
         if any(dotted(path).startswith(name) or name.startswith(dotted(path)) for name in names)
-    ]
+    )
+    return [span for span in spans if span is not None]
+
+
+def _by_id(name: str, document: dict[str, Any]) -> str:
+    """A field as a fault names it, with the ids of members in the place of their numbers."""
+    match = re.match(r"((?:\w+\.)?\w+)\[(\d+)\]", name)
+    if match is None:
+        return name
+    members: Any = document
+    for part in match[1].split("."):
+        members = members.get(part, {}) if isinstance(members, dict) else {}
+    number = int(match[2])
+    member = members[number] if isinstance(members, list) and number < len(members) else {}
+    return f"{match[1]}[{member.get('id', number)}]{name[match.end() :]}"
+
+
+def _short(quote: str) -> str:
+    quote = " ".join(quote.split())
+    return quote if len(quote) <= 60 else f"{quote[:57]}..."
 
 
 def _key(choice: Choice) -> ChoiceKey:
     return Span(choice.start, choice.end), choice.ask
 
 
-def _check_length(text: str) -> None:
+def check_text(text: str) -> None:
+    """Raises SetupError for a text that is too long, or has no word."""
     if len(text) > MAX_CHARACTERS:
-        raise SetupError(
-            Fault(
-                "prose", f"has {len(text)} characters, more than {MAX_CHARACTERS}", "describe one situation"
-            )
-        )
+        what = f"has {len(text)} characters, more than {MAX_CHARACTERS}"
+        raise SetupError(Fault("prose", what, "describe one situation"))
     if not any(character.isalnum() for character in text):
-        raise SetupError(
-            Fault(
-                "prose",
-                "it is empty",
-                "write who is where: 'a radar vehicle, five civilians within 50 m of it'",
-            )
-        )
+        remedy = "write who is where: 'a radar vehicle, five civilians within 50 m of it'"
+        raise SetupError(Fault("prose", "it is empty", remedy))

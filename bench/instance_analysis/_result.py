@@ -10,7 +10,7 @@ from bench.documents import Document
 from bench.simspec import SimSpec
 
 ClauseStatus = Literal["understood", "check", "in part", "default", "choice", "not understood"]
-"""`check`: all of the clause is read, but its sentence is none of the controlled language."""
+"""`check`: all of the clause is read, but it is no sentence of the controlled language; `sentence` is what it was read as."""
 
 
 class VariedField(Document):
@@ -33,7 +33,7 @@ class Receipt(Document):
 
     path: str
     value: Any
-    source: Literal["prose", "default", "answer", "model"]
+    source: Literal["prose", "default"]
     quote: str = ""
     start: int | None = None
     end: int | None = None
@@ -68,6 +68,9 @@ class ClauseReading(Document):
     start: int
     end: int
     status: ClauseStatus
+    sentence: Annotated[
+        str, Field(description="The sentence of the controlled language that it was rewritten to.")
+    ] = ""
     fields: Annotated[tuple[str, ...], Field(description="Paths of the fields that it sets.")] = ()
     notes: Annotated[tuple[str, ...], Field(description="What is not read, and what is assumed.")] = ()
 
@@ -77,22 +80,17 @@ class BaseSimSpec(Document):
     were not used.
     """
 
-    format: Literal["rebar.prose/3"] = "rebar.prose/3"
+    format: Literal["rebar.prose/4"] = "rebar.prose/4"
     prose: str
     simspec: SimSpec
     ranges: tuple[VariedField, ...] = ()
     receipts: tuple[Receipt, ...] = ()
     choices: tuple[Choice, ...] = ()
     clauses: tuple[ClauseReading, ...] = ()
-    not_expressible: tuple[UnreadText, ...] = ()
     not_understood: tuple[UnreadText, ...] = ()
     remarks: Annotated[
         tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
     ] = ()
-    corrected: Annotated[
-        dict[str, str], Field(description="Words taken for another that they are a letter or two off.")
-    ] = {}
-
     checked: Annotated[
         bool,
         Field(
@@ -108,7 +106,7 @@ class BaseSimSpec(Document):
     @property
     def complete(self) -> bool:
         """Whether every choice is answered and nothing is left out."""
-        return not (self.open_choices or self.not_understood or self.not_expressible)
+        return not (self.open_choices or self.not_understood)
 
     @property
     def unchecked(self) -> tuple[ClauseReading, ...]:

@@ -9,7 +9,7 @@ from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose
 from bench.simspec import SimSpec
 
 TEXTS = [
-    "A radar vehicle. [1,2] military trucks 20 to 40 m from it, between 5 and 10 civilians within 60 m of it, light rain, fly at 60 m.",
+    "A radar vehicle. 1 to 2 military trucks 20 to 40 m from the radar, between 5 and 10 civilians within 60 m of the radar, light rain, fly at 60 m.",
     "Two soldiers walking in the northern part; no-fly from nowhere. GPS jammed at 100 s for 20 s. Do not return home.",
     "Children: 4. A house. Three soldiers, half concealed. Intelligence on the soldiers, priority 2. Time limit 10 minutes, wind 5 m/s from the west.",
     "A truck # not a comment: 'quoted', at 14:30Z on 3 March 2026\nacross\ttwo lines, fog level 2-5",
@@ -38,11 +38,10 @@ def test_every_line_that_was_said_quotes_it() -> None:
 
 def test_what_is_open_stands_above_the_document() -> None:
     """A choice with its readings, and a passage that is left out, are comments at the top."""
-    result = read_prose("Five vehicles at noon.\nIf it rains, hold.", load_vocabulary())
-    choice, condition, passage, *_ = annotated_yaml(result).splitlines()
-    assert (
-        choice
-        == "# choice: 'vehicles' what is meant by 'vehicles'? -> civilian-car (clutter) (or: military-truck (adversary))"
+    result = read_prose("Five vehicles near home.\nFly at about 70 m.\nIf it rains, hold.", load_vocabulary())
+    choice, free, passage, *_ = annotated_yaml(result).splitlines()
+    assert choice == (
+        "# choice: 'Five vehicles' what is meant by 'vehicles'? -> civilian-car (clutter) (or: military-truck (adversary))"
     )
-    assert condition.startswith("# choice: 'If it rains, hold'")
+    assert free == "# check: 'Fly at about 70 m'"
     assert passage.startswith("# not read: 'If it rains, hold'")

@@ -38,9 +38,9 @@ def test_what_is_no_text_is_refused(text: str, words: str) -> None:
     ("fault", "words"),
     [
         ("Between 10 and 5 civilians near a truck.", "runs from 10 down to 5"),
-        ("Three civilians 40 to 20 m from a house.", "the range runs downwards"),
-        ("A radar 5 furlongs from the house.", "there is no unit 'furlongs'"),
-        ("Altitude 80 seconds.", "not a time"),
+        ("Three civilians 40 to 20 m from home.", "must exceed"),
+        ("A radar 5 furlongs from home.", "none of the sentences"),
+        ("Altitude 80 seconds.", "none of the sentences"),
         ("2.5 trucks.", "whole numbers"),
         ("Fog level 12.", "less than or equal to 9"),
         ("Fog level 2-12.", "less than or equal to 9"),
@@ -136,70 +136,6 @@ def test_the_longest_prose_takes_bounded_time(word: str) -> None:
     assert_grows_slowly(word, MAX_CHARACTERS)
 
 
-def test_many_words_that_nobody_knows_take_bounded_time() -> None:
-    """Each unknown word is compared with the vocabulary, and all of them are listed."""
-    words = [f"{a}{b}{c}qqxz" for a in "abcdefghijkl" for b in "mnopqrstuv" for c in "wxyzabcdefg"]
-    begin = time.process_time()
-    result = read_prose(f"A radar. {' '.join(words)}", VOCABULARY)
-    assert len(result.not_understood) == len(words)
-    assert time.process_time() - begin < 20.0
-
-
-@pytest.mark.parametrize(
-    ("text", "quote"),
-    [
-        ("One truck. The truck is not camouflaged.", "not camouflaged"),
-        ("One truck without a gimbal.", "without a gimbal"),
-        ("One truck. It isn't windy.", "isn't windy"),
-        ("One truck, light fog if it rains.", "light fog if it rains"),
-        ("One truck, never parked.", "never parked"),
-    ],
-)
-def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
-    """A phrase after a denial changes no field and is listed as not understood."""
-    result = read_prose(text, VOCABULARY)
-    assert quote in [entry.quote for entry in result.not_understood]
-    [truck] = result.simspec.actors
-    assert (truck.concealment, truck.motion.kind) == (0.0, "still")
-    assert not result.simspec.vehicle.camera.gimbal
-    assert result.simspec.environment.rain_level == 0.0
-    assert not [entry for entry in result.receipts if entry.source == "prose" and entry.quote == quote]
-
-
-def test_roads_are_kept_clear_of() -> None:
-    """A least distance from a road, a largest one, or both; the upper end that is not said is farther than
-    the area goes.
-    """
-    text = "A radar at least 30 m from the road. [1,2] military trucks [20-40] meters from the road."
-    result = read_prose(text, VOCABULARY)
-    radar, truck = (group.placement.along for group in result.simspec.actors)
-    assert radar is not None
-    assert truck is not None
-    assert (radar.at_least_m, radar.within_m) == (30.0, 680.0)
-    assert (truck.at_least_m, truck.within_m) == (20.0, 40.0)
-
-
-def test_relations_that_cannot_be_said_are_listed() -> None:
-    """What a SimSpec has no field for is listed with the reason, and the rest stands."""
-    text = (
-        "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
-    )
-    result = read_prose(text, VOCABULARY)
-    quotes = [entry.quote for entry in result.not_expressible]
-    assert quotes == ["near the village", "on average 40 m from a shed"]
-    assert [group.id for group in result.simspec.actors] == ["radar", "civilian", "truck", "shed"]
-
-
-def test_what_is_said_of_reports_and_kept_of_marks_is_remarked() -> None:
-    """The bench holds back marks near bystanders; a rule of reports is taken as that rule, and said."""
-    result = read_prose("A radar. Do not report within 50 m of civilians.", VOCABULARY)
-    assert not result.choices
-    assert [entry.quote for entry in result.remarks] == ["Do not report within 50 m of civilians"]
-    [receipt] = [entry for entry in result.receipts if entry.path == "rules.no_mark_within_m"]
-    assert (receipt.value, receipt.source) == (50.0, "prose")
-    assert "mark true" in receipt.note
-
-
 def test_a_megabyte_is_refused_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A file that no person wrote as a description is not read."""
     (tmp_path / "large.txt").write_text("a truck " * 131_072)
@@ -220,14 +156,14 @@ def test_accept_takes_another_reading_and_strict_wants_all_of_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The readings are numbered; --accept takes them in order; a reading that is not there is told."""
-    text = "[1,2] vehicles [20-40] meters away from a radar. Rain."
+    text = "A radar. 1 to 2 vehicles 20-40 meters away from the radar. Rain."
     out = tmp_path / "scene.yaml"
     assert run(["prose", text, "--strict", "--out", str(out)]) == 1
     assert not out.exists()
     assert "2. military-truck (adversary)" in capsys.readouterr().err
     assert run(["prose", text, "--out", str(out)]) == 0
     assert load_simspec(out).group("car").asset == "civilian-car"
-    assert "# choice: 'vehicles'" in out.read_text()
+    assert "# choice: '1 to 2 vehicles'" in out.read_text()
     assert run(["prose", text, "--strict", "--accept", "2", "--accept", "1", "--out", str(out)]) == 0
     assert load_simspec(out).group("truck").asset == "military-truck"
     assert load_simspec(out).environment.rain_level == 2.0
@@ -265,12 +201,12 @@ def test_ranges_become_a_campaign_that_can_be_realized(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The campaign's factors are the text's ranges, and its design places scenes."""
-    text = "A radar. Between 5 and 10 civilians 20 to 40 m from it. Altitude 60-100 m. Light rain or fog level 3."
+    text = "A radar. Between 5 and 10 civilians 20 to 40 m from it. Altitude 60-100 m. Light or heavy rain."
     campaign = tmp_path / "campaign.yaml"
     assert run(["prose", text, "--campaign", str(campaign), "--points", "4"]) == 0
     factors = {entry.name: entry for entry in load_campaign(campaign).design.factors}
-    assert sorted(factors) == ["civilian-count", "mission-altitude-m", "weather"]
-    assert factors["weather"].levels == ("rain-2", "fog-3")
+    assert sorted(factors) == ["civilian-count", "mission-altitude-m", "rain"]
+    assert factors["rain"].levels == (2.0, 7.0)
     assert run(["realize", str(campaign), "--out", str(tmp_path / "scenes")]) == 0
     scenes = [load_simspec(path) for path in sorted((tmp_path / "scenes").rglob("*.json"))]
     assert len(scenes) == 4
@@ -278,33 +214,19 @@ def test_ranges_become_a_campaign_that_can_be_realized(
         assert scene.realized is not None
         assert 60.0 <= scene.mission.altitude_m <= 100.0
         assert 5 <= sum(actor.group == "civilian" for actor in scene.realized.actors) <= 10
-        assert (scene.environment.rain_level, scene.environment.fog_level) in ((2.0, 0.0), (0.0, 3.0))
-
-
-def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before it is flown, and not at all when the text has said everything."""
-    campaign = str(tmp_path / "campaign.yaml")
-    text = "A radar. 3 to 9 civilians within 50 m of it."
-    assert run(["prose", text, "--campaign", campaign]) == 0
-    assert "cannot be scored yet" in (message := capsys.readouterr().err)
-    assert "intelligence_uncertainty_m" in message
-    assert run(["prose", f"{text} Intelligence on the radar, accurate to 60 m.", "--campaign", campaign]) == 0
-    assert "cannot be scored" not in capsys.readouterr().err
+        assert scene.environment.rain_level in (2.0, 7.0)
 
 
 def test_explain_names_words_or_default(capsys: pytest.CaptureFixture[str]) -> None:
     """Each field is said with the words it comes from and their place, or the word default."""
-    assert run(["prose", "A camoflaged radar, fly at 80 m. Some bananas.", "--explain"]) == 0
+    assert run(["prose", "A camouflaged radar, fly at 80 m. Some bananas.", "--explain"]) == 0
     shown = capsys.readouterr()
     assert (
-        "mission.altitude_m = 80.0 <- 'fly at 80 m' 21-32" not in shown.out
+        "mission.altitude_m = 80.0 <- 'fly at 80 m' 22-33" not in shown.out
     )  # the place is that of the words
-    assert "mission.altitude_m = 80.0 <- 'fly at 80 m' 20-31" in shown.out
+    assert "mission.altitude_m = 80.0 <- 'fly at 80 m' 21-32" in shown.out
     assert "mission.speed_mps = 12.0 <- default" in shown.out
-    assert "'camoflaged' was read as 'camouflaged'" in shown.err
-    assert "! 'bananas': unknown word" in shown.err
+    assert "! 'Some bananas': it is none of the sentences that are read" in shown.err
 
 
 def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]) -> None:
@@ -320,7 +242,6 @@ def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]
         "receipts",
         "choices",
         "clauses",
-        "not_expressible",
         "not_understood",
     } <= json.loads(texts[0]).keys()
 
@@ -406,7 +327,7 @@ def test_any_words_are_answered_or_refused() -> None:
     """
     random_order = random.Random(5)
     words = [
-        *sorted(VOCABULARY.meanings),
+        *sorted(word for table in VOCABULARY.tables.values() for word in table),
         *("(0,0)", "20 m", "30 s", "a", "two", "[1,2]", "47.4 N 8.5 E", "sector A", ".") * 60,
     ]
     openings = [
@@ -421,60 +342,13 @@ def test_any_words_are_answered_or_refused() -> None:
             read_prose(random_order.choice(openings) + text, VOCABULARY)
 
 
-@pytest.mark.parametrize(
-    ("text", "remark"),
-    [
-        ("A radar at 60 m from two trucks. The vehicle must stay below 80 m.", "the drone under test"),
-        ("A radar. Hold @40, resume @60.", "read as seconds"),
-        ("3 children in the village.", "read as the whole area"),
-        ("A radar within 30 m of a truck, altitude 50.", "read in m"),
-    ],
-)
-def test_what_is_taken_without_being_said_is_a_remark(text: str, remark: str) -> None:
-    """Nothing is assumed silently where nothing is asked."""
-    result = read_prose(text, VOCABULARY)
-    assert not result.choices
-    assert any(remark in entry.why for entry in result.remarks)
-
-
-@pytest.mark.parametrize("word", ["guarded by", "escorted by", "surrounded by", "next to"])
-def test_words_for_being_near_are_read_as_near(word: str) -> None:
-    """They are no words that change nothing."""
-    result = read_prose(f"A radar vehicle {word} four soldiers.", VOCABULARY)
-    assert {entry.path: entry.value for entry in result.receipts}[
-        "actors[radar].placement.near.of"
-    ] == "soldier"
-
-
 def test_words_that_say_where_are_never_dropped() -> None:
     """What the grammar has no place for is listed."""
     result = read_prose(
         "A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY
     )
-    listed = [entry.quote for entry in (*result.not_understood, *result.not_expressible)]
+    listed = [entry.quote for entry in result.not_understood]
     assert all(any(word in quote for quote in listed) for word in ("outside", "left", "into"))
-
-
-def test_a_group_is_at_no_distance_from_itself() -> None:
-    """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no choice."""
-    result = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
-    assert not result.choices
-    assert {entry.path: entry.value for entry in result.receipts}[
-        "actors[truck].placement.near.min_m"
-    ] == 20.0
-
-
-def test_questions_and_names_of_speakers_describe_nothing() -> None:
-    """What only asks is listed; who says a line is no word of it; a full line goes on in the next."""
-    chat = (
-        "jo: two soldiers near a shed\nkim: how many trucks are there?\n"
-        "jo: one truck, and the two soldiers walk about at one metre a\nsecond\nkim: ok"
-    )
-    result = read_prose(chat, VOCABULARY)
-    values = {entry.path: entry.value for entry in result.receipts}
-    assert [entry.quote for entry in result.not_understood] == ["how many trucks are there"]
-    assert values["actors[soldier].motion.speed_mps"] == 1.0
-    assert values["actors[truck].count"] == 1
 
 
 @pytest.mark.parametrize(
@@ -491,12 +365,3 @@ def test_questions_and_names_of_speakers_describe_nothing() -> None:
 def test_words_that_would_change_the_scene_are_never_dropped(text: str, word: str) -> None:
     """Whose side, when, on what condition: what is not read is listed."""
     assert any(word in entry.quote for entry in read_prose(text, VOCABULARY).not_understood)
-
-
-def test_night_is_said_to_be_midnight() -> None:
-    """The darkest moment, with the words as receipt."""
-    result = read_prose("A radar at night.", VOCABULARY)
-    assert (result.simspec.environment.start_utc.hour, result.simspec.environment.start_utc.minute) == (
-        23,
-        28,
-    )

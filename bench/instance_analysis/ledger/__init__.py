@@ -1,1 +1,1 @@
-"""The ledger: every number, negation, condition and quantifier of a text, and who has read it."""
+"""The ledger: what the words of a text say, and whether a sentence says the same as the words that it stands for."""

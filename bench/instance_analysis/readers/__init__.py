@@ -1,3 +1,1 @@
-"""From phrases to fields: one reader for each subject that a text speaks of, and the reader of the whole
-text.
-"""
+"""From statements to fields: one reader for each subject that a text speaks of, and the reader of the whole text."""

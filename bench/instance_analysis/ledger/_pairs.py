@@ -1,0 +1,260 @@
+"""Judges whether a sentence of the controlled language says what the words say that it stands for.
+
+The parser has read the sentence in full. What is compared is what may go wrong in a rewrite: numbers and their order,
+negations, conditions, bounds and shares, who and whom, directions, weather, and the subject of the sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from bench.simspec import Role
+
+from ..language._grammar import Part, Statement, forms
+from ..language._phrases import NounPhrase
+from ..language._vocabulary import MotionWords, Vocabulary, WeatherWords
+from ._loads import HARD, Number, TextLoads, concepts
+
+_RULES = tuple(form for section in forms().sections if section.title == "Rules" for form in section.forms)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Words of a text, the sentence for them, and what the sentence was parsed to.
+
+    `earlier` are the entries that the sentences before it name, the last ones last; `assumes` tells that the rewrite has
+    declared an assumption, which a person will be asked about.
+    """
+
+    words: TextLoads
+    sentence: TextLoads
+    statements: tuple[Statement, ...]
+    earlier: tuple[str, ...]
+    assumes: bool
+    vocabulary: Vocabulary
+
+    @property
+    def parts(self) -> list[Part]:
+        return [part for statement in self.statements for part in (statement, *statement.predicates)]
+
+
+def faults_of(pair: Pair) -> list[str]:
+    """What the sentence says otherwise than its words; nothing when it says the same."""
+    return [fault for check in _CHECKS for fault in check(pair)]
+
+
+def _numbers(pair: Pair) -> Iterator[str]:
+    """The same numbers in the same order, each with the thing that it counts."""
+    left = list(pair.words.numbers)
+    matched: list[tuple[Number, Number]] = []
+    for number in pair.sentence.numbers:
+        same = _same_number(number, left)
+        if same is None:
+            yield f"the number {_shown(number)} is not in the words"
+        else:
+            left.remove(same)
+            matched.append((same, number))
+    yield from (f"the number {_shown(number)} of the words is lost" for number in left)
+    yield from _misplaced(matched)
+
+
+def _same_number(number: Number, others: Sequence[Number]) -> Number | None:
+    """The number of the words that a number of the sentence is; if it can be, one that counts the same thing."""
+    alike = [other for other in others if number.is_like(other)]
+    return next((other for other in alike if other.thing == number.thing), next(iter(alike), None))
+
+
+def _misplaced(matched: Sequence[tuple[Number, Number]]) -> Iterator[str]:
+    """Numbers in another order, or that count something else."""
+    for kind in {number.kind for number, _ in matched}:
+        starts = [words.span.start for words, number in matched if number.kind == kind]
+        if starts != sorted(starts):
+            yield "its numbers stand in another order than those of the words"
+    for words, number in matched:
+        if words.thing and number.thing and words.thing != number.thing:
+            yield f"{words.value:g} counts a {words.thing} in the words, and a {number.thing} in the sentence"
+
+
+def _shown(number: Number) -> str:
+    return f"{number.value:g} ({number.kind.lower()})"
+
+
+def _loads(pair: Pair) -> Iterator[str]:
+    """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
+    carried = _carried(pair)
+    words, sentence = pair.words.counted(), pair.sentence.counted()
+    may_deny = bool(words["negation"]) or pair.words.has(["only", "before", "dry"])
+    for kind in sorted(HARD):
+        if words[kind] > sentence[kind] and kind not in carried:
+            yield f"{_first_load(pair.words, kind)!r} of the words is lost"
+        carries = kind in carried and (kind != "negation" or may_deny)
+        if sentence[kind] > words[kind] and not carries:
+            yield f"the words have nothing like {_first_load(pair.sentence, kind)!r}"
+    if words["aside"]:
+        yield "the words speak of another occasion"
+
+
+def _carried(pair: Pair) -> set[str]:
+    """The loads that the forms of the sentence have in themselves."""
+    carried = {load for part in pair.parts for load in part.form.carries}
+    if any(part.form.order for part in pair.parts):
+        carried.add("upper")
+    if not any(isinstance(part, Statement) and part.subjects for part in pair.parts):
+        # `each sortie starts at noon`, `every report`: only of groups it tells how many.
+        carried.add("quantifier")
+    # `one of the helpers`: anybody of those whom a rule protects. `the latter`: asked, where the rewrite says so.
+    return carried | ({"share", "quantifier"} if _protects(pair) or pair.assumes else set())
+
+
+def _protects(pair: Pair) -> bool:
+    """Whether the sentence is a rule about people."""
+    return any(part.first("people") for part in pair.parts)
+
+
+def _first_load(text: TextLoads, kind: str) -> str:
+    return next(load.text for load in text.loads if load.kind == kind)
+
+
+def _bounds(pair: Pair) -> Iterator[str]:
+    """Bounds in the same direction, a denial turned around."""
+    words, sentence = _directions_of_bounds(pair.words), _directions_of_bounds(pair.sentence)
+    if words and sentence and words.isdisjoint(sentence):
+        yield "the bound of the words is turned around"
+
+
+def _directions_of_bounds(text: TextLoads) -> set[str]:
+    denied = any(load.kind == "negation" for load in text.loads)
+    turned = {"lower": "upper", "upper": "lower"}
+    return {turned[load.kind] if denied else load.kind for load in text.loads if load.kind in turned}
+
+
+def _topics(pair: Pair) -> Iterator[str]:
+    """The subject of each form must be in the words."""
+    topics = concepts().topics
+    for part in pair.parts:
+        wanted = [*part.form.topic, *(("rule",) if part.form in _RULES else ())]
+        for capture in part.captures:
+            if isinstance(capture.value, MotionWords):
+                wanted.append(capture.value.kind)
+            elif isinstance(capture.value, WeatherWords):
+                wanted.append(capture.value.path.split(".")[1].removesuffix("_level"))
+        # `at 45 s hold, at 60 s go on`: that the operator orders the second too is an assumption.
+        wanted = [topic for topic in wanted if not (topic == "order" and pair.assumes)]
+        missing = [topic for topic in wanted if not pair.words.has(topics[topic])]
+        yield from (f"the words do not speak of {topic.replace('_', ' ')}" for topic in missing)
+
+
+def _weather(pair: Pair) -> Iterator[str]:
+    """No kind of weather is lost, and no intensity is added or changed."""
+    for name in ("rain", "fog", "dust"):
+        words = [word for word in concepts().topics[name] if word.startswith(name)]
+        if pair.words.has(words) and not pair.sentence.has(concepts().topics[name]):
+            yield f"the {name} of the words is lost"
+    said, written = set(pair.words.table("intensities")) - {0}, set(pair.sentence.table("intensities")) - {0}
+    if (
+        pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and said != written
+    ) and not pair.assumes:
+        yield "the strength of the weather is another one"
+
+
+def _compass(pair: Pair) -> Iterator[str]:
+    """The same directions of the compass."""
+    words, sentence = _directions(pair.words), _directions(pair.sentence)
+    if sorted(words) != sorted(sentence):
+        yield "its directions are not those of the words"
+
+
+def _directions(text: TextLoads) -> list[float]:
+    """Directions in degrees. A letter behind a number is a unit, and one in brackets a part of coordinates."""
+    read: list[float] = []
+    for at in range(len(text.words)):
+        letter = len(text.words[at]) < 2 and (at == 0 or text.tokens[at - 1].kind == "number")
+        if not letter and (found := text.direction(at)) is not None:
+            read.append(found)
+    return read
+
+
+def _things(pair: Pair) -> Iterator[str]:
+    """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
+    said: dict[str, set[str]] = {}
+    for entry, asset in pair.words.things():
+        said.setdefault(entry, set()).add(asset)
+    for entry, asset in pair.sentence.things():
+        if entry not in said:
+            yield from _not_named(entry, pair)
+        elif asset not in {*said[entry], pair.vocabulary.assets[entry].asset}:
+            # A noun of the same entry that says more than the words: a woman is not any person.
+            yield f"the words do not say {asset!r}"
+    # `box` is a crate, and the area of interest.
+    if not _protects(pair) and not any(part.form.does == "area" for part in pair.parts):
+        yield from _lost_things(pair)
+
+
+def _lost_things(pair: Pair) -> Iterator[str]:
+    written = {entry for entry, _ in pair.sentence.things()}
+    lost = [noun for nouns, noun in pair.words.nouns() if written.isdisjoint(nouns)]
+    yield from (f"{noun!r} of the words is lost" for noun in lost)
+
+
+def _means_people(pair: Pair) -> bool:
+    """Whether the words speak of people, by a noun or a pronoun."""
+    if pair.words.table("people") or pair.words.has(concepts().pronouns):
+        return True
+    return any(pair.vocabulary.role(entry) is Role.BYSTANDER for entry, _ in pair.words.things())
+
+
+def _not_named(entry: str, pair: Pair) -> Iterator[str]:
+    """A thing that the words do not name: a pronoun may mean the last one of the sentences before."""
+    if _protects(pair) and _means_people(pair):
+        return
+    is_meant = pair.words.has(concepts().pronouns) and entry in pair.earlier[-1:]
+    if entry not in pair.earlier:
+        yield f"no {entry} is in the words, nor in a sentence before"
+    elif not (pair.assumes or is_meant):
+        yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
+
+
+def _roles(pair: Pair) -> Iterator[str]:
+    """The same roles, but where the asset has the role by itself."""
+    said, written = set(pair.words.table("role")), set(_written_roles(pair))
+    if pair.words.has(["link", "comms", "contact", "connection", "gps", "lost link"]):
+        # `the link is lost` tells of nobody.
+        said -= {Role.SOUGHT}
+    natural = {pair.vocabulary.role(entry) for entry, _ in pair.sentence.things()}
+    searched = pair.words.has(concepts().topics["role"])
+    for role in written - said - natural:
+        if not pair.assumes and not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
+            yield f"the words do not say {role}"
+    called = any("role" in part.form.topic for part in pair.parts)
+    yield from (f"{role} of the words is lost" for role in said - written - natural if not called)
+
+
+def _written_roles(pair: Pair) -> Iterator[Role]:
+    """The roles that the sentence gives to its groups."""
+    for part in pair.parts:
+        phrases = [
+            *(part.subjects if isinstance(part, Statement) else ()),
+            *(capture.value for capture in part.captures),
+        ]
+        for phrase in phrases:
+            if isinstance(phrase, Role):
+                yield phrase
+            elif isinstance(phrase, NounPhrase):
+                yield from (value for name, value in phrase.adjectives if name == "role")
+
+
+def _order(pair: Pair) -> Iterator[str]:
+    """Who stands by whom: the things in the same order, unless the verb of the words turns them around."""
+    words = [entry for entry, _ in pair.words.things()]
+    sentence = [entry for entry, _ in pair.sentence.things()]
+    common = [entry for entry in words if (words.count(entry), sentence.count(entry)) == (1, 1)]
+    related = any(part.first("reference") is not None for part in pair.parts)
+    turned = common != [entry for entry in sentence if entry in common]
+    if related and turned and not pair.words.has(concepts().passives):
+        yield "who and whom are exchanged"
+
+
+_CHECKS: Sequence[Callable[[Pair], Iterator[str]]] = (
+    _numbers, _loads, _bounds, _topics, _weather, _compass, _things, _roles, _order,
+)  # fmt: skip

@@ -1,0 +1,111 @@
+"""Texts that once were read as something else."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.campaign import load_campaign
+from bench.cli._app import run
+from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
+from bench.simspec import SimSpec
+
+VOCABULARY = load_vocabulary()
+
+
+def read(text: str) -> BaseSimSpec:
+    return read_prose(text, VOCABULARY)
+
+
+def groups(simspec: SimSpec) -> list[tuple[str, Any]]:
+    return [(group.asset, group.count) for group in simspec.actors]
+
+
+def test_enemies_are_counted() -> None:
+    """`enemy` before a noun takes nothing from its number, and a hostile van is in the scene without a question."""
+    result = read("Three enemy vans.")
+    assert groups(result.simspec) == [("van", 3)]
+    assert result.simspec.actors[0].role == "adversary"
+    assert read("An enemy van.").choices == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Two technicals drive along the road.",
+        "Five percent GPS dropout.",
+        "A number of trucks drawn from {1, 4, 9}.",
+        "One bus 9 m long across the lane.",
+        "Patrol by night, 2200-2330.",
+    ],
+)
+def test_what_has_no_sentence_sets_nothing_unmarked(text: str) -> None:
+    """No technician, no dead GPS, no single truck, no road of nine metres, no start before midnight."""
+    result = read(f"A house. {text}")
+    sets = {
+        path
+        for clause in result.clauses
+        if clause.status in ("understood", "default")
+        for path in clause.fields
+    }
+    assert {path.split(".")[0] for path in sets} <= {"actors[house]"}
+    assert not result.complete
+    assert not result.simspec.vehicle.failures
+    assert not result.simspec.world.roads
+    assert all(group.asset not in ("civilian", "aid-worker") for group in result.simspec.actors)
+
+
+@pytest.mark.parametrize(
+    ("text", "asks"), [("No civilians. Two children.", True), ("No civilians. Two dogs.", False)]
+)
+def test_nobody_and_somebody_is_a_contradiction(text: str, asks: bool) -> None:
+    """Children are civilians too."""
+    choices = read(text).choices
+    assert bool(choices) is asks
+    assert not asks or "child" in choices[0].ask
+
+
+def test_the_target_is_one_that_the_text_has_named() -> None:
+    """`The target is the van` adds no third one."""
+    result = read("Two hostile vans. The target is the van.")
+    assert groups(result.simspec) == [("van", 2)]
+
+
+def test_a_ban_near_people_is_a_rule_whose_distance_is_asked() -> None:
+    """And never its opposite."""
+    result = read("A radar. Without marking it near civilians.")
+    [choice] = result.choices
+    assert all(reading.startswith("within") for reading in choice.readings)
+    assert result.simspec.rules.no_mark_within_m == 50.0
+
+
+def test_a_text_without_intelligence_has_a_default_that_is_told() -> None:
+    """For each target the document has a report, and says which sentence is missing."""
+    result = read("A radar. A truck. Five civilians.")
+    assert [report.about for report in result.simspec.intelligence] == ["radar", "truck"]
+    assert all("Intelligence on the" in clause.notes[0] for clause in result.clauses[:2])
+    assert len(read("A radar. Intelligence on the radar, 2 minutes old.").simspec.intelligence) == 1
+    assert read("Five civilians.").simspec.intelligence == ()
+
+
+def test_a_campaign_has_its_agents_its_name_and_the_text(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the text that it was made of, with what is open in it."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "deep" / "campaign.yaml"
+    path.parent.mkdir()
+    text = "A radar. 3 to 9 civilians within 50 m of the radar. Rain. Wombats."
+    assert run(["prose", text, "--campaign", str(path), "--agent", "a.yaml", "--agent", "reference"]) == 0
+    campaign = load_campaign(path)
+    assert campaign.name == "a-radar-3-to-9"
+    assert [os.path.normpath(agent.manifest) for agent in campaign.agents] == [
+        str(tmp_path / "a.yaml"),
+        "reference",
+    ]
+    assert campaign.description.startswith(text)
+    assert "Open: 'Rain': how much rain? Read as: level 2, light" in campaign.description
+    assert "Not read: 'Wombats'" in campaign.description
