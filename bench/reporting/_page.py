@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +18,7 @@ from bench.scoring import statement_reports
 
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData
 from ._campaign_folder import load_report_data
+from ._companions import companions
 from ._html import (
     content_security_policy,
     json_script_text,
@@ -77,21 +78,29 @@ def load_page_parts() -> None:
 def write_report(folder: Path, path: Path | None = None, *, runs_on_map: int = 6) -> Path:
     """Write the report of a campaign's folder and return its path; the same folder gives the same bytes.
 
-    Without a `path` it is `report.html` in the folder; with one, nothing in the folder is written.
+    Without a `path` it is `report.html` in the folder, with the files COMPANIONS beside it; with one, it is the page alone,
+    and nothing in the folder is written.
 
     Raises SetupError when `folder` holds no campaign. The report names what is missing or damaged in it.
     """
     data = load_report_data(folder)
     charts, map_notes = _charts(data, runs_on_map)
     pictures, picture_notes = worst_pictures(data)
+    if path is None:
+        for name, text in companions(data, runs_table(data)).items():
+            _write_whole(folder / name, [text])
     path = path or folder / "report.html"
+    _write_whole(path, page_pieces(data, charts, map_notes, pictures, picture_notes))
+    return path
+
+
+def _write_whole(path: Path, pieces: Iterable[str]) -> None:
     # Hidden and with this ending, as the campaign's other files are while they are written: verification passes over it.
     draft = path.with_name(f".{path.name}.part")
     with draft.open("w", encoding="utf-8") as file:
-        file.writelines(page_pieces(data, charts, map_notes, pictures, picture_notes))
+        file.writelines(pieces)
     # Renamed at the end: a reader, or a browser that reloads, never gets half a page.
     draft.replace(path)
-    return path
 
 
 def render_report(
