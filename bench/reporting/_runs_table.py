@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +19,16 @@ from .text._outcomes import outcome_name
 
 # Rows that a page shows without JavaScript and on paper; runs.csv has all.
 LISTED_ROWS = 60
-# Columns that the page lists where runs differ in them, and their headings.
-_HEADS = {
+# Columns that the page lists where runs differ in them, and their headings; between both are the principles.
+_FIRST_HEADS = {
     "run": "Run",
     "agent": "Agent",
     "configuration": "Difficulty",
     "outcome": "Outcome",
     "counts": "Counts",
     "failed": "Key attributes failed",
+}
+_LAST_HEADS = {
     "simulated_s": "Simulated, s",
     "confined": "Confined by",
     "probes": "Probes",
@@ -150,13 +152,15 @@ def listed_runs(table: pl.DataFrame, data: ReportData) -> ListedRuns:
     principles = {
         f"{node.id}.passed": node.title for node in data.nodes.values() if node.level == "principle"
     }
-    heads = {name: head for name, head in (_HEADS | principles).items() if name in table.columns}
+    heads = {
+        name: head
+        for name, head in (_FIRST_HEADS | principles | _LAST_HEADS).items()
+        if name in table.columns
+    }
     # A single run shares everything with itself.
-    varied = [name for name in heads if name == "run" or (table.height > 1 and table[name].n_unique() > 1)]
-    order = [*varied[: _place(varied, "simulated_s")], *(name for name in varied if name in principles)]
-    order += [name for name in varied if name not in order]
+    order = [name for name in heads if name == "run" or (table.height > 1 and table[name].n_unique() > 1)]
     first = table.head(LISTED_ROWS).select(order)
-    shared = {name: _cell(table[name][0]) for name in heads if name not in varied and table.height}
+    shared = {name: _cell(table[name][0]) for name in heads if name not in order and table.height}
     return ListedRuns(
         tuple((name, heads[name]) for name in order),
         tuple(tuple(map(_cell, row)) for row in first.iter_rows()),
@@ -166,10 +170,6 @@ def listed_runs(table: pl.DataFrame, data: ReportData) -> ListedRuns:
             if text != "–"
         ),
     )
-
-
-def _place(names: Sequence[str], name: str) -> int:
-    return names.index(name) if name in names else len(names)
 
 
 def _cell(value: object) -> str:
