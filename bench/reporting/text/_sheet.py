@@ -18,7 +18,7 @@ from ._isolation import UNCONFINED, isolation_cell
 
 MAX_WORDS = 250
 # Chosen: a sheet has room for some names, and the appendix has all of them.
-NAMED = 4
+NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +65,31 @@ def _sheet(data: ReportData, agent: str) -> Sheet:
         agent=agent,
         version=_version(data, agent),
         warnings=tuple(_warnings(data, agent)),
-        flown=f"{plural(len(counted), 'run')} that {'counts' if len(counted) == 1 else 'count'} of {len(runs)}, on {plural(scenes, 'scene')} "
-        f"of the campaign {data.name}, all simulated; difficulty {_difficulties(data, agent)} of 100.",
+        flown=f"{plural(len(counted), 'run')} {'counts' if len(counted) == 1 else 'count'} of {len(runs)}, on {plural(scenes, 'scene')} "
+        f"of campaign {data.name}, all simulated; difficulty {_difficulties(data, agent)} of 100.",
         rows=tuple(_rows(data, agent)),
         not_shown=tuple(_not_shown(data, agent)),
-        confinement="; ".join(
-            f"{'NOT CONFINED' if way == UNCONFINED else way} in {plural(count, 'run')}"
-            for way, count in sorted(ways.items(), key=lambda item: (item[0] != UNCONFINED, item[0]))
-        )
-        or "nothing was flown",
+        confinement=_confinement(ways),
         unconfined=UNCONFINED in ways,
         digest=str(head) if head else "",
-        signature="None when this page was written. A signature is over manifest.json, which holds the digest of this page; "
-        "rebar verify DIR says whether there is one, and whose.",
+        # The page is written before its digest can be in manifest.json, and a signature is over that.
+        signature="None when this was written; rebar verify DIR names a later signer.",
     )
+
+
+def _confinement(ways: Counter[str]) -> str:
+    """The ways in which runs were confined, the open ones first."""
+    ordered = sorted(ways.items(), key=lambda item: (item[0] != UNCONFINED, -item[1], item[0]))
+    texts = [
+        f"{'NOT CONFINED' if way == UNCONFINED else way} in {plural(count, 'run')}"
+        for way, count in ordered[:NAMED]
+    ]
+    return "; ".join([*texts, *_rest(len(ordered))]) or "nothing was flown"
+
+
+def _rest(count: int) -> list[str]:
+    """`2 more` of so many names."""
+    return [f"{count - NAMED} more"] if count > NAMED else []
 
 
 def _version(data: ReportData, agent: str) -> str:
@@ -95,16 +106,17 @@ def _version(data: ReportData, agent: str) -> str:
                 parts.append(f"of {package} {versions[package]}")
         options = spec.get("options")
         if isinstance(options, Mapping) and options:
-            parts.append(f"with {', '.join(f'{name} {value}' for name, value in options.items())}")
+            parts.append(f"with {plural(len(options), 'option')} of campaign.yaml")
     return ", ".join(parts) or "version not on record"
 
 
 def _warnings(data: ReportData, agent: str) -> Iterator[str]:
     runs = [run for run in data.runs if run.agent == agent]
     if note := fidelity_note(data.campaign):
-        yield f"{note} No session was flown."
+        yield note
     if missing := missing_sentence(data):
-        yield missing.strip()
+        # The appendix has the rest of the sentence.
+        yield f"{missing.split(', so ')[0]}."
     if any(run.fact(TruthGiven) for run in runs):
         yield "It was given the truth: this is no agent’s result."
     if seen := sum(run.fact(TruthSightings) is not None for run in runs):
@@ -112,7 +124,7 @@ def _warnings(data: ReportData, agent: str) -> Iterator[str]:
     if suspect := sum(run.fact(SuspectEnds) is not None for run in runs):
         yield f"The bench failed in {plural(suspect, 'run')} while it was there."
     if data.notes:
-        yield f"{plural(len(data.notes), 'remark')} on the runs {'stands' if len(data.notes) == 1 else 'stand'} in the appendix."
+        yield f"{plural(len(data.notes), 'remark')}: see the appendix."
 
 
 def _difficulties(data: ReportData, agent: str) -> str:
@@ -149,26 +161,26 @@ def _rows(data: ReportData, agent: str) -> Iterator[SheetRow]:
 
 def _not_shown(data: ReportData, agent: str) -> Iterator[str]:
     """What a reader of the table might take for shown."""
+    unseen_texts = []
     for level, words in (("ka", "key attribute"), ("observable", "observable")):
         nodes = [node.id for node in data.nodes.values() if node.level == level]
-        tallies = {node: data.tally(agent, node) for node in nodes}
-        unseen = [node for node, tally in tallies.items() if tally is None or not tally.considered]
+        unseen = [
+            node for node in nodes if (tally := data.tally(agent, node)) is None or not tally.considered
+        ]
         if unseen:
-            more = f" and {len(unseen) - NAMED} more" if len(unseen) > NAMED else ""
-            names = f" ({', '.join(unseen[:NAMED])}{more})" if level == "ka" else ""
-            yield f"{len(unseen)} of {plural(len(nodes), words)}{names}: no run considered {'it' if len(unseen) == 1 else 'them'}."
-    rows = [node for node in data.nodes.values() if node.level == "principle" and data.tally(agent, node.id)]
-    unknown = [
-        node.title
-        for node in rows
-        if (tally := data.tally(agent, node.id)) is None or "90" not in tally.competence
-    ]
-    if unknown:
-        yield f"A limit of difficulty for {listed(unknown) if len(unknown) < len(rows) else 'any principle'}: failures were not shown to rise with it."
+            names = ", ".join([*unseen[:NAMED], *_rest(len(unseen))]) if level == "ka" else ""
+            unseen_texts.append(
+                f"{len(unseen)} of {plural(len(nodes), words)}{f' ({names})' if names else ''}"
+            )
+    if unseen_texts:
+        yield f"{listed(unseen_texts)}: considered in no run."
+    tallies = [data.tally(agent, node.id) for node in data.nodes.values() if node.level == "principle"]
+    if any(tally is not None and "90" not in tally.competence for tally in tallies):
+        yield "Where “not given” stands: that failures rise with difficulty."
     if flat := len(data.undiscriminating):
-        yield f"Merit in {plural(flat, 'observable')} that agents without merit reach too."
+        yield f"Merit in {plural(flat, 'observable')}: agents without merit reach them."
     elif not data.floors:
         yield "What an agent without merit would reach."
     if stopped_early(data.scores):
-        yield "A number of runs that was fixed beforehand: points stopped early."
-    yield "Anything harder than was flown, outside this campaign’s factors, or in real flight beyond what the models hold."
+        yield "A number of runs fixed beforehand: points stopped early."
+    yield "Anything harder than was flown, outside the campaign’s factors, or real."
