@@ -53,7 +53,8 @@ RUN_COLUMNS: dict[str, type[pl.DataType]] = {
     "reason": pl.String,
     "recording": pl.String,
     "sha256": pl.String,
-    "seed": pl.UInt64,
+    # A text: larger than what JavaScript, and many a spreadsheet, counts with.
+    "seed": pl.String,
 }
 
 
@@ -107,7 +108,7 @@ def _row(run: Run, labels: dict[str, str]) -> dict[str, Any]:
         "reason": run.reason,
         "recording": _path_in_campaign(run),
         "sha256": run.recording_sha256,
-        "seed": run.root_seed,
+        "seed": None if run.root_seed is None else str(run.root_seed),
     }
 
 
@@ -195,15 +196,12 @@ def runs_document(table: pl.DataFrame, boxes: Mapping[str, str]) -> dict[str, An
 def _packed(column: pl.Series) -> dict[str, Any]:
     kind = "number" if column.dtype.is_numeric() else "truth value" if column.dtype == pl.Boolean else "text"
     head = {"name": column.name, "kind": kind}
-    if column.name == "seed":
-        # Larger than what JavaScript counts with.
-        column, head["kind"] = column.cast(pl.String), "text"
     values = column.to_list()
     if len(set(values)) <= 1:
         return head | {"shared": values[0] if values else None}
     if kind == "truth value":
         return head | {"flags": "".join("-" if value is None else "t" if value else "f" for value in values)}
-    if head["kind"] == "number":
+    if kind == "number":
         return head | {"numbers": [None if value is None else round(value, 6) for value in values]}
     words = {value: place for place, value in enumerate(dict.fromkeys(values))}
     if len(words) == len(values):
