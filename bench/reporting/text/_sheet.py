@@ -176,7 +176,7 @@ def _not_shown(data: ReportData, agent: str) -> Iterator[str]:
         yield f"{listed(unseen_texts)}: considered in no run."
     tallies = [data.tally(agent, node.id) for node in data.nodes.values() if node.level == "principle"]
     if any(tally is not None and "90" not in tally.competence for tally in tallies):
-        yield "Where “not given” stands: that failures rise with difficulty."
+        yield "A limit of difficulty where “not given” stands."
     if flat := len(data.undiscriminating):
         yield f"Merit in {plural(flat, 'observable')}: agents without merit reach them."
     elif not data.floors:
