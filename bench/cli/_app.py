@@ -31,6 +31,7 @@ from . import (
     _next,
     _prose,
     _reference,
+    _runs,
     _scores,
     _sessions,
     _status,
@@ -77,7 +78,7 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _verification, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
+    *(_campaigns, _verification, _status, _sessions, _scores, _runs, _compare, _calibrate, _decomposition),
     *(
         _camera,
         _graph,

@@ -31,7 +31,6 @@ PACKAGES = (
     "numpy",
     "scipy",
     "polars",
-    "plotly",
     "pydantic",
     "networkx",
     "shapely",

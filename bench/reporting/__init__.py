@@ -9,9 +9,14 @@ from __future__ import annotations
 
 from ._campaign_data import ReportData as ReportData
 from ._campaign_folder import load_report_data as load_report_data
+from ._companions import COMPANIONS as COMPANIONS
+from ._companions import requirements_table as requirements_table
+from ._conditions import matching as matching
+from ._conditions import words_of as words_of
 from ._page import load_page_parts as load_page_parts
 from ._page import render_report as render_report
 from ._page import write_report as write_report
+from ._runs_table import runs_table as runs_table
 from ._terminal import finding as finding
 from ._terminal import score_tables as score_tables
 from .figures._configuration import configuration_figure as configuration_figure

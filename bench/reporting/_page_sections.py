@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import plotly.graph_objects as go
 from markupsafe import Markup
 
 from bench.contracts import Outcome
 
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Run, Tally
-from ._html import json_script_text
 from .figures._configuration import configuration_figure
 from .figures._map import MAX_RINGED_REPORTS, labelled_reports, map_figure
 from .figures._pairings import pairings_figure
@@ -31,37 +29,24 @@ from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
 
 
-class PageFigures:
-    """The figures of one page under their fixed ids, in the order in which they were added."""
-
-    def __init__(self) -> None:
-        self.drawn: list[tuple[str, Markup]] = []
-
-    def add(self, name: str, figure: go.Figure) -> str:
-        self.drawn.append((name, json_script_text(figure.to_plotly_json())))
-        return name
-
-
 @dataclass(frozen=True, slots=True)
 class AgentPair:
-    id: str
     first: AgentStyle
     second: AgentStyle
     comparison: Comparison
     pairings: Mapping[str, Pairing]
-    label: str
+    figure: Markup
 
 
-def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
+def agent_pairs(data: ReportData) -> list[AgentPair]:
     """The first agent against each of the others that flew a scene with it."""
     # Not all pairs: n agents would give n (n - 1) / 2 figures, and `rebar compare` compares any two.
     pairs: list[AgentPair] = []
     shown = agent_styles(data.agents)
-    for place, second in enumerate(shown[1:], start=1):
+    for second in shown[1:]:
         pairings = pair_agents(data.scores, data.study, shown[0].name, second.name)
         if not any(pairing.scenes for pairing in pairings):
             continue
-        name = figures.add(f"pairs-{place}", pairings_figure(pairings))
         parts = [
             f"{pairing.node} {100 * pairing.mean_confidence_difference:+.0f} points"
             for pairing in pairings
@@ -70,7 +55,8 @@ def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
         label = f"Mean difference in confidence, {second.name} minus {shown[0].name}: {', '.join(parts)}"
         comparison = compare_agents(data, shown[0].name, second.name)
         by_node = {pairing.node: pairing for pairing in pairings}
-        pairs.append(AgentPair(name, shown[0], second, comparison, by_node, label))
+        figure = pairings_figure(pairings, label)
+        pairs.append(AgentPair(shown[0], second, comparison, by_node, figure))
     return pairs
 
 
@@ -88,23 +74,12 @@ def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[
     return names, rows
 
 
-def verdict_rows(data: ReportData, agent: str) -> list[tuple[str, Tally]]:
-    """The title and the tally of each principle of an agent, in the order of the decomposition."""
-    return [
-        (node.title, tally)
-        for node in data.nodes.values()
-        if node.level == "principle" and (tally := data.tally(agent, node.id)) is not None
-    ]
-
-
-def studied_nodes(
-    data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials, figures: PageFigures
-) -> list[dict[str, Any]]:
+def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials) -> list[dict[str, Any]]:
     """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in
     sentences.
     """
     sections = []
-    for place, node in enumerate(data.study, start=1):
+    for node in data.study:
         tallies = {
             style.name: tally for style in shown if (tally := data.tally(style.name, node)) is not None
         }
@@ -123,27 +98,22 @@ def studied_nodes(
                 "node": node,
                 "asks": data.nodes[node].asks if node in data.nodes else "",
                 "agents": agents,
-                "id": figures.add(f"curve-{place}", curve_figure(shown, flown, tallies)) if flown else "",
-                "label": f"Pass rate of {node} over difficulty. {'; '.join(passed)}",
+                "figure": curve_figure(
+                    shown, flown, tallies, f"Pass rate of {node} over difficulty. {'; '.join(passed)}"
+                )
+                if flown
+                else "",
             }
         )
     return sections
 
 
-def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials) -> list[dict[str, Any]]:
+def node_trees(data: ReportData, shown: Sequence[AgentStyle]) -> list[dict[str, Any]]:
     """For each agent that flew: one branch for every root, with the rows of all nodes under it."""
     if not data.tallies:
         return []
     flown = {run.agent for run in data.runs}
     about_sensor = only_about_sensor(data.scores)
-    sentences = {
-        (style.name, name): node_sentences(
-            data.tally(style.name, name), trials.get((style.name, name), NodeTrials())
-        )
-        for style in shown
-        for name in data.nodes
-        if (style.name, name) not in about_sensor
-    }
     return [
         {
             "style": style,
@@ -151,7 +121,7 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
                 {
                     "node": data.nodes[root],
                     "summary": _branch_summary(data.tally(style.name, root)),
-                    "rows": list(_tree_rows(data, style.name, root, sentences)),
+                    "rows": list(_tree_rows(data, style.name, root, about_sensor)),
                 }
                 for root in data.roots
             ],
@@ -181,7 +151,7 @@ def _methods(data: ReportData, agent: str) -> str:
 
 
 def _tree_rows(
-    data: ReportData, agent: str, root: str, sentences: Mapping[tuple[str, str], list[str]]
+    data: ReportData, agent: str, root: str, about_sensor: Collection[tuple[str, str]]
 ) -> Iterator[dict[str, Any]]:
     # A node may have several parents (docs/rulings.md 12). It has a row under each, and every row names the
     # others.
@@ -199,9 +169,7 @@ def _tree_rows(
             "studied": name in data.study,
             "also": listed([other for other in parents.get(name, []) if other != parent]),
             "tally": data.tally(agent, name),
-            # Without sentences: the node is about the simulated detector, and this table is about the agent.
-            "lines": sentences.get((agent, name), []),
-            "about_sensor": (agent, name) not in sentences,
+            "about_sensor": (agent, name) in about_sensor,
         }
         for child in node.children:
             yield from below(child, min(depth + 1, 3), name)
@@ -209,11 +177,9 @@ def _tree_rows(
     yield from below(root, 0, "")
 
 
-def configuration_panels(
-    data: ReportData, shown: Sequence[AgentStyle], figures: PageFigures
-) -> list[dict[str, Any]]:
+def configuration_panels(data: ReportData, shown: Sequence[AgentStyle]) -> list[dict[str, Any]]:
     panels = []
-    for place, configuration in enumerate(data.configurations, start=1):
+    for configuration in data.configurations:
         rows = [
             (style, tally)
             for node in data.study
@@ -222,11 +188,12 @@ def configuration_panels(
         ]
         panels.append(
             {
-                "id": figures.add(f"configuration-{place}", configuration_figure(data, configuration)),
                 "configuration": configuration,
                 "levels": factor_levels(configuration),
                 "rows": rows,
-                "label": _panel_label(configuration.label, [tally for _, tally in rows]),
+                "figure": configuration_figure(
+                    data, configuration, _panel_label(configuration.label, [tally for _, tally in rows])
+                ),
             }
         )
     return panels
@@ -241,7 +208,7 @@ def _panel_label(name: str, tallies: Iterable[Tally]) -> str:
     return f"Configuration {name}. {'; '.join(parts)}"
 
 
-def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, Any]:
+def map_section(chart: RunMap, place: int) -> dict[str, Any]:
     run: Run = chart.run
     reports, consents = chart.reports, chart.consents
     title = f"{run.agent} · {run.design_point}, replicate {run.replicate} · {outcome_name(run)}"
@@ -253,10 +220,9 @@ def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, An
         label += f"; {plural(consents.count, 'request')} for consent, {consents.granted} granted"
     return {
         "box": f"map-{place}-box",
-        "id": figures.add(f"map-{place}", map_figure(chart)),
+        "figure": map_figure(chart, label),
         "chart": chart,
         "title": title,
-        "label": label,
         "reports": reports.drawn[:MESSAGE_ROWS],
         "reports_text": _all_or_first(reports.count, len(reports.drawn), "report")
         + (f"; {reports.forbidden} marked against the rule" if reports.forbidden else ""),
@@ -307,15 +273,3 @@ def _actions_text(chart: RunMap) -> str:
     if chart.decision_count <= len(chart.decisions):
         return ""
     return f"; most often {listed([f'{action} ({count})' for action, count in chart.frequent_actions])}"
-
-
-def flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:
-    """Nested values as dotted names and texts."""
-    if isinstance(value, Mapping):
-        for key in value:
-            yield from flattened(value[key], f"{name}.{key}" if name else str(key))
-    elif isinstance(value, list):
-        for place, item in enumerate(value):
-            yield from flattened(item, f"{name}[{place}]")
-    else:
-        yield name, "" if value is None else str(value)

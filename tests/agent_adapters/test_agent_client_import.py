@@ -20,7 +20,6 @@ HEAVY = (
     "jsbsim",
     "ortools",
     "statsmodels",
-    "plotly",
     "scipy",
     "pydantic",
     "numpy",

@@ -448,7 +448,7 @@ def test_lost_simspec_is_written_again(tmp_path: Path) -> None:
 
 def test_importing_is_light() -> None:
     """Documents, journal and runner come without the simulator, the streams or the scorer."""
-    code = "import sys, bench.campaign; print([m for m in ('jsbsim', 'zenoh', 'pymavlink', 'polars', 'plotly') if m in sys.modules])"
+    code = "import sys, bench.campaign; print([m for m in ('jsbsim', 'zenoh', 'pymavlink', 'polars') if m in sys.modules])"
 
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -70,7 +70,13 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1"]) == 3
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("INCOMPLETE: 2 of 2 runs are missing: 2 setup_invalid (p001-r1-agent: ")
-    for command in (["report", str(out)], ["score", str(out)], ["score", str(out), "--explain", "KA-18"]):
+    checked = ["check", str(out), "--require", "KA-18.passed >= 0"]
+    for command in (
+        ["report", str(out)],
+        ["score", str(out)],
+        ["score", str(out), "--explain", "KA-18"],
+        checked,
+    ):
         assert run(command) == 3
         assert first_line(capsys) == lines[0]
     assert run(["score", str(out), "--json"]) == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -82,17 +83,19 @@ def test_each_request_has_the_answer_that_reached_the_agent(simspec: SimSpec) ->
 
 def test_map_draws_requests_by_answer_with_a_legend(data: ReportData, simspec: SimSpec) -> None:
     figure = map_figure(build_run_map(data.runs[0], simspec, asked(made_tape(simspec))))
-    traces = {trace.name: trace for trace in figure.data if trace.name and trace.name.startswith("consent ")}
-    places = {name: list(zip(trace.x, trace.y, strict=True)) for name, trace in traces.items()}
-    assert places == {
-        "consent granted": [(5.0, 7.0), (5.0, 7.0)],
-        "consent refused": [(-40.0, 7.0)],
-        "consent never answered": [(5.0, 7.0), (5.0, 7.0)],
-    }
-    # None shows a trace in the legend, as True does.
-    assert all(trace.showlegend is not False for trace in traces.values())
-    assert len({trace.marker.symbol for trace in traces.values()}) == 3
-    assert "&lt;b&gt;third&lt;/b&gt;" in traces["consent granted"].hovertext[1]
+    texts = re.findall(r"<(\w+ points=\"[^\"]*\") [^>]*><title>consent to mark ([^<]*)</title>", figure)
+    assert [text for _, text in texts] == [
+        "first asked at 10.0 s, granted at 22.0 s",
+        "second asked at 20.0 s, refused at 33.5 s",
+        "&lt;b&gt;third&lt;/b&gt; asked at 30.0 s, granted at 34.0 s",
+        "fourth asked at 40.0 s, never answered",
+        "first asked at 50.0 s, never answered",
+    ]
+    # Those that stand at one place have the shape of their answer.
+    places = [shape for shape, _ in texts]
+    assert places[0] == places[2] != places[3] == places[4]
+    for state in ("granted", "refused", "never answered"):
+        assert f"consent {state}</li>" in figure
 
 
 def test_page_lists_requests_beside_the_map(data: ReportData, simspec: SimSpec) -> None:

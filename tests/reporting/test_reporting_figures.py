@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -29,12 +30,17 @@ from bench.reporting import (
     score_tables,
 )
 from bench.reporting._campaign_data import ReportData, ReportedCompetence, Run
+from bench.reporting.figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
 from bench.reporting.figures._pass_rates import curve_figure
 from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import NodeTrials, trials_of
 from bench.reporting.text._node_sentences import curve_remark, node_sentences
 from bench.scoring import NodeFloor, summary_frame
 from bench.statistics import competence_of
+
+
+def titles_of(figure: str) -> list[str]:
+    return re.findall(r"<title>([^<]*)</title>", figure)
 
 
 @pytest.fixture(scope="module")
@@ -47,35 +53,37 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
-    """Red dots at the difficulty, bars at the confidence in per cent, violins and points with exactly the
-    scores.
-    """
+    """Red dots at the difficulty, bars at the confidence in per cent, a violin or a disc for every score."""
     configuration = data.configurations[0]
-    figure = configuration_figure(data, configuration).to_plotly_json()
+    figure = configuration_figure(data, configuration)
+    titles = titles_of(figure)
     rows = data.scores.filter(pl.col("configuration") == configuration.key)
-    bars = [trace for trace in figure["data"] if trace["type"] == "bar"]
-    assert [bar["y"] for bar in bars] == [
-        [
-            pytest.approx(
-                100 * rows.filter(pl.col("agent") == agent, pl.col("node") == node)["confidence"].mean(),
-                abs=1e-3,
-            )
-            for node in STUDY
-        ]
-        for agent in AGENTS
-    ]
-    dots = next(t for t in figure["data"] if t.get("marker", {}).get("color") == "var(--difficulty)")
-    assert list(dots["y"]) == [configuration.difficulty[node] for node in STUDY]
-    shown = sorted(
-        value
-        for trace in figure["data"]
-        if trace["type"] == "violin"
-        or str(trace.get("marker", {}).get("color", "")).startswith("var(--agent")
-        for value in trace["y"]
-    )
-    wanted = rows.filter(pl.col("node").is_in(STUDY))["score"].drop_nulls().sort().to_list()
-    assert shown == pytest.approx(wanted)
-    assert any(trace["type"] == "violin" for trace in figure["data"])
+    for style in agent_styles(AGENTS):
+        for node in STUDY:
+            of_node = rows.filter(pl.col("agent") == style.name, pl.col("node") == node)
+            name = f"{style.letter} {style.name}, {node}"
+            confidence = 100 * of_node["confidence"].mean()
+            assert any(title.startswith(f"{name}: confidence {confidence:.1f} %") for title in titles)
+            scores = of_node["score"].drop_nulls().to_list()
+            if len(scores) >= MIN_VIOLIN_SCORES and max(scores) - min(scores) > MIN_VIOLIN_SPREAD:
+                mean = sum(scores) / len(scores)
+                assert f"{name}: {len(scores)} scores, mean {mean:.1f}" in titles
+            else:
+                discs = [title for title in titles if title.startswith(f"{name}: score ")]
+                assert len(discs) == len({round(score, 1) for score in scores})
+    assert any(" scores, mean " in title for title in titles)
+    for node in STUDY:
+        assert f"{node}: difficulty {configuration.difficulty[node]:.1f}" in titles
+
+
+def test_a_panel_says_where_nothing_was_achieved(data: ReportData) -> None:
+    """A word in the place of the scores; nodes that were achieved have none."""
+    configuration = data.configurations[0]
+    key = (AGENTS[0], configuration.key, "KA-09")
+    failed = replace(data.tallies[key], scored=0, score=None)
+    assert "none</text>" not in configuration_figure(data, configuration)
+    changed = replace(data, tallies={**data.tallies, key: failed})
+    assert configuration_figure(changed, configuration).count("none</text>") == 1
 
 
 def test_configurations_are_the_distinct_difficulties_easiest_first(data: ReportData) -> None:
@@ -133,9 +141,14 @@ def test_comparison_without_a_difference_has_no_p_value(data: ReportData) -> Non
 def test_pairings_figure_counts_every_scene(data: ReportData) -> None:
     """The numbers in the discs of a row add up to the number of scenes."""
     pairings = pair_agents(data.scores, STUDY, *AGENTS)
-    figure = pairings_figure(pairings).to_plotly_json()
-    discs = [trace for trace in figure["data"] if trace["mode"] == "markers+text"]
-    assert [sum(map(int, trace["text"])) for trace in discs] == [pairing.scenes for pairing in pairings]
+    titles = titles_of(pairings_figure(pairings))
+    for pairing in pairings:
+        discs = [
+            re.search(r" points in (\d+) of", title)
+            for title in titles
+            if title.startswith(f"{pairing.node}:")
+        ]
+        assert sum(int(disc[1]) for disc in discs if disc) == pairing.scenes
 
 
 def test_chosen_runs_are_whole_scenes_of_different_configurations(data: ReportData) -> None:
@@ -169,8 +182,10 @@ def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) 
     assert first[0].bystanders_enu_m == first[1].bystanders_enu_m
     assert len(first[0].bystanders_enu_m) >= 3
     assert first[0].target == "radar-0"
-    texts = [note["text"] for note in map_figure(charts[0]).to_plotly_json()["layout"]["annotations"]]
-    assert texts[0] == "marked, 60 s<br>too near a bystander"
+    figures = [map_figure(chart) for chart in charts]
+    assert ["marked, 60 s</text>" in figure for figure in figures] == [True, False]
+    assert "too near a bystander</text>" in figures[0]
+    assert "withheld mark, 60 s</text>" in figures[1]
 
 
 def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: ReportData) -> None:
@@ -219,7 +234,7 @@ def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
     )  # fmt: skip
     chart = build_run_map(run, simspec, nothing)
     assert (chart.flight, chart.actors, chart.reports.drawn) == ((), (), ())
-    assert map_figure(chart).to_plotly_json()["data"]
+    assert "area of interest" in map_figure(chart)
 
 
 def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
@@ -358,30 +373,22 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
         "90": ReportedCompetence(0.0, 0.0, at_least=False),
     }
     tallies = {agent: replace(data.tallies[agent, "all", "KA-03"], competence=competence) for agent in AGENTS}
-    traces = curve_figure(agent_styles(AGENTS), flown, tallies).to_plotly_json()["data"]
+    figure = curve_figure(agent_styles(AGENTS), flown, tallies)
+    titles = titles_of(figure)
     rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
-    rates = (
-        rows.group_by("difficulty")
-        .agg(pl.len(), (pl.col("confidence") >= 1.0).mean().alias("rate"))
-        .sort("difficulty")
-    )
-    discs = [trace for trace in traces if trace["mode"] == "markers"]
-    assert len(discs) == len(AGENTS)
-    assert list(discs[0]["y"]) == pytest.approx((100 * rates["rate"]).to_list(), abs=1e-3)
-    assert [
-        f"of {count} runs" in text for count, text in zip(rates["len"], discs[0]["hovertext"], strict=True)
+    rates = rows.group_by("difficulty").agg(pl.len(), (pl.col("confidence") >= 1.0).sum().alias("passed"))
+    for difficulty, runs, passed in rates.iter_rows():
+        assert f"A {AGENTS[0]}, difficulty {difficulty:.1f}: {passed} of {runs} runs passed" in titles
+    discs = [title for title in titles if title.startswith(f"A {AGENTS[0]}, difficulty ")]
+    assert len(discs) == rates.height
+    assert sum(title.endswith("logistic curve") for title in titles) == len(AGENTS)
+    assert sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
+    # Competence 90 is 0, so there is no difficulty to draw it at.
+    bars = [title for title in titles if "competence" in title]
+    assert bars == [
+        f"{letter} {agent}, competence 50: at least 20.0, lower bound 10.0"
+        for letter, agent in zip("AB", AGENTS, strict=True)
     ]
-    bands = [trace for trace in traces if trace.get("fill") == "toself"]
-    assert len(bands) == sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
-    bars = [trace for trace in traces if trace["mode"] == "lines+markers"]
-    wanted = [
-        (competence.low, competence.value)
-        for agent in AGENTS
-        for competence in tallies[agent].competence.values()
-        if competence.value > 0
-    ]
-    assert [tuple(bar["x"]) for bar in bars] == wanted
-    assert wanted
 
 
 @pytest.mark.parametrize(
@@ -432,23 +439,21 @@ def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:
     """As closed rings, no-fly areas with their times."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
-    traces = {
-        trace.get("name"): trace
-        for trace in map_figure(
-            build_run_map(run, simspec, made_campaign.made_tape(simspec))
-        ).to_plotly_json()["data"]
+    figure = map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec)))
+    corners = {
+        title: [tuple(map(float, corner.split(","))) for corner in points.split()]
+        for points, title in re.findall(r'points="([^"]*)"[^>]*><title>([^<]*)</title>', figure)
     }
-    fence = traces["geofence"]
-    assert list(zip(fence["x"], fence["y"], strict=True)) == [
-        (-320, -150),
-        (320, -150),
-        (320, 150),
-        (-320, 150),
-        (-320, -150),
-    ]
-    area = traces["no-fly school, from 20 s to 200 s"]
-    assert list(zip(area["x"], area["y"], strict=True)) == [(0, 0), (40, 0), (40, 30), (0, 0)]
-    assert area["fill"] == "toself"
+    fence, area = corners["geofence"], corners["no-fly school, from 20 s to 200 s"]
+    assert fence[0] == fence[-1]
+    assert len(fence) == 5
+    assert len(area) == 4
+    # Both in one scale: the fence is 640 by 300 m, the area 40 by 30 m, and north is up.
+    px_per_m = (fence[1][0] - fence[0][0]) / 640.0
+    assert fence[0][1] - fence[2][1] == pytest.approx(300.0 * px_per_m, abs=0.2)
+    assert area[1][0] - area[0][0] == pytest.approx(40.0 * px_per_m, abs=0.2)
+    assert area[1][1] - area[2][1] == pytest.approx(30.0 * px_per_m, abs=0.2)
+    assert "geofence</li>" in figure
 
 
 def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:

@@ -23,7 +23,7 @@ window.addEventListener("load", () => {
   window.dispatchEvent(new Event("beforeprint"));
   setTimeout(() => {
     state.push(shown().join(" "), String(new Set([...document.querySelectorAll(
-      ".mapbox .figure .main-svg")].map((svg) => svg.closest(".figure").id)).size));
+      ".mapbox:not([hidden]) .figure > svg")].map((svg) => svg.closest(".mapbox").id)).size));
     window.dispatchEvent(new Event("afterprint"));
     state.push(shown().join(" "));
     document.body.dataset.states = state.join("|");

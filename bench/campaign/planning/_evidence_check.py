@@ -12,7 +12,14 @@ from bench.errors import Fault, SetupError
 from ..storage._dropped import DROPPED
 from ..storage._evidence_log import EvidenceEntry, EvidenceLog
 from ..storage._files import digest_of
-from ..storage._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
+from ..storage._folder import (
+    MADE_FROM_RESULTS,
+    RECORDING,
+    RESULT,
+    CampaignFolder,
+    campaign_of,
+    realization_in,
+)
 from ..storage._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
 from ..storage._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ..storage._recovery import is_unnoted
@@ -154,7 +161,7 @@ def changed_tables(folder: CampaignFolder) -> list[str]:
     return [
         name
         for name, sha256 in (manifest.files.items() if manifest else ())
-        if folder.path / name in (folder.scores, folder.floor, folder.report)
+        if name in MADE_FROM_RESULTS
         and (folder.path / name).is_file()
         and digest_of(folder.path / name) != sha256
     ]

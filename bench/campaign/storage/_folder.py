@@ -9,6 +9,7 @@
     runs/<realization>/         recording.mcap, and result.json once the session is over
     logs/                       stdout and stderr of the workers
     scores.parquet, report.html, manifest.json
+    scores.csv, runs.csv, card.md, junit.xml    the same for other programs
     manifest.json.sig           a signature of the manifest, if somebody signed it
     floor.parquet               scores of the null agents and the oracle, if they flew
 
@@ -40,6 +41,10 @@ RECORDING = "recording.mcap"
 RESULT = "result.json"
 EVIDENCE = "evidence.jsonl"
 SIGNATURE = "manifest.json.sig"
+MADE_FROM_RESULTS = frozenset(
+    {"scores.parquet", "floor.parquet", "report.html", "scores.csv", "runs.csv", "card.md", "junit.xml"}
+)
+"""Files that scoring and report write, and write again."""
 
 FLAT_RUNS = 900
 """With the folders below, no folder has more than a thousand entries up to some 90,000 realizations."""

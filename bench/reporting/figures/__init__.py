@@ -1,1 +1,1 @@
-"""The figures: pure functions from data to Plotly figures."""
+"""The figures: pure functions from data to SVG."""

@@ -3,50 +3,10 @@
   const root = document.documentElement;
   const prefersDark = window.matchMedia("(prefers-color-scheme: dark)");
   let chosen = "auto";
-  let printing = false;
-  const PAPER_PX = 1000;
-  const PANEL_ON_PAPER_PX = 480;
-  // The second column of .beside is 25rem wide (400 px), on paper too.
-  const BESIDE_ON_PAPER_PX = 390;
-
-  // Colours in the figures are CSS variables, so that one figure serves light, dark and print.
-  const resolve = (value, style) => {
-    if (typeof value === "string" && value.startsWith("var(")) return style.getPropertyValue(value.slice(4, -1)).trim();
-    if (Array.isArray(value)) return value.map((item) => resolve(item, style));
-    if (value && typeof value === "object") {
-      return Object.fromEntries(Object.entries(value).map(([name, entry]) => [name, resolve(entry, style)]));
-    }
-    return value;
-  };
-  const draw = (box) => {
-    const source = JSON.parse(document.getElementById("data-" + box.id).textContent);
-    const figure = resolve(source, getComputedStyle(root));
-    const interactive = box.classList.contains("map") && !printing;
-    // The width of a page on paper, as @page in the style sets it; a figure as wide as the window would run over its edge.
-    if (printing) {
-      figure.layout.width = box.closest(".beside") ? BESIDE_ON_PAPER_PX : box.closest(".panel") ? PANEL_ON_PAPER_PX : PAPER_PX;
-    }
-    return Plotly.react(box, figure.data, figure.layout, {
-      responsive: !printing, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
-      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
-      toImageButtonOptions: { format: "svg", filename: box.id },
-    }).then(() => { box.dataset.drawn = "yes"; });
-  };
-  const boxes = [...document.querySelectorAll(".figure")];
-  const visible = (box) => box.offsetParent !== null;
-  const redraw = () => boxes.filter((box) => box.dataset.drawn).forEach(draw);
-  const theme = () => {
+  const theme = (printing = false) => {
     const dark = !printing && (chosen === "auto" ? prefersDark.matches : chosen === "dark");
     root.dataset.theme = dark ? "dark" : "light";
-    redraw();
   };
-
-  const watcher = new IntersectionObserver((entries) => {
-    for (const entry of entries) {
-      if (entry.isIntersecting && !entry.target.dataset.drawn) draw(entry.target);
-    }
-  }, { rootMargin: "800px" });
-
   const button = document.getElementById("theme");
   const names = { auto: "Theme: as the system", light: "Theme: light", dark: "Theme: dark" };
   button.hidden = false;
@@ -55,35 +15,222 @@
     button.textContent = names[chosen];
     theme();
   });
-  prefersDark.addEventListener("change", theme);
-  const maps = [...document.querySelectorAll(".mapbox")];
-  const print = (on) => {
-    printing = on;
-    // On paper nothing can be opened, so everything is open there, and closed again afterwards.
-    document.querySelectorAll("details.branch, details.studied-node, details.every-run").forEach((box) => {
-      if (on && !box.open) { box.open = true; box.dataset.opened = "yes"; }
-      if (!on && box.dataset.opened) { box.open = false; delete box.dataset.opened; }
-    });
-    // Nor can another map be chosen. Those that no screen has shown are drawn for the paper.
-    if (on) maps.filter((map) => map.hidden).forEach((map) => { map.hidden = false; map.dataset.shown = "yes"; });
-    theme();
-    if (on) boxes.filter((box) => visible(box) && !box.dataset.drawn).forEach(draw);
-    if (!on) maps.filter((map) => map.dataset.shown).forEach((map) => { map.hidden = true; delete map.dataset.shown; });
-  };
-  window.addEventListener("beforeprint", () => print(true));
-  window.addEventListener("afterprint", () => print(false));
+  prefersDark.addEventListener("change", () => theme());
 
-  // Maps: one at a time on a screen, all of them on paper.
+  // Maps: one at a time on a screen, all of them on paper, where none can be chosen.
+  const maps = [...document.querySelectorAll(".mapbox")];
   const picker = document.getElementById("map-picker");
+  const showMap = () => maps.forEach((map) => { map.hidden = map.id !== picker.value; });
   if (picker) {
-    const show = () => {
-      maps.forEach((map) => { map.hidden = map.id !== picker.value; });
-      boxes.filter((box) => visible(box) && !box.dataset.drawn && box.closest(".mapbox")).forEach((box) => watcher.observe(box));
-      boxes.filter((box) => visible(box) && box.dataset.drawn && box.closest(".mapbox")).forEach((box) => Plotly.Plots.resize(box));
-    };
     picker.closest(".tools").hidden = false;
-    picker.addEventListener("change", show);
-    show();
+    picker.addEventListener("change", showMap);
+    showMap();
+  }
+  window.addEventListener("beforeprint", () => { maps.forEach((map) => { map.hidden = false; }); theme(true); });
+  window.addEventListener("afterprint", () => { if (picker) showMap(); theme(); });
+
+  // Every run. Columns are packed: one value for all runs, a letter for each truth value, numbered words, or as they are.
+  const source = JSON.parse(document.getElementById("data-runs").textContent);
+  const columns = new Map(source.columns.map((column) => [column.name, column]));
+  const valueOf = (column, row) => {
+    if ("shared" in column) return column.shared;
+    if (column.flags) return { t: true, f: false }[column.flags[row]] ?? null;
+    return column.codes ? column.words[column.codes[row]] : column.numbers[row];
+  };
+
+  // The language of `rebar runs --where` (bench/reporting/_conditions.py); null is neither true nor false.
+  const TOKEN = /\s*(?:(==|!=|<=|>=|<|>|\(|\))|("[^"]*"|'[^']*')|(-?\d+(?:\.\d+)?(?:[eE]-?\d+)?)(?![\w.-])|(`[^`]+`(?:\.\w+)*|[\p{L}\p{N}_][\p{L}\p{N}_.-]*))/uy;
+  const KINDS = ["sign", "text", "number", "word"];
+  const COMPARE = {
+    "==": (a, b) => a === b, "!=": (a, b) => a !== b, "<": (a, b) => a < b, "<=": (a, b) => a <= b, ">": (a, b) => a > b, ">=": (a, b) => a >= b,
+  };
+  const condition = (text) => {
+    const tokens = [];
+    TOKEN.lastIndex = 0;
+    for (let place = 0; text.slice(place).trim(); place = TOKEN.lastIndex) {
+      TOKEN.lastIndex = place;
+      const match = TOKEN.exec(text);
+      if (!match) throw new Error(`cannot be read from ${text.slice(place).trim()} on`);
+      const kind = match.slice(1).findIndex((part) => part !== undefined);
+      tokens.push([KINDS[kind], match[kind + 1]]);
+    }
+    tokens.push(["end", "its end"]);
+    let next = 0;
+    const take = (token) => {
+      const [kind, here] = tokens[next];
+      if ((kind !== "word" && kind !== "sign") || here !== token) return false;
+      next += 1;
+      return true;
+    };
+    const column = (word) => {
+      const longer = [...columns.keys()].filter((name) => name.startsWith(word + "_"));
+      const name = columns.has(word) ? word : longer.length === 1 ? longer[0] : null;
+      if (name === null) throw new Error(`has the word ${word}, which is no column${longer.length ? `: did you mean ${longer.join(" or ")}?` : "; text stands in quotes"}`);
+      return columns.get(name);
+    };
+    const value = () => {
+      const [kind, token] = tokens[next];
+      next = Math.min(next + 1, tokens.length - 1);
+      if (kind === "number") return [kind, () => Number(token)];
+      if (kind === "text") return [kind, () => token.slice(1, -1)];
+      if (kind !== "word") throw new Error(`has ${token} where a value should be`);
+      if (token === "true" || token === "false") return ["truth value", () => token === "true"];
+      if (token === "none") return ["none", () => null];
+      const named = column(token.replaceAll("`", ""));
+      return [named.kind, (row) => valueOf(named, row)];
+    };
+    const comparison = () => {
+      const [leftKind, left] = value();
+      const [, sign] = tokens[next];
+      const compare = Object.hasOwn(COMPARE, sign) ? COMPARE[sign] : null;
+      if (!compare) throw new Error(`has ${sign} where a comparison should be, such as == or >=`);
+      next += 1;
+      const [rightKind, right] = value();
+      if (leftKind === "none" || rightKind === "none") {
+        if (sign !== "==" && sign !== "!=") throw new Error(`compares none by ${sign}`);
+        return (row) => compare(left(row) ?? right(row), null);
+      }
+      if (leftKind !== rightKind) throw new Error(`compares a ${leftKind} with a ${rightKind}`);
+      return (row) => {
+        const [a, b] = [left(row), right(row)];
+        return a === null || b === null ? null : compare(a, b);
+      };
+    };
+    const negation = () => {
+      if (take("not")) {
+        const inner = negation();
+        return (row) => { const truth = inner(row); return truth === null ? null : !truth; };
+      }
+      if (!take("(")) return comparison();
+      const inner = either();
+      if (!take(")")) throw new Error(`lacks a ) before ${tokens[next][1]}`);
+      return inner;
+    };
+    const joined = (word, part, decides) => {
+      let left = part();
+      while (take(word)) {
+        const [first, second] = [left, part()];
+        left = (row) => {
+          const [a, b] = [first(row), second(row)];
+          return a === decides || b === decides ? decides : a === null || b === null ? null : !decides;
+        };
+      }
+      return left;
+    };
+    const both = () => joined("and", negation, false);
+    const either = () => joined("or", both, true);
+    const whole = either();
+    if (tokens[next][0] !== "end") throw new Error(`has ${tokens[next][1]} where it should end`);
+    return whole;
+  };
+
+  const view = document.getElementById("runs-view");
+  if (view) {
+    const ROW_PX = 34;
+    const heads = [...view.querySelectorAll("th")];
+    const shown = heads.map((head) => columns.get(head.dataset.column));
+    const body = view.querySelector("tbody");
+    const input = document.getElementById("where");
+    const says = document.getElementById("where-says");
+    const detail = document.getElementById("run-detail");
+    const everyRow = Array.from({ length: source.rows }, (_, row) => row);
+    let rows = everyRow;
+    let sorted = [];
+    const text = (value) => value === null || value === "" ? "–" : value === true ? "✓" : value === false ? "✗"
+      : typeof value === "number" && !Number.isInteger(value) ? value.toFixed(1) : String(value);
+    const element = (tag, content = "", ...children) => {
+      const made = document.createElement(tag);
+      made.textContent = content;
+      made.append(...children);
+      return made;
+    };
+    const line = (row) => {
+      const made = element("tr");
+      made.dataset.row = row;
+      shown.forEach((column, place) => {
+        const value = valueOf(column, row);
+        const cell = element("td", place ? text(value) : "");
+        if (!place) cell.append(element("button", text(value)));
+        if (value === false) cell.className = "bad";
+        cell.title = text(value);
+        made.append(cell);
+      });
+      return made;
+    };
+    // Only the rows in view are in the document; two empty rows hold the place of the others.
+    const draw = () => {
+      const first = Math.max(0, Math.floor(view.scrollTop / ROW_PX) - 10);
+      const last = Math.min(rows.length, first + Math.ceil((view.clientHeight || 600) / ROW_PX) + 30);
+      const space = (count) => { const made = element("tr"); made.className = "space"; made.style.height = `${count * ROW_PX}px`; return made; };
+      body.replaceChildren(space(first), ...rows.slice(first, last).map(line), space(rows.length - last));
+    };
+    const choose = () => {
+      try {
+        const test = input.value.trim() ? condition(input.value) : () => true;
+        rows = everyRow.filter((row) => test(row) === true);
+        says.textContent = `${rows.length} of ${source.rows} runs`;
+        says.classList.remove("bad");
+      } catch (error) {
+        says.textContent = error.message;
+        says.classList.add("bad");
+        return;
+      }
+      for (const [column, up] of sorted) {
+        const order = (a, b) => {
+          const [x, y] = [valueOf(column, a), valueOf(column, b)];
+          return x === y ? 0 : x === null ? 1 : y === null ? -1 : (x < y ? -1 : 1) * (up ? 1 : -1);
+        };
+        rows.sort(order);
+      }
+      view.scrollTop = 0;
+      draw();
+    };
+    const open = (row) => {
+      const of = (name) => valueOf(columns.get(name), row);
+      const failed = source.columns.filter((column) => column.name.endsWith(".passed") && valueOf(column, row) === false);
+      const path = of("recording");
+      const facts = element("dl");
+      facts.className = "facts";
+      const fact = (name, value) => { if (value) facts.append(element("dt", name), element("dd", value)); };
+      fact("Ended", `${of("outcome")}: ${of("reason")}`);
+      fact("Remark", of("mark"));
+      fact("Not passed", failed.map((column) => column.name.replace(/\.passed$/, "")).join(", ") || "nothing");
+      fact("Recording", path || "is not here");
+      fact("SHA-256", of("sha256"));
+      fact("Seed", of("seed"));
+      fact("Why", path ? `rebar score DIR/${path.replace(/\/[^/]*$/, "")}` : "");
+      detail.replaceChildren(element("h3", of("run")), facts);
+      const box = source.maps[of("run")];
+      if (box) {
+        const link = element("a", "Its map, reports and decisions");
+        link.href = `#${box}`;
+        link.addEventListener("click", () => { picker.value = box; showMap(); });
+        detail.append(element("p", "", link));
+      }
+    };
+    document.getElementById("where-form").hidden = false;
+    document.getElementById("where-form").addEventListener("submit", (event) => event.preventDefault());
+    input.addEventListener("input", choose);
+    view.addEventListener("scroll", draw);
+    window.addEventListener("resize", draw);
+    body.addEventListener("click", (event) => {
+      const row = event.target.closest("tr[data-row]");
+      if (row) open(Number(row.dataset.row));
+    });
+    heads.forEach((head, place) => {
+      const control = element("button", head.textContent);
+      control.type = "button";
+      control.addEventListener("click", () => {
+        const up = head.getAttribute("aria-sort") !== "ascending";
+        heads.forEach((other) => other.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", up ? "ascending" : "descending");
+        sorted = [[shown[place], up]];
+        choose();
+      });
+      head.replaceChildren(control);
+    });
+    view.classList.add("live");
+    choose();
   }
 
   // The hierarchy: rows below a folded row are hidden, whatever their own state.
@@ -91,11 +238,6 @@
   const refresh = (table) => {
     let hiddenBelow = Infinity;
     for (const row of table.tBodies[0].rows) {
-      if (row.classList.contains("sentences")) {
-        const above = row.previousElementSibling;
-        row.hidden = above.hidden || above.querySelector("button.tell").getAttribute("aria-expanded") === "false";
-        continue;
-      }
       const depth = Number(row.dataset.depth);
       if (depth <= hiddenBelow) hiddenBelow = Infinity;
       row.hidden = hiddenBelow !== Infinity;
@@ -111,12 +253,12 @@
   };
   for (const table of document.querySelectorAll("table.tree")) {
     table.addEventListener("click", (event) => {
-      const control = event.target.closest("button.fold, button.tell");
+      const control = event.target.closest("button.fold");
       if (!control) return;
       control.setAttribute("aria-expanded", String(control.getAttribute("aria-expanded") === "false"));
       refresh(table);
     });
-    table.querySelectorAll("button.fold, button.tell").forEach((control) => { control.hidden = false; });
+    table.querySelectorAll("button.fold").forEach((control) => { control.hidden = false; });
     all(table, 1);
   }
   for (const box of document.querySelectorAll(".treebox")) {
@@ -138,5 +280,4 @@
   reach();
 
   theme();
-  boxes.filter((box) => !box.closest("[hidden]")).forEach((box) => watcher.observe(box));
 })();

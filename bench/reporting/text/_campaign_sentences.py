@@ -6,9 +6,9 @@ from collections import Counter
 
 from bench.contracts import Outcome
 
-from .._campaign_data import ReportData, Tally, stopped_early
+from .._campaign_data import ReportData, stopped_early
 from ..statistics._agent_comparison import Comparison
-from ._format import p_value, percent, plural
+from ._format import p_value, plural
 from ._outcomes import outcome_name
 
 
@@ -42,27 +42,6 @@ def missing_sentence(data: ReportData) -> str:
         f"INCOMPLETE: {missing.total()} of {plural(len(data.runs), 'run')} are missing ({kinds}), so the numbers will change. "
         "Run the campaign again to fly them. "
     )
-
-
-def confidence_extremes(data: ReportData, agent: str) -> str:
-    """In which studied key attribute the agent is surest and in which least, in a sentence."""
-    tallies = [
-        t for node in data.study if (t := data.tally(agent, node)) is not None and t.confidence is not None
-    ]
-    if not tallies:
-        return "No run considered any of the key attributes under study, so there is no result."
-    # The id breaks ties, so that the same folder gives the same sentence.
-    best = max(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
-    worst = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
-    return (
-        f"Lowest confidence in {_tally_text(data, worst)}; highest in {_tally_text(data, best)}."
-        if best.node != worst.node
-        else f"Confidence in {_tally_text(data, best)}."
-    )
-
-
-def _tally_text(data: ReportData, tally: Tally) -> str:
-    return f"{tally.node} ({data.title(tally.node)}): {percent(tally.confidence)} over {plural(tally.considered, 'considered run')}"
 
 
 def difference_sentences(data: ReportData, comparison: Comparison) -> list[str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from bench.contracts import Outcome
 
-from .._campaign_data import Run
+from .._campaign_data import ReportData, Run
 
 OUTCOME_MEANINGS = {
     Outcome.COMPLETED: "the agent declared its mission complete or aborted, and the vehicle has landed",
@@ -41,3 +43,9 @@ def outcome_text(run: Run) -> str:
     if run.after_stop:
         return "the earlier replicates had decided the question; this run counts in no number here"
     return OUTCOME_MEANINGS[run.outcome] if run.outcome else "this run has no result yet"
+
+
+def endings(data: ReportData) -> list[tuple[str, str, int]]:
+    """How runs ended other than completed: name, what it means, and how many."""
+    counts = Counter((outcome_name(run), outcome_text(run)) for run in data.runs)
+    return [(*ending, count) for ending, count in sorted(counts.items()) if ending[0] != "completed"]

@@ -1,0 +1,209 @@
+"""The runs of a campaign as one table: what the page lists, `runs.csv` holds, and `rebar runs --where` asks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+
+from bench.simspec import FACTORS, factor_values
+
+from ._campaign_data import ReportData, Run
+from ._remarks import TABLE_MARKS
+from ._simspec_files import situations_of
+from .text._format import number
+from .text._isolation import isolation_cell
+from .text._outcomes import outcome_name
+
+# Rows that a page shows without JavaScript and on paper; runs.csv has all.
+LISTED_ROWS = 60
+# Columns that the page lists where runs differ in them, and their headings; between both are the principles.
+_FIRST_HEADS = {
+    "run": "Run",
+    "agent": "Agent",
+    "configuration": "Difficulty",
+    "outcome": "Outcome",
+    "counts": "Counts",
+    "failed": "Key attributes failed",
+}
+_LAST_HEADS = {
+    "simulated_s": "Simulated, s",
+    "confined": "Confined by",
+    "probes": "Probes",
+    "mark": "Mark",
+    "reason": "Reason",
+}
+
+# Columns of every run, before the key factors and the nodes.
+RUN_COLUMNS: dict[str, type[pl.DataType]] = {
+    "run": pl.String,
+    "agent": pl.String,
+    "design_point": pl.String,
+    "replicate": pl.Int64,
+    "configuration": pl.String,
+    "outcome": pl.String,
+    "counts": pl.Boolean,
+    "failed": pl.Int64,
+    "simulated_s": pl.Float64,
+    "confined": pl.String,
+    "probes": pl.String,
+    "mark": pl.String,
+    "reason": pl.String,
+    "recording": pl.String,
+    "sha256": pl.String,
+    # A text: larger than what JavaScript, and many a spreadsheet, counts with.
+    "seed": pl.String,
+}
+
+
+def runs_table(data: ReportData) -> pl.DataFrame:
+    """A row for each run, those first that tell most: marked, not completed, with many failed key attributes.
+
+    After the columns RUN_COLUMNS come the key factors of the situation, and for each node whether the run passed it, as
+    `NODE.passed`: of a principle its verdict. Empty cells: nothing essential was considered, or the run has no scores.
+    `failed` counts the key attributes that a run did not pass.
+    """
+    labels = {configuration.key: configuration.label for configuration in data.configurations}
+    factors = {name: factor_values(simspec) for name, simspec in situations_of(data.simspecs)}
+    present = [name for name in FACTORS if any(name in values for values in factors.values())]
+    rows = [
+        _row(run, labels) | {name: factors.get(run.realization, {}).get(name) for name in present}
+        for run in data.runs
+    ]
+    schema = RUN_COLUMNS | dict.fromkeys(present, pl.Float64)
+    table = pl.DataFrame(rows, schema=schema)
+    passed = _passed(data)
+    attributes = [f"{node.id}.passed" for node in data.nodes.values() if node.level == "ka"]
+    failures = [(~pl.col(name)).cast(pl.Int64) for name in attributes if name in passed.columns]
+    table = table.join(passed, on="run", how="left", maintain_order="left").with_columns(
+        failed=pl.sum_horizontal(failures) if failures else pl.lit(0, pl.Int64)
+    )
+    completed = pl.col("outcome") == "completed"
+    return table.select([*schema, *passed.columns[1:]]).sort(
+        pl.col("mark") == "", completed, -pl.col("failed"), "run", maintain_order=True
+    )
+
+
+def _row(run: Run, labels: dict[str, str]) -> dict[str, Any]:
+    return {
+        "run": run.realization,
+        "agent": run.agent,
+        "design_point": run.design_point,
+        "replicate": run.replicate,
+        "configuration": labels.get(run.configuration or ""),
+        "outcome": outcome_name(run),
+        "counts": bool(run.outcome and run.outcome.counts and not run.after_stop),
+        "failed": None,
+        "simulated_s": round(run.simulated_s, 3),
+        "confined": isolation_cell(run),
+        "probes": ", ".join(f"{count} {text}" for text, count in run.probes.items()),
+        "mark": "; ".join(
+            f"{mark.label}: {text}"
+            for mark in TABLE_MARKS
+            if (texts := run.fact(mark.kind))
+            for text in texts.texts
+        ),
+        "reason": run.reason,
+        "recording": _path_in_campaign(run),
+        "sha256": run.recording_sha256,
+        "seed": None if run.root_seed is None else str(run.root_seed),
+    }
+
+
+def _path_in_campaign(run: Run) -> str | None:
+    """`runs/RUN/recording.mcap`, or `runs/42/RUN/recording.mcap` in a large campaign."""
+    if run.recording is None:
+        return None
+    parts = run.recording.parts
+    return "/".join(parts[-3:] if parts[-3] == "runs" else parts[-4:])
+
+
+def _passed(data: ReportData) -> pl.DataFrame:
+    """A column for each node, in the order of the decomposition: whether each run passed it."""
+    considered = pl.when(pl.col("considered") > 0).then(pl.col("achieved") == pl.col("considered"))
+    rows = data.scores.select(
+        pl.col("realization").cast(pl.String).alias("run"),
+        pl.col("node").cast(pl.String),
+        pl.when(pl.col("level").cast(pl.String) == "principle")
+        .then(pl.col("verdict"))
+        .otherwise(considered)
+        .alias("passed"),
+    )
+    table = rows.pivot(on="node", index="run", values="passed", aggregate_function="first")
+    order = [
+        *(name for name in data.nodes if name in table.columns),
+        *sorted(set(table.columns[1:]) - set(data.nodes)),
+    ]
+    return table.select("run", *(pl.col(name).alias(f"{name}.passed") for name in order))
+
+
+@dataclass(frozen=True, slots=True)
+class ListedRuns:
+    """The table of runs on the page: columns with their headings, the first rows as texts, and what all runs share."""
+
+    heads: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[str, ...], ...]
+    shared: tuple[str, ...]
+
+
+def listed_runs(table: pl.DataFrame, data: ReportData) -> ListedRuns:
+    """The columns in which runs differ, among them the verdicts of the principles; the others are said once."""
+    principles = {
+        f"{node.id}.passed": node.title for node in data.nodes.values() if node.level == "principle"
+    }
+    heads = {
+        name: head
+        for name, head in (_FIRST_HEADS | principles | _LAST_HEADS).items()
+        if name in table.columns
+    }
+    # A single run shares everything with itself.
+    order = [name for name in heads if name == "run" or (table.height > 1 and table[name].n_unique() > 1)]
+    first = table.head(LISTED_ROWS).select(order)
+    shared = {name: _cell(table[name][0]) for name in heads if name not in order and table.height}
+    return ListedRuns(
+        tuple((name, heads[name]) for name in order),
+        tuple(tuple(map(_cell, row)) for row in first.iter_rows()),
+        tuple(
+            f"{heads[name][:1].lower()}{heads[name][1:]} {text}"
+            for name, text in shared.items()
+            if text != "–"
+        ),
+    )
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "✓" if value else "✗"
+    if isinstance(value, float):
+        return number(value)
+    return "–" if value in (None, "") else str(value)
+
+
+def runs_document(table: pl.DataFrame, boxes: Mapping[str, str]) -> dict[str, Any]:
+    """The table for the script of the page, column by column; `boxes` are the maps on the page by run.
+
+    What all runs share is there once, truth values are a letter each, and texts are numbered.
+    """
+    return {
+        "rows": table.height,
+        "columns": [_packed(table[name]) for name in table.columns],
+        "maps": dict(boxes),
+    }
+
+
+def _packed(column: pl.Series) -> dict[str, Any]:
+    kind = "number" if column.dtype.is_numeric() else "truth value" if column.dtype == pl.Boolean else "text"
+    head = {"name": column.name, "kind": kind}
+    values = column.to_list()
+    if len(set(values)) <= 1:
+        return head | {"shared": values[0] if values else None}
+    if kind == "truth value":
+        return head | {"flags": "".join("-" if value is None else "t" if value else "f" for value in values)}
+    if kind == "number":
+        return head | {"numbers": [None if value is None else round(value, 6) for value in values]}
+    words = {value: place for place, value in enumerate(dict.fromkeys(values))}
+    if len(words) == len(values):
+        return head | {"numbers": values}
+    return head | {"words": list(words), "codes": [words[value] for value in values]}

@@ -1,0 +1,84 @@
+"""`rebar runs` lists runs by a condition; `rebar check` tells a pipeline by its exit code whether requirements hold."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from io import StringIO
+from pathlib import Path
+
+import polars as pl
+import pytest
+import yaml
+
+from bench.cli._app import run
+from bench.reporting import load_report_data, requirements_table
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+CAMPAIGN = {
+    "format": "rebar.campaign/1",
+    "name": "asked",
+    "base_file": str(EXAMPLE),
+    "fidelity": "overhead",
+    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
+    "design": {
+        "seed": 3,
+        "factors": [{"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]}],
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("asked")
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(CAMPAIGN))
+    assert run(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--workers", "1"]) == 0
+    return folder / "out"
+
+
+def test_runs_are_listed_by_a_condition(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As a table with the words that were asked, as CSV and as JSON with all of them."""
+    capsys.readouterr()
+    assert run(["runs", str(flown), "--where", "fog >= 1 and agent == 'reference-naive'"]) == 0
+    text = capsys.readouterr().out
+    assert "2 of 6 runs" in text
+    assert "fog_level" in text
+    assert run(["runs", str(flown), "--where", "fog > 1", "--csv"]) == 0
+    table = pl.read_csv(StringIO(capsys.readouterr().out))
+    assert table["fog_level"].to_list() == [2.0, 2.0]
+    assert table.columns == pl.read_csv(flown / "runs.csv").columns
+    assert run(["runs", str(flown), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == 6
+    assert run(["runs", str(flown), "--where", "fog > 9"]) == 0
+    assert "0 of 6 runs" in capsys.readouterr().out
+    assert run(["runs", str(flown), "--where", "fog >"]) == 2
+    assert "--where 'fog >': has its end where a value should be" in capsys.readouterr().err
+    assert run(["runs", str(flown), "--csv", "--json"]) == 2
+
+
+def test_check_tells_by_its_exit_code(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """0 where all requirements hold for every agent, 1 where one does not, both sides of the boundary."""
+    low = min(requirements_table(load_report_data(flown))["responsible.passed.low"])
+    below, above = f"responsible.passed.low >= {low}", f"responsible.passed.low > {low}"
+    assert run(["check", str(flown), "--require", below]) == 0
+    assert capsys.readouterr().out.count("holds: ") == 2
+    assert run(["check", str(flown), "--require", above]) == 1
+    assert f"NOT MET: {above} for " in capsys.readouterr().out
+    assert run(["check", str(flown), "--require", below, "--require", above]) == 1
+    assert run(["check", str(flown), "--require", "agent == 'x'"]) == 1
+    # Never given over three scenes: nothing shown meets no requirement.
+    assert run(["check", str(flown), "--require", "responsible.competence_90 >= 0"]) == 1
+
+
+def test_check_refuses_what_it_cannot_answer(
+    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An unknown word, no campaign, and a folder that was changed; test_cli_missing_runs.py has what is incomplete."""
+    assert run(["check", str(flown), "--require", "KA-99.passed >= 1"]) == 2
+    assert "no column" in capsys.readouterr().err
+    assert run(["check", str(tmp_path), "--require", "KA-18.passed >= 1"]) == 2
+    shutil.copytree(flown, tmp_path / "copy")
+    with (tmp_path / "copy" / "scores.csv").open("a") as file:
+        file.write("x")
+    assert run(["check", str(tmp_path / "copy"), "--require", "responsible.passed >= 0"]) == 2
+    assert "scores.csv: has changed" in capsys.readouterr().err

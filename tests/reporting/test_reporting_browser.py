@@ -1,0 +1,164 @@
+"""The table of runs in a browser: it filters as `rebar runs --where` does, sorts, opens a run, and 10,000 rows scroll."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+from made_campaign import Made, make_campaign
+
+from bench.contracts import Outcome
+from bench.errors import SetupError
+from bench.reporting import load_report_data, matching, render_report, runs_table
+from bench.reporting._html import json_script_text
+from bench.reporting._runs_table import runs_document
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+CONDITIONS = (
+    "KA-18.passed == false and fog > 1",
+    "not KA-18.passed == false",
+    "fog == 0 or fog == 2 and replicate == 1",
+    "(fog == 0 or fog == 2) and not replicate == 1",
+    'outcome != "completed"',
+    "outcome == 'agent crashed' or failed >= 4",
+    "P-RELIABLE.passed != true",
+    "P-RELIABLE.passed == none",
+    "`KA-09`.passed == true and simulated_s <= 1.2e2",
+    "seed == '1001'",
+    "fog >",
+    "fog > 'x'",
+    "nothing == 1",
+    "(fog > 1",
+    "fog > 1 failed",
+    "intelligence > 1",
+)
+SCRIPT = """
+<script>
+window.addEventListener("error", (event) => { document.body.dataset.error = event.message; });
+window.addEventListener("load", () => {
+  const input = document.getElementById("where"), says = document.getElementById("where-says");
+  const view = document.getElementById("runs-view");
+  const rows = () => [...view.querySelectorAll("tr[data-row]")].map((row) => row.cells[0].textContent);
+  const filter = (text) => { input.value = text; input.dispatchEvent(new Event("input")); };
+  const states = {};
+  for (const text of CONDITIONS) { filter(text); states[text] = [says.textContent, says.classList.contains("bad"), rows()]; }
+  filter("");
+  const head = view.querySelector('th[data-column="failed"]');
+  const control = head && head.querySelector("button");
+  const sorted = [];
+  if (control) for (const _ of [1, 2]) { control.click(); sorted.push(rows().length && [...view.querySelectorAll("tr[data-row]")].map((row) => Number(row.cells[head.cellIndex].textContent))); }
+  view.querySelector("tr[data-row]").click();
+  const before = performance.now();
+  view.scrollTop = view.scrollHeight;
+  view.dispatchEvent(new Event("scroll"));
+  document.body.dataset.states = JSON.stringify({
+    states, sorted, detail: document.getElementById("run-detail").textContent, last: rows().at(-1), drawn: rows().length,
+    height: view.scrollHeight, scroll_ms: performance.now() - before,
+  });
+});
+</script>
+"""
+
+
+def browsed(page: str, folder: Path, conditions: tuple[str, ...] = CONDITIONS) -> dict[str, Any]:
+    """What a browser shows of the table of runs."""
+    # The page allows no script but its own.
+    page, count = re.subn(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
+    assert count == 1
+    script = SCRIPT.replace("CONDITIONS", json.dumps(conditions))
+    (folder / "browsed.html").write_text(page.replace("</body>", f"{script}</body>"))
+    dom = subprocess.run(
+        [
+            *(
+                str(CHROMIUM),
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--no-first-run",
+                "--disable-sync",
+            ),
+            *("--disable-background-networking", "--disable-component-update", "--window-size=1280,900"),
+            *(f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000"),
+            *("--dump-dom", f"file://{folder / 'browsed.html'}"),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    ).stdout
+    assert "data-error" not in dom[:10_000].split("<body", 1)[-1].split(">")[0]
+    states = re.search(r'data-states="([^"]*)"', dom)
+    assert states is not None
+    shown: dict[str, Any] = json.loads(
+        states[1].replace("&quot;", '"').replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
+    )
+    return shown
+
+
+def refusal(table: pl.DataFrame, condition: str) -> str | None:
+    """Why a condition cannot be read; None for one that can."""
+    try:
+        matching(table, condition, "--where")
+    except SetupError as refused:
+        return refused.faults[0].what
+    return None
+
+
+def test_the_page_filters_as_the_command_does(tmp_path: Path) -> None:
+    """The same runs in the same order, or the same reason why not; failed runs come first, and a click opens one."""
+    endings = {
+        "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1"),
+        "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place"),
+    }
+    data = load_report_data(make_campaign(tmp_path / "c", Made(endings=endings)))
+    table = runs_table(data)
+    shown = browsed(render_report(data), tmp_path)
+    chosen = set()
+    for condition in CONDITIONS:
+        says, is_bad, rows = shown["states"][condition]
+        if (reason := refusal(table, condition)) is not None:
+            assert is_bad, condition
+            # In nearly the same words, such as `has its end where a value should be`.
+            assert says.split()[:2] == reason.split()[:2], (says, reason)
+            continue
+        wanted = matching(table, condition, "--where")["run"].to_list()
+        assert (rows, is_bad) == (wanted, False), condition
+        assert says == f"{len(wanted)} of 12 runs"
+        chosen.add(len(wanted))
+    assert len(chosen) > 4
+    ascending, descending = shown["sorted"]
+    assert ascending == sorted(ascending)
+    assert descending == sorted(descending, reverse=True)
+    assert "SHA-256" in shown["detail"]
+    assert "Not passed" in shown["detail"]
+
+
+def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
+    """The document holds only the rows in view, its data are small, and the last row comes into view."""
+    data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2)))
+    page = render_report(data)
+    few = runs_table(data)
+    many = pl.concat(
+        [few.with_columns(run=pl.lit(f"q{place:04d}-") + pl.col("run")) for place in range(2500)]
+    )
+    assert many.height == 10_000
+    packed = str(json_script_text(runs_document(many, {})))
+    assert len(packed) < 3_000_000
+    page = re.sub(
+        r'(<script type="application/json" id="data-runs">).*?(</script>)',
+        lambda match: match[1] + packed + match[2],
+        page,
+        flags=re.S,
+    )
+    shown = browsed(page, tmp_path, ("fog == 1",))
+    assert shown["states"]["fog == 1"][0] == "5000 of 10000 runs"
+    assert shown["height"] > 10_000 * 30
+    assert shown["drawn"] < 100
+    assert shown["last"].startswith("q")
