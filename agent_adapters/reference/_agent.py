@@ -25,7 +25,7 @@ from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, 
 from bench.values import value_class
 
 from ._log import Log, Publish
-from ._settings import DEFAULTS, Eyes, PolicyName, Settings
+from ._settings import Eyes, PolicyName, Settings
 from ._watch import Watch
 from .flight._piloted_vehicle import PilotedVehicle, Sender
 from .mission._mission import SearchMission
@@ -52,7 +52,7 @@ def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detecti
     with open_bench(name.replace("-", "_"), environment, topics) as bench:
         vehicle = environment.vehicle
         parts = AgentParts.of(vehicle, bench.links[LINK], bench.publish, policy, settings, detector)
-        agent = Agent(vehicle, parts, settings)
+        agent = Agent(vehicle, parts)
         for moment in bench.moments(name):
             agent.act(moment)
         return bench.ended
@@ -103,6 +103,7 @@ class AgentParts:
     log: Log
     watch: Watch
     mission: SearchMission
+    settings: Settings
     pictures: PictureDetections | None = None  # None: it gets the bench's detections
 
     @classmethod
@@ -123,18 +124,18 @@ class AgentParts:
         log = Log(publish, name)
         watch = Watch(vehicle, eyes, log)
         mission = SearchMission(vehicle, eyes, log, watch, policy, settings)
-        return cls(vehicle, eyes, log, watch, mission, pictures)
+        return cls(vehicle, eyes, log, watch, mission, settings, pictures)
 
 
 class Agent:
     """One mission's worth of agent."""
 
-    def __init__(self, name: str, parts: AgentParts, settings: Settings = DEFAULTS) -> None:
+    def __init__(self, name: str, parts: AgentParts) -> None:
         self._topics = VehicleTopics(name)
         self._vehicle, self._eyes, self._log = parts.vehicle, parts.eyes, parts.log
         self._watch, self._mission, self._pictures = parts.watch, parts.mission, parts.pictures
         self._flight = self._mission.fly()
-        self._settings = settings
+        self._settings = parts.settings
         self._unread: deque[tuple[float, OrderDocument]] = deque()  # orders, each with when it is read
         # What reads each topic of documents.
         self._documents: dict[str, tuple[type[Any], Callable[[Any], object]]] = {
@@ -199,7 +200,7 @@ class Agent:
         if detections is None:
             return
         if self._settings.kept_detections < 1.0:
-            detections = _kept(detections, self._settings.kept_detections)
+            detections = kept_detections(detections, self._settings.kept_detections)
         if self._eyes.see(detections, self._watch.doubt_m()):
             self._mission.update()
 
@@ -208,7 +209,7 @@ class Agent:
 _LOST_NS = 3_000_000_000
 
 
-def _kept(frame: Detection2DArray, share: float) -> Detection2DArray:
+def kept_detections(frame: Detection2DArray, share: float) -> Detection2DArray:
     """The frame with this share of its objects. Each stays or is lost for three seconds, by a hash of its id and
     the time: an agent has no seed, and a hash repeats as the session does.
     """

@@ -66,8 +66,10 @@ class ScaleProof:
     @property
     def reason(self) -> str:
         passes = self.trials - self.failures
-        if min(self.failures, passes) < MIN_OUTCOMES:
+        if self.failures < MIN_OUTCOMES:
             return f"{self.failures} failures in {self.trials} runs"
+        if passes < MIN_OUTCOMES:
+            return f"{passes} passes in {self.trials} runs"
         if self.slope.low is None or self.slope.low <= 0.0:
             return "failure was not shown to rise with it"
         if self.auc is None or self.auc < MIN_AUC:

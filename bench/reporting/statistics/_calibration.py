@@ -29,6 +29,7 @@ from bench.difficulty import (
 )
 from bench.errors import Fault, SetupError, command_line
 from bench.scoring import EXCLUDED_OUTCOMES, Standing
+from bench.simspec import SimSpec
 from bench.statistics import DifficultySlope, ScaleProof, difficulty_slope, prove_scale
 from decompositions import Decomposition, Level
 
@@ -75,8 +76,7 @@ def fit_difficulty(folders: Sequence[Path], agents: Sequence[str] = ()) -> Diffi
     for node in source.decomposition.key_attributes:
         rows = source.attribute(node)
         trials[node] = ScaleTrials(tuple(rows["agent"]), tuple(rows["scene"]), tuple(rows["failed"]))
-    features = {scene: source.features[scene] for scene in set(source.trials["scene"])}
-    return fit_scale(source.decomposition, trials, features, source.flown())
+    return fit_scale(source.decomposition, trials, source.features(), source.flown())
 
 
 def calibrate(
@@ -104,7 +104,11 @@ def calibrate(
                 f"`{command_line('rebar', 'score', folders[0])}` scores it again",
             )
         )
-    nodes = tuple(_node(source, node, scale, seed) for node in source.decomposition.key_attributes)
+    features = source.features() if scale else {}
+    nodes = tuple(
+        _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
+        for node in source.decomposition.key_attributes
+    )
     calibration = Calibration(
         folders=tuple(folders),
         agents=chosen,
@@ -121,17 +125,29 @@ def calibrate(
     return calibration
 
 
-def _node(source: _Source, node: str, scale: DifficultyScale | None, seed: int) -> NodeCalibration:
-    trials = source.attribute(node)
+def _node(
+    trials: pl.DataFrame,
+    node: str,
+    title: str,
+    scale: DifficultyScale | None,
+    features: Mapping[str, Mapping[str, Feature]],
+    seed: int,
+) -> NodeCalibration:
     rated = trials["difficulty"].to_numpy()
     # The published rating as if 10 points were a unit of log odds, as the measured scale has it.
     proof = _proof(trials, rated, rated / POINTS_PER_LOG_ODDS, seed)
-    measured = None
-    if scale is not None and node in scale.nodes:
-        log_odds = np.array([scale.log_odds(node, source.features[scene]) for scene in trials["scene"]])
-        difficulty = [scale.measure(node, source.features[scene]).difficulty for scene in trials["scene"]]
-        measured = _proof(trials, np.array(difficulty), log_odds, seed)
-    return NodeCalibration(node, source.decomposition.nodes[node].title, proof, measured)
+    if scale is None or node not in scale.nodes:
+        return NodeCalibration(node, title, proof, None)
+    scenes = trials["scene"].to_list()
+    log_odds = {scene: scale.log_odds(node, features[scene]) for scene in set(scenes)}
+    difficulty = {scene: scale.measure(node, features[scene]).difficulty for scene in set(scenes)}
+    measured = _proof(
+        trials,
+        np.array([difficulty[scene] for scene in scenes]),
+        np.array([log_odds[scene] for scene in scenes]),
+        seed,
+    )
+    return NodeCalibration(node, title, proof, measured)
 
 
 def _proof(trials: pl.DataFrame, difficulty: Floats, log_odds: Floats, seed: int) -> ScaleProof:
@@ -163,7 +179,7 @@ class _Source:
     decomposition: Decomposition
     names: tuple[str, ...]
     trials: pl.DataFrame
-    features: Mapping[str, Mapping[str, Feature]]
+    simspecs: Mapping[str, SimSpec]
     notes: tuple[str, ...]
 
     @classmethod
@@ -174,13 +190,11 @@ class _Source:
         _require_scores(folders, data)
         _require_one_decomposition(folders, data)
         frames: list[pl.DataFrame] = []
-        features: dict[str, Mapping[str, Feature]] = {}
+        simspecs: dict[str, SimSpec] = {}
         faults: list[Fault] = []
         for folder, campaign in zip(folders, data, strict=True):
             scenes = {name: scene_digest(simspec) for name, simspec in campaign.simspecs.items()}
-            # Features take longer than the digest, and agents share scenes.
-            new = {scene: name for name, scene in scenes.items() if scene not in features}
-            features |= {scene: features_of(campaign.simspecs[name]) for scene, name in new.items()}
+            simspecs |= {scene: campaign.simspecs[name] for name, scene in scenes.items()}
             considered = _considered(campaign.scores)
             if missing := sorted(set(considered["realization"]) - set(scenes)):
                 faults.append(
@@ -207,9 +221,13 @@ class _Source:
             document,
             tuple(campaign.name for campaign in data),
             _with_points(trials),
-            features,
+            simspecs,
             _notes(folders, data),
         )
+
+    def features(self) -> dict[str, Mapping[str, Feature]]:
+        """Of every scene that an agent flew."""
+        return {scene: features_of(self.simspecs[scene]) for scene in sorted(set(self.trials["scene"]))}
 
     def of_agents(self, agents: Sequence[str]) -> _Source:
         """Only the trials of these agents."""
