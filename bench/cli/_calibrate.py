@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
-from rich.text import Text
 
 from bench.errors import Fault, SetupError
 
 from ._missing_runs import exit_if_incomplete, print_missing_in
-from ._tables import plain_console, print_lines
+from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
     from bench.difficulty import DifficultyScale
     from bench.reporting import Calibration
     from bench.statistics import AgentAbility, DifficultySlope, ScaleProof
 
-TEXT_COLUMNS = ("node", "result")
 MAX_ODDS_RATIO = 1000.0
 SEPARATED = "* separated: Firth's penalised likelihood, a design point counts as one run"
 
@@ -176,11 +174,14 @@ def _show(calibration: Calibration) -> None:
     shown = [node for node in calibration.nodes if node.rated.trials]
     slopes = [calibration.overall, *(node.rated.slope for node in shown)]
     print_lines(console, ["Published rating: AUC, and odds of failure for each 10 points"])
-    console.print(_table([(node.node, node.rated) for node in shown], calibration.overall))
+    console.print(_table([(node.node, node.rated) for node in shown], gaps=False))
     measured = [(node.node, node.measured) for node in shown if node.measured]
     if measured:
-        print_lines(console, ["Measured difficulty"])
-        console.print(_table(measured))
+        print_lines(
+            console,
+            ["Measured difficulty; gap: the largest between predicted and observed failure in five bins"],
+        )
+        console.print(_table(measured, gaps=True))
         slopes += [proof.slope for _, proof in measured]
         print_lines(console, _verdict(measured))
     else:
@@ -205,6 +206,7 @@ def _heading(calibration: Calibration) -> list[str]:
         f"{calibration.decomposition.name}: {calibration.runs} runs of {len(calibration.agents)} agents at "
         f"{calibration.design_points} design points",
         *(_ability(ability) for ability in calibration.overall.agents),
+        f"all observables: odds of failure x {' (95 % '.join(_slope_cells(calibration.overall))}) for 10 points of published rating",
     ]
     if calibration.excluded:
         lines.append(f"left out: {', '.join(calibration.excluded)} (--agent names the agents that count)")
@@ -215,19 +217,20 @@ def _ability(ability: AgentAbility) -> str:
     return f"{ability.agent}: {ability.failed} of {ability.trials} trials of observables failed"
 
 
-def _table(proofs: list[tuple[str, ScaleProof]], overall: DifficultySlope | None = None) -> Table:
-    """A table without lines: with them the numbers would not fit."""
-    table = Table(box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)
-    for column in ("node", "trials", "failed", "AUC", "95 %", "odds x", "95 % ", "gap"):
-        is_text = column in TEXT_COLUMNS
-        table.add_column(column, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
-    if overall is not None:
-        table.add_row(
-            *map(Text, ("all observables", str(overall.trials), "", "", "", *_slope_cells(overall), ""))
-        )
+def _table(proofs: list[tuple[str, ScaleProof]], *, gaps: bool) -> Table:
+    columns = (
+        "node",
+        "trials",
+        "failed",
+        "AUC",
+        "95 %",
+        "odds x",
+        "95 % or why not",
+        *(["gap"] if gaps else []),
+    )
+    table = plain_table(columns, texts=("95 % or why not",))
     for node, proof in proofs:
         ends = "-" if proof.auc_low is None else f"{proof.auc_low:.2f} to {proof.auc_high:.2f}"
-        gap = max((part.gap for part in proof.bins), default=None)
         cells = (
             node,
             str(proof.trials),
@@ -235,10 +238,9 @@ def _table(proofs: list[tuple[str, ScaleProof]], overall: DifficultySlope | None
             "-" if proof.auc is None else f"{proof.auc:.2f}",
             ends,
             *_slope_cells(proof.slope),
-            # Predictions of the published rating have no unit, so no gap either.
-            "" if gap is None or overall is not None else f"{gap:.0%}",
         )
-        table.add_row(*map(Text, cells))
+        gap = max((part.gap for part in proof.bins), default=0.0)
+        add_plain_row(table, (*cells, f"{gap:.0%}") if gaps else cells)
     return table
 
 
