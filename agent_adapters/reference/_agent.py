@@ -25,7 +25,7 @@ from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, 
 from bench.values import value_class
 
 from ._log import Log, Publish
-from ._settings import Eyes, PolicyName, Settings
+from ._settings import DEFAULTS, Eyes, PolicyName, Settings
 from ._watch import Watch
 from .flight._piloted_vehicle import PilotedVehicle, Sender
 from .mission._mission import SearchMission
@@ -103,8 +103,8 @@ class AgentParts:
     log: Log
     watch: Watch
     mission: SearchMission
-    settings: Settings
     pictures: PictureDetections | None = None  # None: it gets the bench's detections
+    settings: Settings = DEFAULTS
 
     @classmethod
     def of(
@@ -124,7 +124,7 @@ class AgentParts:
         log = Log(publish, name)
         watch = Watch(vehicle, eyes, log)
         mission = SearchMission(vehicle, eyes, log, watch, policy, settings)
-        return cls(vehicle, eyes, log, watch, mission, settings, pictures)
+        return cls(vehicle, eyes, log, watch, mission, pictures, settings)
 
 
 class Agent:

@@ -8,7 +8,6 @@ Response Models", Springer. Weights and residuals are penalised by their squares
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +36,7 @@ class ItemResponse:
 
 
 def fit_item_response(
-    failed: ArrayLike, agents: Sequence[int], scenes: Sequence[int], features: Floats, *, seed: int = 0
+    failed: ArrayLike, agents: ArrayLike, scenes: ArrayLike, features: Floats, *, seed: int = 0
 ) -> ItemResponse:
     """Fit trials to agents and to the features of their scenes.
 

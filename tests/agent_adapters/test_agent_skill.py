@@ -27,7 +27,7 @@ def test_the_share_of_objects_is_kept_over_time(share: float) -> None:
 
 def test_an_object_stays_or_is_lost_for_three_seconds() -> None:
     """Within a window all frames agree; over windows each object comes and goes."""
-    seen = {}
+    seen = dict[int, set[frozenset[str]]]()
     for tenth in range(900):
         ids = {detection.id for detection in kept_detections(frame(tenth / 10, "t1", "t2"), 0.5).detections}
         seen.setdefault(tenth // 30, set()).add(frozenset(ids))

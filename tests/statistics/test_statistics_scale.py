@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize
 from scipy.special import expit
 
-from bench.arrays import Floats
+from bench.arrays import Bools, Counts, Floats
 from bench.statistics import fit_item_response, prove_scale
 from bench.statistics._item_response import ABILITY_SD, RESIDUAL_SD, WEIGHT_SDS, fit_abilities
 from bench.statistics._scale_proof import within_agent_auc
@@ -16,15 +16,16 @@ AGENTS, SCENES = 6, 60
 WEIGHTS = np.array([1.5, -0.8, 0.0])
 
 
-def flown(seed: int, agents: int = AGENTS) -> tuple[Floats, Floats, Floats, Floats]:
+def flown(seed: int, agents: int = AGENTS) -> tuple[Bools, Counts, Counts, Floats]:
     """Failures of agents of graded ability in scenes of three features: failed, agent, scene, features."""
     random = np.random.default_rng(seed)
     features = random.standard_normal((SCENES, 3))
     features = (features - features.mean(axis=0)) / features.std(axis=0)
-    agent, scene = np.tile(np.arange(agents), SCENES), np.repeat(np.arange(SCENES), agents)
+    agent = np.tile(np.arange(agents, dtype=np.int64), SCENES)
+    scene = np.repeat(np.arange(SCENES, dtype=np.int64), agents)
     ability = np.linspace(-1.0, 1.0, agents)
     chance = expit(ability[agent] + features[scene] @ WEIGHTS)
-    return random.random(len(chance)) < chance, agent, scene, features
+    return np.asarray(random.random(len(chance)) < chance, dtype=np.bool_), agent, scene, features
 
 
 @pytest.mark.parametrize("seed", range(3))
