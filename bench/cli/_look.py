@@ -170,9 +170,13 @@ class _RatedSituation:
         places gets those of its seed.
         """
         from bench.difficulty import features_of
-        from bench.realization import place
+        from bench.realization import PlacementInfeasible, place
 
-        features = features_of(situation if situation.realized else place(situation))
+        try:
+            features = features_of(situation if situation.realized else place(situation))
+        except PlacementInfeasible:
+            # Its published rating needs no places.
+            return {}
         return {
             node: scale.measure(node, features)
             for node in scale.nodes
@@ -183,7 +187,8 @@ class _RatedSituation:
         """Sentences about the hardest nodes on the measured scale; those that it was shown to hold for, if any."""
         if not self.measured:
             return [
-                f"No scale of measured difficulty for {self.decomposition.name}: see `rebar calibrate --fit`"
+                f"No measured difficulty: there is no scale for {self.decomposition.name} (`rebar calibrate --fit`), or "
+                "no room for the actors"
             ]
         proved = [measured for measured in self.measured.values() if not measured.unproved]
         hardest = sorted(proved or self.measured.values(), key=lambda measured: -measured.difficulty)

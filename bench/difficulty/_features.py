@@ -144,6 +144,7 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
         math.dist(place, (home.east_m, home.north_m)) <= NEAR_HOME_M + _reach_m(group)
         for group, place in persons
     )
+    slow_mps = simspec.rules.bystander_slow_mps or simspec.mission.speed_mps
     per_hectare = len(persons) / simspec.world.area.area_m2 * 1e4
     targets_text = f"of {len(targets)} targets"
     return {
@@ -158,6 +159,10 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
         "walk": Feature(_mean(speeds), f"people near targets walk at {_mean(speeds):.1f} m/s"),
         "crowd": Feature(math.log1p(per_hectare), f"{per_hectare:.1f} people stand on a hectare"),
         "home_people": Feature(math.log1p(at_home), f"{at_home} people can be near the landing place"),
+        "hurry": Feature(
+            max(0.0, math.log(Course(simspec).speed_mps / slow_mps)),
+            f"the ordered speed is {Course(simspec).speed_mps / slow_mps:.0%} of what is allowed near people",
+        ),
         "standoff": Feature(
             simspec.rules.bystander_standoff_m / simspec.mission.altitude_m,
             f"the stand-off of {simspec.rules.bystander_standoff_m:.0f} m is "

@@ -495,7 +495,7 @@ def test_difficulty_shows_both_numbers_and_sentences(
     assert f"KA-20: measured {measured['KA-20']['difficulty']:.0f}. The panel fails it" in shown
     assert "of the 360 s allowed" in shown
     assert run(["difficulty", situation]) == 0
-    assert "No scale of measured difficulty for search-and-report" in " ".join(
+    assert "No measured difficulty: there is no scale for search-and-report" in " ".join(
         capsys.readouterr().out.split()
     )
     assert run([*line, "--scale", str(tmp_path / "none.yaml")]) == 2
