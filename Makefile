@@ -15,10 +15,18 @@ PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
-.PHONY: bench demo test quick slow clients real check lock lock-check clean
+.PHONY: bench demo panel test quick slow clients real check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
+
+# Flies the panel and the held-out agents, and fits and tests the scale of measured difficulty that ships (docs/calibration.md).
+SCALE := bench/difficulty/scales/search_and_report_full.yaml
+panel: $(VENV)/.run
+	$(BIN)/rebar run campaigns/panel.yaml --out out/panel
+	$(BIN)/rebar run campaigns/held_out.yaml --out out/held-out
+	rm -f $(SCALE)
+	$(BIN)/rebar calibrate out/held-out --fit out/panel --out $(SCALE)
 
 test: | $(VENV)/bin/python
 	$(MAKE) --no-print-directory --jobs 2 $(VENV)/.dev $(CLIENTS)/.built

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
 from agent_adapters.client.documents import parse_document
@@ -22,7 +25,7 @@ from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, 
 from bench.values import value_class
 
 from ._log import Log, Publish
-from ._settings import Eyes, PolicyName, Settings
+from ._settings import DEFAULTS, Eyes, PolicyName, Settings
 from ._watch import Watch
 from .flight._piloted_vehicle import PilotedVehicle, Sender
 from .mission._mission import SearchMission
@@ -101,6 +104,7 @@ class AgentParts:
     watch: Watch
     mission: SearchMission
     pictures: PictureDetections | None = None  # None: it gets the bench's detections
+    settings: Settings = DEFAULTS
 
     @classmethod
     def of(
@@ -120,7 +124,7 @@ class AgentParts:
         log = Log(publish, name)
         watch = Watch(vehicle, eyes, log)
         mission = SearchMission(vehicle, eyes, log, watch, policy, settings)
-        return cls(vehicle, eyes, log, watch, mission, pictures)
+        return cls(vehicle, eyes, log, watch, mission, pictures, settings)
 
 
 class Agent:
@@ -131,11 +135,13 @@ class Agent:
         self._vehicle, self._eyes, self._log = parts.vehicle, parts.eyes, parts.log
         self._watch, self._mission, self._pictures = parts.watch, parts.mission, parts.pictures
         self._flight = self._mission.fly()
+        self._settings = parts.settings
+        self._unread: deque[tuple[float, OrderDocument]] = deque()  # orders, each with when it is read
         # What reads each topic of documents.
         self._documents: dict[str, tuple[type[Any], Callable[[Any], object]]] = {
             self._topics.mission: (MissionOrder, self._mission.order),
             self._topics.intelligence: (IntelligenceDocument, self._mission.add_intelligence),
-            self._topics.orders: (OrderDocument, self._mission.obey),
+            self._topics.orders: (OrderDocument, self._receive_order),
             self._topics.consents: (ConsentAnswer, self._mission.take_consent),
             self._topics.operator_link: (OperatorLinkDocument, self._watch.operator_link),
         }
@@ -147,6 +153,8 @@ class Agent:
         # The operator's link first: whether what follows can be heard depends on it.
         for sample in sorted(moment.samples, key=lambda sample: sample.topic != self._topics.operator_link):
             self._take(sample)
+        while self._unread and self._unread[0][0] <= moment.time.s:
+            self._mission.obey(self._unread.popleft()[1])
         self._watch.update()
         self._mission.send_messages()
         next(self._flight)
@@ -170,6 +178,12 @@ class Agent:
         elif sample.topic != CLOCK:
             self._take_camera(sample)
 
+    def _receive_order(self, order: OrderDocument) -> None:
+        if self._settings.order_delay_s > 0.0:
+            self._unread.append((self._log.now_s + self._settings.order_delay_s, order))
+        else:
+            self._mission.obey(order)
+
     def _take_camera(self, sample: Sample) -> None:
         """A picture, or what the camera is like."""
         if self._pictures is None and self._eyes.knows_camera:
@@ -183,5 +197,28 @@ class Agent:
     def _see(self, detections: Detection2DArray | None) -> None:
         """What a detector says; None when it says nothing that can be understood."""
         self._eyes.process_detections(self._log.now_s)
-        if detections is not None and self._eyes.see(detections, self._watch.doubt_m()):
+        if detections is None:
+            return
+        if self._settings.kept_detections < 1.0:
+            detections = kept_detections(detections, self._settings.kept_detections)
+        if self._eyes.see(detections, self._watch.doubt_m()):
             self._mission.update()
+
+
+# A tracker bridges single frames, so what is lost is lost for longer. Chosen, not measured.
+_LOST_NS = 3_000_000_000
+
+
+def kept_detections(frame: Detection2DArray, share: float) -> Detection2DArray:
+    """The frame with this share of its objects. Each stays or is lost for three seconds, by a hash of its id and
+    the time: an agent has no seed, and a hash repeats as the session does.
+    """
+    window = frame.header.stamp.ns // _LOST_NS
+    return replace(
+        frame,
+        detections=tuple(
+            detection
+            for detection in frame.detections
+            if crc32(f"{detection.id} {window}".encode()) < share * 2**32
+        ),
+    )

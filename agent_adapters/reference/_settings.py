@@ -38,6 +38,11 @@ class Settings:
     search_margin_m: float = 15.0
     # Slower than the search, so that a ring gives more views. Chosen, not measured.
     inspect_speed_mps: float = 8.0
+    # Skill, lowered to make weaker agents of this one (campaigns/panel.yaml).
+    # Share of the detected objects that it notices at any time.
+    kept_detections: float = 1.0
+    # How long an order waits before it is read.
+    order_delay_s: float = 0.0
     # Bystanders (bystander_aware alone).
     # Added to the distance that the rules state, for errors of position. Chosen, not measured.
     bystander_margin_m: float = 6.0

@@ -15,10 +15,14 @@ from rich.table import Table
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
+    from bench.difficulty import DifficultyScale, MeasuredDifficulty
     from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
+    from bench.simspec import SimSpec
     from decompositions import Decomposition
 
 RULED_BY = "Ruled by"
+# Of the sentences below the table: the hardest nodes.
+EXPLAINED_NODES = 5
 
 
 def register(app: typer.Typer) -> None:
@@ -144,10 +148,13 @@ def difficulty(
         str | None,
         typer.Option(help="Show one node in full: every factor, and the changes that make it harder"),
     ] = None,
+    scale: Annotated[
+        Path | None, typer.Option(help="File of a scale of measured difficulty. Default: the shipped one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Show the difficulty of every node, the key factor that decides it, and the changes that would make it
-    harder.
+    """Show the published rating of every node, the key factor that decides it, and the changes that would make it
+    harder; and the measured difficulty, with what makes it.
 
     Example: rebar difficulty examples/search.yaml
 
@@ -169,7 +176,10 @@ def difficulty(
         tree,
         rate_all(tree, factor_values(situation), perception),
         {factor: factor_paths(situation, factor) for factor in tree.factors()},
+        {},
     )
+    if (chosen := _scale_of(tree, scale)) is not None:
+        rated = dataclasses.replace(rated, measured=rated.measure(situation, chosen))
     if as_json:
         print(json.dumps(rated.as_json([node] if node else list(tree.nodes)), indent=2))
     elif node is not None:
@@ -178,6 +188,13 @@ def difficulty(
         console = plain_console()
         print_lines(console, [f"Difficulty of {simspec}"])
         console.print(rated.table())
+        print_lines(console, rated.explanations())
+
+
+def _scale_of(decomposition: Decomposition, path: Path | None) -> DifficultyScale | None:
+    from bench.difficulty import load_scale, shipped_scale
+
+    return shipped_scale(decomposition) if path is None else load_scale(path, decomposition)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +204,36 @@ class _RatedSituation:
     decomposition: Decomposition
     difficulty: Difficulty
     paths: Mapping[str, tuple[str, ...]]
+    measured: Mapping[str, MeasuredDifficulty]
+
+    def measure(self, situation: SimSpec, scale: DifficultyScale) -> Mapping[str, MeasuredDifficulty]:
+        """The measured difficulty of every node that the situation exercises and that has a scale. A situation without
+        places gets those of its seed.
+        """
+        from bench.difficulty import features_of
+        from bench.realization import PlacementInfeasible, place
+
+        try:
+            features = features_of(situation if situation.realized else place(situation))
+        except PlacementInfeasible:
+            # Its published rating needs no places.
+            return {}
+        return {
+            node: scale.measure(node, features)
+            for node in scale.nodes
+            if self.difficulty.of(node) is not None
+        }
+
+    def explanations(self) -> list[str]:
+        """Sentences about the hardest nodes on the measured scale; those that it was shown to hold for, if any."""
+        if not self.measured:
+            return [
+                f"No measured difficulty: there is no scale for {self.decomposition.name} (`rebar calibrate --fit`), or "
+                "no room for the actors"
+            ]
+        proved = [measured for measured in self.measured.values() if not measured.unproved]
+        hardest = sorted(proved or self.measured.values(), key=lambda measured: -measured.difficulty)
+        return [measured.sentence() for measured in hardest[:EXPLAINED_NODES]]
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
         """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each
@@ -209,6 +256,9 @@ class _RatedSituation:
                 for row in document["nodes"]
                 if row["node"] in nodes
             ],
+            "measured": [
+                dataclasses.asdict(measured) for node, measured in self.measured.items() if node in nodes
+            ],
             "observables": [row for row in document["observables"] if row["observable"] in leaves],
             "factors": {
                 name: {"value": rated[name].value, "unit": rated[name].unit, "paths": list(paths)}
@@ -223,7 +273,7 @@ class _RatedSituation:
         """
         from bench.scoring import difficulty_increase
 
-        table = plain_table(("Node", "Difficulty", "Tension", RULED_BY), texts=(RULED_BY,))
+        table = plain_table(("Node", "Published", "Tension", "Measured", RULED_BY), texts=(RULED_BY,))
         for node in self.difficulty.nodes.values():
             rise = difficulty_increase(self.decomposition, self.difficulty, node.node)
             words = [self._ruler(node.node, rise)]
@@ -235,7 +285,11 @@ class _RatedSituation:
                 changes = map(_span_text if alone else _change_text, goal.changes)
                 words.append(f"harder with {', '.join(changes)}")
             hard = "none" if node.difficulty is None else f"{node.difficulty:.1f}"
-            add_plain_row(table, (node.node, hard, str(node.tension or ""), "; ".join(words)))
+            measured = self.measured.get(node.node)
+            # In brackets where nothing may be claimed on it.
+            panel = "" if measured is None else f"{measured.difficulty:.0f}"
+            panel = f"({panel})" if measured and measured.unproved else panel
+            add_plain_row(table, (node.node, hard, str(node.tension or ""), panel, "; ".join(words)))
         return table
 
     def _ruler(self, node: str, rise: DifficultyIncrease) -> str:
@@ -257,7 +311,7 @@ class _RatedSituation:
         if rating.difficulty is None:
             yield f"{title}: no difficulty, because this situation exercises none of its observables"
         else:
-            yield f"{title}: difficulty {rating.difficulty:.4g}, tension {rating.tension}"
+            yield f"{title}: published rating {rating.difficulty:.4g}, tension {rating.tension}"
             yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
         if rise.margin is not None:
             yield f"next is {', '.join(rise.following)}, {rise.margin:.4g} points above"
@@ -269,6 +323,8 @@ class _RatedSituation:
             yield from self._goal(
                 f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension
             )
+        if node in self.measured:
+            yield self.measured[node].sentence(len(self.measured[node].contributions))
         yield "Its observables:"
         for leaf in self.decomposition.observables_under(node):
             rated = self.difficulty.observables[leaf]

@@ -33,8 +33,8 @@ from .statistics._agent_comparison import compare_agents as compare_agents
 from .statistics._agent_comparison import compare_campaigns as compare_campaigns
 from .statistics._calibration import Calibration as Calibration
 from .statistics._calibration import NodeCalibration as NodeCalibration
-from .statistics._calibration import TableCalibration as TableCalibration
 from .statistics._calibration import calibrate as calibrate
+from .statistics._calibration import fit_difficulty as fit_difficulty
 from .statistics._design_quality import campaign_design_points as campaign_design_points
 from .statistics._design_quality import campaign_design_quality as campaign_design_quality
 from .statistics._design_quality import difficulty_rating as difficulty_rating
@@ -43,8 +43,6 @@ from .statistics._factor_effects import FactorEffects as FactorEffects
 from .statistics._factor_effects import factor_effects as factor_effects
 from .statistics._pairings import Pairing as Pairing
 from .statistics._pairings import pair_agents as pair_agents
-from .statistics._table_proposal import disorder_text as disorder_text
-from .statistics._table_proposal import table_proposal as table_proposal
 from .text._comparison import ComparisonCells as ComparisonCells
 from .text._comparison import comparison_cells as comparison_cells
 from .text._comparison import unpaired_cells as unpaired_cells

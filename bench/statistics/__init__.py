@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ._intervals import bounded_mean as bounded_mean
     from ._intervals import clopper_pearson as clopper_pearson
     from ._intervals import effective_size as effective_size
+    from ._item_response import fit_item_response as fit_item_response
     from ._power import mcnemar_power as mcnemar_power
     from ._power import pairs_for_difference as pairs_for_difference
     from ._power import runs_for_claim as runs_for_claim
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
     from ._regression import logistic as logistic
     from ._replicates import replicate_interval as replicate_interval
     from ._rounding import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
+    from ._scale_proof import ScaleProof as ScaleProof
+    from ._scale_proof import prove_scale as prove_scale
     from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
     from ._screening import NodeFactorAnalysis as NodeFactorAnalysis
     from ._screening import factor_frame as factor_frame
@@ -61,12 +64,6 @@ if TYPE_CHECKING:
     from ._sequential import confidence_sequence as confidence_sequence
     from ._sequential import mean_bounds as mean_bounds
     from ._sequential import pass_rate_bounds as pass_rate_bounds
-    from ._table_refit import ColumnRate as ColumnRate
-    from ._table_refit import RefittedTable as RefittedTable
-    from ._table_refit import column_rates as column_rates
-    from ._table_refit import isotonic_rates as isotonic_rates
-    from ._table_refit import nearest_column as nearest_column
-    from ._table_refit import refit_table as refit_table
     from ._terms import FactorColumn as FactorColumn
     from ._terms import FactorIndependence as FactorIndependence
     from ._terms import FactorLevel as FactorLevel

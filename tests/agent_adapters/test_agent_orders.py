@@ -65,6 +65,19 @@ def test_a_hold_lasts_until_the_resume_order(policy: PolicyName) -> None:
     assert mission.phase == "complete"
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 4.0])
+def test_orders_are_read_after_the_delay_in_the_order_in_which_they_came(delay_s: float) -> None:
+    """Two orders: each is answered so much later, and obeyed from then on."""
+    trail = Trail()
+    orders = {30.0: order_document("wait", "hold"), 60.0: order_document("go", "resume")}
+    mission = world(orders, each_step=trail).fly("naive", order_delay_s=delay_s)
+    answers = {answer.order: answer.time_s for answer in mission.answers}
+    assert answers == pytest.approx({"wait": 30.0 + delay_s, "go": 60.0 + delay_s}, abs=0.11)
+    # It still flies when it has not read the order, and stands still from soon after.
+    assert (trail.speed_mps[33.5] > 1.0) == (delay_s > 0.0)
+    assert max(trail.speed_mps[round(40.0 + k / 10, 1)] for k in range(190)) < 1.0
+
+
 def test_the_agent_lets_go_of_the_vehicle_and_goes_on_from_where_it_finds_it() -> None:
     """Between both orders it sends nothing that moves the vehicle, though somebody else flies it elsewhere."""
     trail, setpoints = Trail(), list[float]()

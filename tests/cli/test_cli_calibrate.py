@@ -1,4 +1,4 @@
-"""`rebar calibrate` on made campaigns: a table whose order is wrong is found and its neighbours are not."""
+"""`rebar calibrate` on made campaigns: a rating whose order is wrong is found, and a fitted scale has it right."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import yaml
 
 from bench.cli._app import run
 from bench.contracts import Observation, Outcome
-from bench.reporting import calibrate
+from bench.difficulty import load_scale
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import SimSpec
 from decompositions import Decomposition, load_decomposition
@@ -24,7 +24,9 @@ from decompositions import Decomposition, load_decomposition
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import made_simspec
 
-ABILITIES = {"shaky": 0.1, "steady": -0.1}
+# The first two are the panel; the others are none of it.
+ABILITIES = {"shaky": 0.1, "steady": -0.1, "rough": 0.05, "solid": -0.05}
+PANEL, OTHERS = ("shaky", "steady"), ("rough", "solid")
 # Failure rates by column. Fog is the planted table: what it rates hardest fails least.
 RATES: dict[str, tuple[float, ...]] = {"OBS-FOG-1": (0.85, 0.6, 0.4, 0.15), "OBS-FOG-2": (0.9, 0.7, 0.3, 0.2)}
 RATES |= {"OBS-HIDDEN": (0.15, 0.5, 0.85), "OBS-RAIN": (0.15, 0.85, 0.15, 0.85), "OBS-EYES": (0.5,) * 4}
@@ -79,8 +81,8 @@ def decomposition() -> dict[str, Any]:
 
 @cache
 def base_of(agent: str) -> SimSpec:
-    """A situation without the places of its actors: nothing here looks at them, and reading them takes long."""
-    return made_simspec(0, agent).model_copy(update={"realized": None})
+    """A situation with places: reading them takes long."""
+    return made_simspec(0, agent)
 
 
 def scene(number: int, agent: str) -> SimSpec:
@@ -136,7 +138,7 @@ def make(
 def _run(folder: Path, document: Decomposition, number: int, agent: str) -> ScoredRun:
     name, simspec = f"p{number:03d}-r0-{agent}", scene(number, agent)
     (folder / "simspecs" / f"{name}.json").write_text(simspec.model_dump_json())
-    random = np.random.default_rng([number, len(agent)])
+    random = np.random.default_rng([number, sum(map(ord, agent))])
     observations = [
         # A null agent fails everything: with it, no order would be left.
         Observation(
@@ -156,7 +158,7 @@ def _run(folder: Path, document: Decomposition, number: int, agent: str) -> Scor
 @pytest.fixture(scope="module")
 def two_agents(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two agents and a null agent in one campaign."""
-    return make(tmp_path_factory.mktemp("calibrate") / "both", (*ABILITIES, "null-idle"))
+    return make(tmp_path_factory.mktemp("calibrate") / "both", (*PANEL, "null-idle"))
 
 
 @pytest.fixture(scope="module")
@@ -172,34 +174,66 @@ def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, An
     return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
 
 
-def test_the_planted_table_is_found_and_its_neighbours_are_not(
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two agents outside the panel."""
+    return make(tmp_path_factory.mktemp("others") / "others", OTHERS)
+
+
+def test_the_planted_rating_is_found_and_its_neighbours_are_not(
     two_agents: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Fog is contradicted, rain has two columns out of order, concealment agrees; what tests no agent is
-    left out.
-    """
+    """Failure falls with the rating of fog and rises with that of concealment; what tests no agent is left out."""
     document = printed([str(two_agents)], capsys)
     assert (document["agents"], document["excluded_agents"]) == (["shaky", "steady"], ["null-idle"])
     assert (document["runs"], document["design_points"]) == (96, 48)
-    tables = {table["table"]: table for table in document["tables"]}
-    assert {name: table["result"] for name, table in tables.items()} == {
-        "fog": "contradicted",
-        "OBS-HIDDEN/target_concealment": "agrees",
-        "OBS-RAIN/rain_level": "columns out of order",
-        "OBS-EYES/rain_level": "untested",
-        "OBS-NEVER/no_fly_share": "untested",
-    }
-    assert tables["OBS-EYES/rain_level"]["note"] == "never considered"
-    assert (tables["fog"]["trials"], tables["fog"]["ratings"]) == (192, 4)
-    disorders = tables["OBS-RAIN/rain_level"]["disorders"]
-    assert [(pair["easier"], pair["harder"]) for pair in disorders] == [(1, 2)]
-    nodes = {node["node"]: node for node in document["nodes"]}
-    directions = {name: (node["direction"], node["state"]) for name, node in nodes.items()}
+    nodes = {node["node"]: node["rated"] for node in document["nodes"]}
+    directions = {name: (node["slope"]["direction"], node["slope"]["state"]) for name, node in nodes.items()}
     assert directions["KA-FOG"] == ("falls", "fitted")
     assert directions["KA-HIDDEN"] == ("rises", "fitted")
     assert directions["KA-NEVER"] == ("open", "never considered")
-    assert nodes["KA-HIDDEN"]["low"] > 0.0 > nodes["KA-FOG"]["high"]
-    assert {ability["agent"] for ability in nodes["KA-HIDDEN"]["agents"]} == set(ABILITIES)
+    assert nodes["KA-HIDDEN"]["slope"]["low"] > 0.0 > nodes["KA-FOG"]["slope"]["high"]
+    assert nodes["KA-HIDDEN"]["auc_low"] > 0.5 > nodes["KA-FOG"]["auc_high"]
+    assert {ability["agent"] for ability in nodes["KA-HIDDEN"]["slope"]["agents"]} == set(PANEL)
+    assert {node["measured"] for node in document["nodes"]} == {None}
+
+
+def test_a_scale_fitted_to_a_panel_is_proved_on_others(
+    two_agents: Path, others: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It has the order that the rating has not, says where nothing is claimed, and changes no folder."""
+    before = {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()}
+    out = tmp_path / "scale.yaml"
+    document = printed([str(others), "--fit", str(two_agents), "--out", str(out)], capsys)
+    assert {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()} == before
+    nodes = {node["node"]: (node["rated"], node["measured"]) for node in document["nodes"]}
+    rated, measured = nodes["KA-FOG"]
+    assert rated["auc"] < 0.5 < 0.75 < measured["auc"]
+    assert measured["reason"] == "29 passes in 96 runs"
+    assert nodes["KA-HIDDEN"][1]["reason"] == ""
+    assert len(measured["bins"]) == 5
+    # A node that nothing exercises has no model.
+    assert nodes["KA-NEVER"][1] is None
+    decomposed = load_decomposition(two_agents / "decomposition.json")
+    scale = load_scale(out, decomposed)
+    assert scale.model_dump(mode="json") == document["scale"]
+    assert (scale.fitted_to[0].agents, scale.tested_on[0].agents) == (PANEL, OTHERS)
+    assert scale.nodes["KA-HIDDEN"].unproved == ""
+    assert scale.nodes["KA-FOG"].unproved == "29 passes in 96 runs"
+    # Two levels of rain are out of order, which no straight line tells.
+    assert scale.nodes["KA-RAIN"].unproved == nodes["KA-RAIN"][1]["reason"] != ""
+    assert printed([str(others), "--scale", str(out)], capsys)["nodes"] == document["nodes"]
+
+
+def test_a_panel_is_no_proof_of_its_own_scale(
+    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tested on the runs that it was fitted to, a scale stays unproved; so it does without a test."""
+    for line in ([str(two_agents)], []):
+        scale = printed([*line, "--fit", str(two_agents)], capsys)["scale"]
+        assert {node["unproved"] for node in scale["nodes"].values()} == {
+            "not tested on agents outside the panel"
+        }
 
 
 def test_two_folders_say_the_same_as_one(
@@ -227,60 +261,12 @@ def test_for_people_at_80_columns(two_agents: Path, capsys: pytest.CaptureFixtur
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
     words = " ".join(text.split())
-    assert "KA-FOG 96 48 4 0.6" in words
-    assert "OBS-RAIN/rain_level: 1 level fails more often than 2 level, which is rated harder" in words
-    assert "never considered: OBS-EYES/rain_level, OBS-NEVER/no_fly_share" in words
-    assert "3 tables tested" in words
-
-
-def test_the_proposal_is_a_file_to_review(
-    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It says where it comes from, holds loadable tables, and changes nothing."""
-    before = {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()}
-    out = tmp_path / "tables.yaml"
-    assert run(["calibrate", str(two_agents), "--out", str(out)]) == 0
-    assert f"{out}: review it; nothing applies it" in capsys.readouterr().out
-    proposal = yaml.safe_load(out.read_text())
-    calibration = calibrate([two_agents])
-    assert proposal["from"] == {
-        "decomposition": "made-up",
-        "decomposition_sha256": calibration.decomposition.digest,
-        "campaigns": [str(two_agents)],
-        "agents": ["shaky", "steady"],
-        "runs": 96,
-        "design_points": 48,
-    }
-    fog = proposal["tables"]["fog"]
-    assert (fog["values"][0], fog["values"][-1]) == (3.0, 0.0)
-    assert (fog["ratings"][0], fog["ratings"][-1]) == (10.0, 100.0)
-    assert fog["reason"].endswith("before: Made up.")
-    [rain] = proposal["observables"]
-    # The columns out of order have become one.
-    assert (rain["id"], rain["key_factors"][0]["values"]) == ("OBS-RAIN", [0.0, 1.0, 3.0])
-    assert "# OBS-RAIN/rain_level (rain_level): columns out of order." in out.read_text()
-    edited = decomposition()
-    edited["tables"] = proposal["tables"]
-    (tmp_path / "edited.json").write_text(json.dumps(edited))
-    assert load_decomposition(tmp_path / "edited.json").document.tables["fog"].ratings[0] == 10.0
-    assert {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()} == before
-    assert run(["calibrate", str(two_agents), "--out", str(out)]) == 2
-    assert "already exists" in capsys.readouterr().err
-
-
-def test_a_table_with_absent_is_not_turned_around(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its absent value would lie on the harder side: the file has the evidence and no table."""
-    text = decomposition()
-    text["tables"]["fog"]["absent"] = -1.0
-    folder, out = make(tmp_path / "absent", tuple(ABILITIES), text=text), tmp_path / "tables.yaml"
-    document = printed([str(folder), "--out", str(out)], capsys)
-    fog = document["tables"][0]
-    assert (fog["table"], fog["result"], fog["proposed"]) == ("fog", "contradicted", None)
-    assert "cannot be turned around" in fog["no_proposal"]
-    proposal = yaml.safe_load(out.read_text())
-    assert "tables" not in proposal
-    assert [leaf["id"] for leaf in proposal["observables"]] == ["OBS-RAIN"]
-    assert "#   no table is proposed: a table with `absent`" in out.read_text()
+    assert "KA-FOG 96 5" in words
+    assert "No scale of measured difficulty for this decomposition: see --fit" in words
+    assert run(["calibrate", str(two_agents), "--fit", str(two_agents)]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    assert "The scale holds for" in text
 
 
 def test_what_results_decided_is_no_sample(
@@ -318,7 +304,7 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
     (other / "decomposition.json").write_text(document.replace("Made up?", "Made otherwise?"))
     (bare / "scores.parquet").unlink()
     (lost / "simspecs" / "p003-r0-steady.json").unlink()
-    same = make(tmp_path / "same", tuple(ABILITIES), range(1))
+    same = make(tmp_path / "same", PANEL, range(1))
     mistakes = {
         "needs two agents or more, and there is only 'shaky'": [str(apart[0])],
         "another decomposition": [str(apart[0]), str(other)],
@@ -328,6 +314,10 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
         "'nobody' has no considered run here": [str(two_agents), "--agent", "nobody"],
         "one difficulty": [str(same)],
         "holds no campaign": [str(tmp_path)],
+        "nothing to test and nothing to fit": [],
+        "--out: writes the scale that --fit fits": [str(two_agents), "--out", str(tmp_path / "new.yaml")],
+        "already exists": ["--fit", str(two_agents), "--out", str(bare / "campaign.yaml")],
+        "--scale: is for testing folders": ["--fit", str(two_agents), "--scale", "scale.yaml"],
     }
     for words, line in mistakes.items():
         assert run(["calibrate", *line]) == 2, words

@@ -469,3 +469,33 @@ def test_an_interrupted_score_leaves_the_folder_as_it_was(campaign: Path, tmp_pa
     rescore_campaign(folder, "find-the-missing")
     assert files_of(folder).keys() == before.keys()
     assert files_of(folder) != before
+
+
+def test_difficulty_shows_both_numbers_and_sentences(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The measured difficulty beside the published rating; what a sentence adds up is the number."""
+    situation = str(Path(__file__).parents[2] / "campaigns" / "panel" / "situation.yaml")
+    line = ["difficulty", situation, "--decomposition", "search-and-report-full"]
+    document = printed([*line, "--json"], capsys)
+    # Nobody is escorted, and no order is given: what is not exercised is not measured.
+    exercised = {row["node"] for row in document["nodes"] if row["difficulty"] is not None}
+    measured = {row["node"]: row for row in document["measured"]}
+    assert {"KA-03", "KA-18", "KA-20"} <= measured.keys() <= exercised
+    for row in measured.values():
+        parts = row["average"] + sum(part["points"] for part in row["contributions"])
+        assert row["difficulty"] == pytest.approx(min(100.0, max(0.0, parts)))
+    assert printed([*line, "--json"], capsys) == document
+    assert run(line) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "Node Published Tension Measured Ruled by" in shown
+    assert len(re.findall(r"KA-\d\d: measured \d+\. The panel fails it in \d+% of such runs", shown)) == 5
+    assert run([*line, "--node", "KA-20"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"KA-20: measured {measured['KA-20']['difficulty']:.0f}. The panel fails it" in shown
+    assert "of the 360 s allowed" in shown
+    assert run(["difficulty", situation]) == 0
+    assert "No measured difficulty: there is no scale for search-and-report" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert run([*line, "--scale", str(tmp_path / "none.yaml")]) == 2

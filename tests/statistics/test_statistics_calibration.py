@@ -1,10 +1,8 @@
-"""Rated difficulty against outcomes: slopes, rank correlations and refitted tables, with independent
-references.
-"""
+"""Rated difficulty against outcomes: slopes and rank correlations, with independent references."""
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -12,17 +10,12 @@ from scipy import optimize, stats
 
 from bench.arrays import Floats
 from bench.statistics import (
-    ColumnRate,
     DifficultySlope,
     Direction,
     RankAssociation,
     SlopeState,
-    column_rates,
     difficulty_slope,
-    isotonic_rates,
-    nearest_column,
     rank_association,
-    refit_table,
 )
 from bench.statistics._regression import separated as separated_by_programme
 
@@ -312,72 +305,3 @@ def test_agents_of_different_ability_are_not_taken_for_difficulty() -> None:
     assert apart.tau is not None
     assert abs(apart.tau) < 0.2
     assert not apart.contradicts()
-
-
-def test_rates_are_adjusted_for_what_was_tried_in_a_column() -> None:
-    """Two observables of different base rates; the second column was tried with the easier one more often."""
-    counts = {("x", 0): (2, 10), ("x", 1): (12, 30), ("y", 0): (12, 20), ("y", 1): (8, 10)}
-    rows = [
-        (stratum, column, number < failed)
-        for (stratum, column), (failed, trials) in counts.items()
-        for number in range(trials)
-    ]
-    strata, columns, failures = zip(*rows, strict=True)
-    rates = column_rates(np.array(columns), failures, strata)
-    assert [(rate.column, rate.trials, rate.failed) for rate in rates] == [(0, 30, 14), (1, 40, 20)]
-    # Each cell is a base rate of its observable plus 0.2 in the second column.
-    assert rates[1].rate - rates[0].rate == pytest.approx(0.2, abs=1e-12)
-    assert 30 * rates[0].rate + 40 * rates[1].rate == pytest.approx(34.0)
-    assert column_rates(np.zeros(0, dtype=np.int64), [], []) == ()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_isotonic_fit_is_that_of_the_min_max_formula(seed: int) -> None:
-    """Fit at k: the greatest, over starts up to k, of the least mean over ends from k."""
-    random = np.random.default_rng(seed)
-    rate, weight = random.random(7), random.integers(1, 9, 7)
-    columns = [ColumnRate(k, int(weight[k]), 0, float(rate[k])) for k in range(7)]
-
-    def mean(start: int, end: int) -> float:
-        return float(np.average(rate[start : end + 1], weights=weight[start : end + 1]))
-
-    expected = [max(min(mean(i, j) for j in range(k, 7)) for i in range(k + 1)) for k in range(7)]
-    assert isotonic_rates(columns) == pytest.approx(expected)
-    falling = [min(max(mean(i, j) for j in range(k, 7)) for i in range(k + 1)) for k in range(7)]
-    assert isotonic_rates(columns, rising=False) == pytest.approx(falling)
-
-
-def rate(column: int, value: float, trials: int = 20) -> ColumnRate:
-    """A column with a failure rate."""
-    return ColumnRate(column, trials, round(trials * value), value)
-
-
-def test_refitted_ratings_follow_the_rates_and_keep_the_ends() -> None:
-    """Unflown columns outside keep their rating; those between are interpolated; equal ones become one."""
-    ratings, values = (10.0, 30.0, 50.0, 70.0, 90.0), (0.0, 1.0, 2.0, 3.0, 4.0)
-    partial = refit_table(ratings, values, [rate(1, 0.1), rate(3, 0.5)], rising=True)
-    assert partial is not None
-    assert (partial.ratings, partial.values) == (ratings, values)
-    pooled = refit_table(
-        ratings, values, [rate(0, 0.1), rate(1, 0.4), rate(2, 0.2), rate(4, 0.9)], rising=True
-    )
-    assert pooled is not None
-    # Columns 1 and 2 share the rate 0.3, a quarter of the way; column 3 lies halfway between 2 and 4.
-    assert pooled.ratings == (10.0, 30.0, 60.0, 90.0)
-    assert pooled.values == (0.0, 1.0, 3.0, 4.0)
-
-
-def test_a_table_turned_around_has_its_values_reversed() -> None:
-    """The value that failed least comes first; a column without trials is dropped; a flat fit is no table."""
-    ratings, values = (10.0, 30.0, 50.0, 90.0), (0.0, 1.0, 2.0, 3.0)
-    columns = [rate(0, 0.9), rate(1, 0.5), rate(3, 0.1)]
-    turned = refit_table(ratings, values, columns, rising=False)
-    assert turned is not None
-    assert (turned.ratings, turned.values) == ((10.0, 50.0, 90.0), (3.0, 1.0, 0.0))
-    assert refit_table(ratings, values, columns, rising=True) is None
-    assert all(easier < harder for easier, harder in pairwise(turned.ratings))
-
-
-def test_ratings_belong_to_the_nearest_column() -> None:
-    """Halfway belongs to the lower column; below the first and above the last to these."""
-    assert nearest_column([0.0, 10.0, 20.0, 20.1, 99.0], (10.0, 30.0, 80.0)).tolist() == [0, 0, 0, 1, 2]

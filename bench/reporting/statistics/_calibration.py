@@ -1,110 +1,59 @@
-"""Rated difficulty against outcomes, over several agents: what `rebar calibrate` shows.
+"""Difficulty against outcomes, over several agents: what `rebar calibrate` shows, and fits.
 
-Trials are considered runs. Of a key attribute they are those of competence (docs/rulings.md, 17): a trial
-passes when every considered observable under the node is achieved. Of a key factor table they are the runs in
-which an observable with this table was considered.
+Trials are considered runs of a key attribute, as those of competence (docs/rulings.md, 17): a trial passes when every
+considered observable under the node is achieved.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
-from itertools import pairwise
 from pathlib import Path
 
 import networkx as nx
+import numpy as np
 import polars as pl
 
 from bench.agents import installed_agents
-from bench.errors import Fault, SetupError, command_line
-from bench.scoring import EXCLUDED_OUTCOMES, Standing, rate
-from bench.simspec import factor_values
-from bench.statistics import (
-    SIGNIFICANCE,
-    ColumnRate,
-    DifficultySlope,
-    RankAssociation,
-    RefittedTable,
-    column_rates,
-    difficulty_slope,
-    nearest_column,
-    rank_association,
-    refit_table,
+from bench.arrays import Floats
+from bench.difficulty import (
+    POINTS_PER_LOG_ODDS,
+    DifficultyScale,
+    Feature,
+    FlownFolder,
+    ScaleTrials,
+    features_of,
+    fit_scale,
+    shipped_scale,
 )
-from decompositions import Decomposition, KeyFactor, Level
+from bench.errors import Fault, SetupError, command_line
+from bench.scoring import EXCLUDED_OUTCOMES, Standing
+from bench.simspec import SimSpec
+from bench.statistics import DifficultySlope, ScaleProof, difficulty_slope, prove_scale
+from decompositions import Decomposition, Level
 
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
 from ._agent_comparison import scene_digest
 
 
-class TableResult(StrEnum):
-    """What the runs show about a table."""
-
-    CONTRADICTED = "contradicted"
-    COLUMNS_DISORDERED = "columns out of order"
-    AGREES = "agrees"
-    OPEN = "open"
-    UNTESTED = "untested"
-
-
 @dataclass(frozen=True, slots=True)
 class NodeCalibration:
-    """How failure at a key attribute depends on its rated difficulty."""
+    """How failure at a key attribute depends on its published rating, and on its measured difficulty.
+
+    `rated` is the test of the published rating as a scale; `measured` is None where there is no scale of the node.
+    """
 
     node: str
     title: str
-    slope: DifficultySlope
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnDisorder:
-    """Two neighbouring columns with runs, of which the easier one failed more often beyond chance."""
-
-    easier: int
-    harder: int
-    association: RankAssociation
-
-
-@dataclass(frozen=True, slots=True)
-class TableCalibration:
-    """One key factor table against the failures of the observables that use it.
-
-    `name` is that of a shared table, else `OBSERVABLE/FACTOR`. `proposed` are ratings in the order of the
-    outcomes, only where these contradict the table; None there too if no table has this order, for the reason
-    in `no_proposal`.
-    """
-
-    name: str
-    is_shared: bool
-    row: KeyFactor
-    observables: tuple[str, ...]
-    association: RankAssociation
-    columns: tuple[ColumnRate, ...] = ()
-    disorders: tuple[ColumnDisorder, ...] = ()
-    proposed: RefittedTable | None = None
-    no_proposal: str = ""
-
-    @property
-    def result(self) -> TableResult:
-        if self.association.contradicts():
-            return TableResult.CONTRADICTED
-        if self.disorders:
-            return TableResult.COLUMNS_DISORDERED
-        if self.association.p is None:
-            return TableResult.UNTESTED
-        return TableResult.AGREES if self.association.agrees() else TableResult.OPEN
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the runs contradict the order of the table, as a whole or in neighbouring columns."""
-        return self.result in (TableResult.CONTRADICTED, TableResult.COLUMNS_DISORDERED)
+    rated: ScaleProof
+    measured: ScaleProof | None
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Rated difficulty against outcomes. `overall` pools all observables; `excluded` are agents left out."""
+    """Difficulty against outcomes. `overall` pools all observables; `excluded` are agents left out."""
 
     folders: tuple[Path, ...]
     agents: tuple[str, ...]
@@ -114,49 +63,109 @@ class Calibration:
     decomposition: Decomposition
     overall: DifficultySlope
     nodes: tuple[NodeCalibration, ...]
-    tables: tuple[TableCalibration, ...]
+    scale: DifficultyScale | None
+    """With what these runs show of each node."""
     notes: tuple[str, ...] = ()
 
-    @property
-    def contradicted(self) -> tuple[TableCalibration, ...]:
-        """The tables that the runs contradict."""
-        return tuple(table for table in self.tables if table.is_contradicted)
+
+def fit_difficulty(folders: Sequence[Path], agents: Sequence[str] = ()) -> DifficultyScale:
+    """Fit a scale of measured difficulty to the runs of a panel. Raises SetupError as `calibrate`."""
+    source = _Source.of(folders)
+    source = source.of_agents(_chosen_agents(source, agents))
+    trials = {}
+    for node in source.decomposition.key_attributes:
+        rows = source.attribute(node)
+        trials[node] = ScaleTrials(tuple(rows["agent"]), tuple(rows["scene"]), tuple(rows["failed"]))
+    return fit_scale(source.decomposition, trials, source.features(), source.flown())
 
 
-def calibrate(folders: Sequence[Path], agents: Sequence[str] = (), *, seed: int = 0) -> Calibration:
-    """Check the rated difficulty of the runs in campaign folders against their outcomes.
+def calibrate(
+    folders: Sequence[Path],
+    agents: Sequence[str] = (),
+    *,
+    scale: DifficultyScale | None = None,
+    seed: int = 0,
+) -> Calibration:
+    """Check the difficulty of the runs in campaign folders against their outcomes.
 
     Without `agents`: all but null agents and the oracle. An agent of the same name in several folders is one
-    agent. Raises SetupError with every reason for which nothing can be checked.
+    agent. Without `scale`: the one that ships for the decomposition, if any. Raises SetupError with every reason
+    for which nothing can be checked.
     """
     source = _Source.of(folders)
     flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
-    chosen = _chosen_agents(flown, agents)
-    trials = source.trials.filter(pl.col("agent").is_in(chosen))
-    observables = trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))
-    attributes = trials.filter(level=str(Level.KEY_ATTRIBUTE))
+    source = source.of_agents(chosen := _chosen_agents(source, agents))
+    scale = scale or shipped_scale(source.decomposition)
+    if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
+        raise SetupError(
+            Fault(
+                str(folders[0]),
+                f"is scored over another version of {scale.decomposition} than the scale",
+                f"`{command_line('rebar', 'score', folders[0])}` scores it again",
+            )
+        )
+    features = source.features() if scale else {}
+    nodes = tuple(
+        _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
+        for node in source.decomposition.key_attributes
+    )
     calibration = Calibration(
         folders=tuple(folders),
         agents=chosen,
         excluded=tuple(agent for agent in flown if agent not in chosen),
-        runs=trials.select("folder", "realization").n_unique(),
-        design_points=trials["point"].n_unique(),
+        runs=source.trials.select("folder", "realization").n_unique(),
+        design_points=source.trials["point"].n_unique(),
         decomposition=source.decomposition,
-        overall=_slope(observables),
-        nodes=tuple(
-            NodeCalibration(
-                node, source.decomposition.nodes[node].title, _slope(attributes.filter(node=node))
-            )
-            for node in source.decomposition.key_attributes
-        ),
-        tables=tuple(
-            _table_calibration(table, source.rated(table, observables), seed)
-            for table in _tables(source.decomposition)
-        ),
+        overall=_slope(source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))),
+        nodes=nodes,
+        scale=None if scale is None else _proved(scale, nodes, source.flown()),
         notes=source.notes,
     )
     _require_difficulties(calibration)
     return calibration
+
+
+def _node(
+    trials: pl.DataFrame,
+    node: str,
+    title: str,
+    scale: DifficultyScale | None,
+    features: Mapping[str, Mapping[str, Feature]],
+    seed: int,
+) -> NodeCalibration:
+    rated = trials["difficulty"].to_numpy()
+    # The published rating as if 10 points were a unit of log odds, as the measured scale has it.
+    proof = _proof(trials, rated, rated / POINTS_PER_LOG_ODDS, seed)
+    if scale is None or node not in scale.nodes:
+        return NodeCalibration(node, title, proof, None)
+    scenes = trials["scene"].to_list()
+    log_odds = {scene: scale.log_odds(node, features[scene]) for scene in set(scenes)}
+    difficulty = {scene: scale.measure(node, features[scene]).difficulty for scene in set(scenes)}
+    measured = _proof(
+        trials,
+        np.array([difficulty[scene] for scene in scenes]),
+        np.array([log_odds[scene] for scene in scenes]),
+        seed,
+    )
+    return NodeCalibration(node, title, proof, measured)
+
+
+def _proof(trials: pl.DataFrame, difficulty: Floats, log_odds: Floats, seed: int) -> ScaleProof:
+    agents, points = trials["agent"].to_list(), trials["point"].to_list()
+    return prove_scale(difficulty, log_odds, trials["failed"].to_numpy(), agents, points, seed=seed)
+
+
+def _proved(scale: DifficultyScale, nodes: Sequence[NodeCalibration], flown: FlownFolder) -> DifficultyScale:
+    """The scale, with what the runs show of each node; unchanged where agents of the panel flew them."""
+    if set(flown.agents) & {agent for fitted in scale.fitted_to for agent in fitted.agents}:
+        return scale
+    proofs = {node.node: node.measured for node in nodes}
+    proved = {
+        name: node.model_copy(update={"unproved": proof.reason})
+        for name, node in scale.nodes.items()
+        if (proof := proofs[name]) is not None
+    }
+    return scale.model_copy(update={"nodes": scale.nodes | proved, "tested_on": (flown,)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +177,9 @@ class _Source:
     """
 
     decomposition: Decomposition
+    names: tuple[str, ...]
     trials: pl.DataFrame
-    factors: Mapping[str, Mapping[str, float]]
+    simspecs: Mapping[str, SimSpec]
     notes: tuple[str, ...]
 
     @classmethod
@@ -180,13 +190,11 @@ class _Source:
         _require_scores(folders, data)
         _require_one_decomposition(folders, data)
         frames: list[pl.DataFrame] = []
-        factors: dict[str, Mapping[str, float]] = {}
+        simspecs: dict[str, SimSpec] = {}
         faults: list[Fault] = []
         for folder, campaign in zip(folders, data, strict=True):
             scenes = {name: scene_digest(simspec) for name, simspec in campaign.simspecs.items()}
-            # Reading factors takes longer than the digest, and agents share scenes.
-            new = {scene: name for name, scene in scenes.items() if scene not in factors}
-            factors |= {scene: factor_values(campaign.simspecs[name]) for scene, name in new.items()}
+            simspecs |= {scene: campaign.simspecs[name] for name, scene in scenes.items()}
             considered = _considered(campaign.scores)
             if missing := sorted(set(considered["realization"]) - set(scenes)):
                 faults.append(
@@ -209,47 +217,36 @@ class _Source:
         assert document is not None  # _require_one_decomposition
         # In an order of their content: the same runs give the same numbers in one folder or in two.
         trials = pl.concat(frames).sort("scene", "agent", "node", "failed")
-        return cls(document, _with_points(trials), factors, _notes(folders, data))
-
-    def rated(self, table: _Table, observables: pl.DataFrame) -> pl.DataFrame:
-        """The trials of the observables that use a table, with the rating of their scene."""
-        row = table.row
-        ratings = {
-            scene: rate(row, values[row.factor], self.decomposition.policies)
-            for scene, values in self.factors.items()
-            if row.factor in values and not row.is_absent(values[row.factor])
-        }
-        rated = pl.DataFrame(
-            {"scene": list(ratings), "rating": list(ratings.values())},
-            schema={"scene": pl.String, "rating": pl.Float64},
-        )
-        return observables.filter(pl.col("node").is_in(table.observables)).join(
-            rated, on="scene", how="inner", maintain_order="left"
+        return cls(
+            document,
+            tuple(campaign.name for campaign in data),
+            _with_points(trials),
+            simspecs,
+            _notes(folders, data),
         )
 
+    def features(self) -> dict[str, Mapping[str, Feature]]:
+        """Of every scene that an agent flew."""
+        return {scene: features_of(self.simspecs[scene]) for scene in sorted(set(self.trials["scene"]))}
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    name: str
-    is_shared: bool
-    row: KeyFactor
-    observables: tuple[str, ...]
+    def of_agents(self, agents: Sequence[str]) -> _Source:
+        """Only the trials of these agents."""
+        return replace(self, trials=self.trials.filter(pl.col("agent").is_in(agents)))
 
+    def attribute(self, node: str) -> pl.DataFrame:
+        """The trials of one key attribute."""
+        return self.trials.filter(node=node, level=str(Level.KEY_ATTRIBUTE))
 
-def _tables(decomposition: Decomposition) -> list[_Table]:
-    """Every table once: shared ones with all observables that use them, then those of single observables."""
-    observables = decomposition.observables.values()
-    shared = [
-        _Table(name, True, row, tuple(leaf.id for leaf in observables if name in leaf.key_factors))
-        for name, row in decomposition.document.tables.items()
-    ]
-    single = [
-        _Table(f"{leaf.id}/{row.factor}", False, row, (leaf.id,))
-        for leaf in observables
-        for row in leaf.key_factors
-        if not isinstance(row, str)
-    ]
-    return [*shared, *single]
+    def flown(self) -> FlownFolder:
+        """What was flown, as a scale states it: the digest is that of all scenes."""
+        scenes = sorted(set(self.trials["scene"]))
+        return FlownFolder(
+            name=", ".join(self.names),
+            scenes=len(scenes),
+            scenes_sha256=hashlib.sha256("\n".join(scenes).encode()).hexdigest(),
+            runs=self.trials.select("folder", "realization").n_unique(),
+            agents=tuple(sorted(set(self.trials["agent"]))),
+        )
 
 
 def _considered(scores: pl.DataFrame) -> pl.DataFrame:
@@ -296,65 +293,8 @@ def _slope(trials: pl.DataFrame) -> DifficultySlope:
     )
 
 
-def _table_calibration(table: _Table, trials: pl.DataFrame, seed: int) -> TableCalibration:
-    association = _association(trials, trials["rating"], seed)
-    calibration = TableCalibration(table.name, table.is_shared, table.row, table.observables, association)
-    # A situation easier than the first column is in no column.
-    inside = trials.filter(pl.col("rating") >= table.row.ratings[0])
-    if association.p is None or not inside.height:
-        return calibration
-    inside = inside.with_columns(
-        column=pl.Series(nearest_column(inside["rating"].to_numpy(), table.row.ratings))
-    )
-    strata = list(zip(inside["agent"], inside["node"], strict=True))
-    columns = column_rates(inside["column"].to_numpy(), inside["failed"].to_numpy(), strata)
-    disorders = _disorders(inside, columns, seed)
-    if not association.contradicts() and not disorders:
-        return replace(calibration, columns=columns)
-    proposed, no_proposal = _proposal(table.row, association, columns)
-    return replace(
-        calibration, columns=columns, disorders=disorders, proposed=proposed, no_proposal=no_proposal
-    )
-
-
-def _association(trials: pl.DataFrame, rating: pl.Series, seed: int) -> RankAssociation:
-    return rank_association(
-        rating.to_numpy(),
-        trials["failed"].to_numpy(),
-        trials["agent"].to_list(),
-        trials["node"].to_list(),
-        trials["point"].to_list(),
-        seed=seed,
-    )
-
-
-def _disorders(trials: pl.DataFrame, columns: Sequence[ColumnRate], seed: int) -> tuple[ColumnDisorder, ...]:
-    """Neighbouring columns in the wrong order, by the bound of Bonferroni over all pairs of neighbours."""
-    disorders = []
-    for easier, harder in pairwise(columns):
-        if harder.rate >= easier.rate:
-            continue
-        pair = trials.filter(pl.col("column").is_in([easier.column, harder.column]))
-        association = _association(pair, pair["column"], seed)
-        if association.contradicts(SIGNIFICANCE / (len(columns) - 1)):
-            disorders.append(ColumnDisorder(easier.column, harder.column, association))
-    return tuple(disorders)
-
-
-def _proposal(
-    row: KeyFactor, association: RankAssociation, columns: Sequence[ColumnRate]
-) -> tuple[RefittedTable | None, str]:
-    rising = not association.contradicts()
-    # `absent` lies on the easier side of the table, which would become the harder one.
-    if not rising and row.absent is not None:
-        return None, "a table with `absent` cannot be turned around; reconsider whether this factor is one"
-    proposed = refit_table(row.ratings, row.values, columns, rising=rising)
-    if proposed is None or len(proposed.ratings) < 2:
-        return None, "the failure rates have no order; reconsider whether this factor is one"
-    return proposed, ""
-
-
-def _chosen_agents(flown: Sequence[str], agents: Sequence[str]) -> tuple[str, ...]:
+def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
+    flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
     faults = [
         Fault("--agent", f"{agent!r} has no considered run here", f"agents: {', '.join(flown)}")
         for agent in agents
@@ -409,9 +349,8 @@ def _require_one_decomposition(folders: Sequence[Path], data: Sequence[ReportDat
 
 def _require_difficulties(calibration: Calibration) -> None:
     # Observables differ in difficulty in a single scene, too, but that says nothing about a situation.
-    difficulties = max((node.slope.difficulties for node in calibration.nodes), default=0)
-    ratings = max((table.association.ratings for table in calibration.tables), default=0)
-    if max(difficulties, ratings) < 2:
+    slopes = [proof.slope for node in calibration.nodes for proof in (node.rated, node.measured) if proof]
+    if max((slope.difficulties for slope in slopes), default=0) < 2:
         raise SetupError(
             Fault(
                 ", ".join(map(str, calibration.folders)),

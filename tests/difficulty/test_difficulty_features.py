@@ -1,0 +1,241 @@
+"""Features of a situation: each moves with its mechanism, and with nothing that an agent is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bench.difficulty import features_of
+from bench.difficulty._course import Course
+from bench.errors import SetupError
+from bench.simspec import SimSpec
+
+HOME = {"east_m": 0.0, "north_m": -200.0}
+
+
+def situation(people: list[tuple[float, float]] | None = None, **changes: object) -> SimSpec:
+    """A radar vehicle in the middle, a truck 100 m east of it, and people at these places, who stand still."""
+    people = [(0.0, 60.0)] if people is None else people
+    document: dict[str, object] = {
+        "name": "meadow",
+        "world": {
+            "area": {
+                "corners": [
+                    {"east_m": e, "north_m": n}
+                    for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
+                ]
+            }
+        },
+        "vehicle": {"home": HOME},
+        "mission": {"altitude_m": 60.0, "speed_mps": 10.0, "time_limit_s": 300.0},
+        "actors": [
+            {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
+            {"id": "truck", "asset": "military-truck", "role": "adversary", "count": 1},
+            {"id": "people", "asset": "civilian", "role": "bystander", "count": len(people)},
+        ],
+        "intelligence": [
+            {"id": "first", "about": "radar", "uncertainty_m": 30.0},
+            {"id": "second", "about": "truck", "uncertainty_m": 30.0, "priority": 2},
+        ],
+        "realized": {
+            "actors": [
+                {"id": "radar-0", "group": "radar", "east_m": 0.0, "north_m": 0.0, "heading_deg": 0.0},
+                {"id": "truck-0", "group": "truck", "east_m": 100.0, "north_m": 0.0, "heading_deg": 0.0},
+                *(
+                    {"id": f"people-{k}", "group": "people", "east_m": e, "north_m": n, "heading_deg": 0.0}
+                    for k, (e, n) in enumerate(people)
+                ),
+            ],
+            "reports": [
+                {"id": "first", "east_m": 0.0, "north_m": 0.0},
+                {"id": "second", "east_m": 100.0, "north_m": 0.0},
+            ],
+        },
+    }
+    for path, value in changes.items():
+        part, _, field = path.partition("__")
+        if field:
+            document[part] = {**document.get(part, {}), field: value}  # type: ignore[dict-item]
+        else:
+            document[part] = value
+    return SimSpec.model_validate(document)
+
+
+def value(name: str, spec: SimSpec) -> float:
+    return features_of(spec)[name].value
+
+
+def moving(speed_mps: float, radius_m: float, *places: tuple[float, float]) -> SimSpec:
+    """People who wander."""
+    spec = situation(list(places))
+    motion = {"kind": "wander", "speed_mps": speed_mps, "radius_m": radius_m}
+    actors = [
+        group.model_dump() | ({"motion": motion} if group.id == "people" else {}) for group in spec.actors
+    ]
+    return SimSpec.model_validate(spec.model_dump() | {"actors": actors})
+
+
+def test_the_time_is_that_of_the_way_by_hand() -> None:
+    """Up, to both places and over them, home, and down: 60 m up at 3 m/s and down at 1.5 m/s, 10 m/s between."""
+    course = Course(situation())
+    width_m = 2.0 * 60.0 / math.sin(math.radians(60.0)) * math.tan(math.radians(35.0))
+    search_s = max(60.0, math.pi * 900.0 / (0.7 * width_m)) / 10.0 + 12.0
+    assert course.searched_s == pytest.approx(20.0 + 20.0 + search_s + 10.0 + search_s)
+    assert course.home_s == pytest.approx(
+        course.searched_s + math.dist((100.0, 0.0), (0.0, -200.0)) / 10.0 + 40.0
+    )
+    assert value("time", situation()) == pytest.approx(math.log(course.home_s / 300.0))
+
+
+def test_urgency_delivery_pauses_and_closed_areas_change_the_way() -> None:
+    """The urgent place first, though it is farther; nothing before it is told; a hold costs its length."""
+    plain = Course(situation())
+    assert [stop.report for stop in plain.stops] == ["first", "second"]
+    urgent = [
+        {"id": "first", "about": "radar", "uncertainty_m": 30.0, "priority": 3},
+        {"id": "second", "about": "truck", "uncertainty_m": 30.0, "priority": 2},
+    ]
+    assert [stop.report for stop in Course(situation(intelligence=urgent)).stops] == ["second", "first"]
+    late = [urgent[1], {**urgent[0], "delivered_s": 200.0}]
+    assert Course(situation(intelligence=late)).stops[1].searched_s > 200.0
+    orders = [
+        {"id": "wait", "at_s": 30.0, "kind": "hold"},
+        {"id": "on", "at_s": 50.0, "kind": "resume"},
+    ]
+    assert Course(situation(orders=orders)).home_s == pytest.approx(plain.home_s + 20.0)
+    # Before the search has begun, on the ground still, or after it: nothing is lost.
+    after = [{**orders[0], "at_s": 250.0}, {**orders[1], "at_s": 260.0}]
+    assert Course(situation(orders=after)).home_s == pytest.approx(plain.home_s)
+    corners = [{"east_m": e, "north_m": n} for e, n in ((-20, -120), (20, -120), (20, -80), (-20, -80))]
+    closed = Course(situation(rules={"no_fly": [{"id": "clinic", "area": {"corners": corners}}]}))
+    assert closed.home_s > plain.home_s
+    assert plain.legs_across_closed == 0.0
+    assert closed.legs_across_closed == pytest.approx(1 / 3)
+
+
+def test_an_order_that_ends_the_mission_counts_the_places_after_it() -> None:
+    """Both sides of the moment at which a place is searched."""
+    first_s = Course(situation()).stops[0].searched_s
+    for at_s, lost in ((first_s - 1.0, 1.0), (first_s + 1.0, 0.5)):
+        order = {"id": "home", "at_s": at_s, "kind": "return"}
+        assert value("called_off", situation(orders=[order])) == lost
+    assert value("called_off", situation()) == 0.0
+
+
+@pytest.mark.parametrize(("north_m", "exposed"), [(49.9, 0.5), (50.1, 0.0)])
+def test_somebody_within_the_no_mark_distance_exposes_a_target(north_m: float, exposed: float) -> None:
+    """Both sides of 50 m of one of two targets."""
+    assert value("exposed", situation([(0.0, north_m)])) == exposed
+    assert value("company", situation([(0.0, north_m)])) == pytest.approx(math.log1p(2 * exposed))
+
+
+def test_who_may_walk_across_the_distance_makes_it_borderline() -> None:
+    """Only who can reach it: not far away, and not where somebody is near for good."""
+    assert value("borderline", moving(1.0, 15.0, (0.0, 60.0))) == 0.5
+    assert value("borderline", moving(1.0, 5.0, (0.0, 60.0))) == 0.0
+    assert value("borderline", moving(1.0, 15.0, (0.0, 60.0), (0.0, 20.0))) == 0.0
+    # Slow people do not come as far as their radius.
+    assert value("borderline", moving(0.1, 15.0, (0.0, 60.0))) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_exposure_is_that_of_a_count_over_random_places(seed: int) -> None:
+    """Every person and every target, counted anew with arrays."""
+    places = np.random.default_rng(seed).uniform(-150.0, 150.0, (12, 2))
+    features = features_of(situation([tuple(place) for place in places.tolist()]))
+    distance = np.hypot(places[None, :, 0] - [[0.0], [100.0]], places[None, :, 1])
+    assert features["exposed"].value == pytest.approx((distance <= 50.0).any(axis=1).mean())
+    assert features["company"].value == pytest.approx(np.log1p((distance <= 50.0).sum()))
+    assert features["crowd"].value == pytest.approx(math.log1p(12 / 36.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "features"),
+    [
+        ({"environment__fog_level": 5.0}, ("people_hidden", "target_hidden", "haze")),
+        ({"environment__rain_level": 9.0}, ("people_hidden", "target_hidden", "haze")),
+        ({"environment__start_utc": "2026-06-21T23:00:00Z"}, ("people_hidden", "target_hidden", "haze")),
+        ({"mission__altitude_m": 90.0}, ("people_hidden", "target_hidden", "time")),
+        ({"mission__time_limit_s": 70.0}, ("time", "called_off")),
+        ({"mission__speed_mps": 5.0}, ("time", "wind")),
+        ({"vehicle": {"home": HOME, "battery": {"initial_fraction": 0.5}}}, ("charge",)),
+        ({"vehicle": {"home": HOME, "gps": {"wander_m": 3.0}}}, ("wander",)),
+        ({"rules": {"report_deadline_s": 30.0}}, ("deadline",)),
+        ({"rules": {"bystander_standoff_m": 40.0}}, ("standoff",)),
+        ({"rules": {"report_windows": [{"from_s": 60.0, "until_s": 90.0}]}}, ("silence",)),
+        ({"outages": [{"kind": "detections", "at_s": 30.0, "duration_s": 20.0}]}, ("blind",)),
+        ({"outages": [{"kind": "operator_link", "at_s": 30.0, "duration_s": 20.0}]}, ("link",)),
+        (
+            {
+                "orders": [
+                    {"id": "early", "at_s": 30.0, "kind": "mark", "intelligence": "first", "within_s": 5.0}
+                ]
+            },
+            ("orders", "haste", "early_orders"),
+        ),
+        ({"rules": {"mark_consent": True}}, ("withheld",)),
+        (
+            {"vehicle": {"home": HOME, "failures": [{"at_s": 40.0, "kind": "gps_off", "duration_s": 9.0}]}},
+            ("gps_off",),
+        ),
+        (
+            {"vehicle": {"home": HOME, "failures": [{"at_s": 40.0, "kind": "link_loss", "duration_s": 9.0}]}},
+            ("autopilot_lost",),
+        ),
+        (
+            {
+                "vehicle": {
+                    "home": HOME,
+                    "failures": [{"at_s": 40.0, "kind": "gps_drift", "drift_mps": 0.5, "duration_s": 9.0}],
+                }
+            },
+            ("drift",),
+        ),
+    ],
+)
+def test_what_makes_a_situation_hard_raises_its_features(
+    change: dict[str, object], features: tuple[str, ...]
+) -> None:
+    """Each cause raises what it acts through."""
+    environment: dict[str, object] = {"wind": {"speed_mps": 3.0}}
+    plain = features_of(situation(environment=environment))
+    harder = features_of(situation(None, **{"environment": environment, **change}))
+    assert [name for name in features if harder[name].value <= plain[name].value] == []
+
+
+def test_a_degraded_detector_counts_by_what_it_loses() -> None:
+    """Half of a silent one, over the same time."""
+    silent = {"kind": "detections", "at_s": 30.0, "duration_s": 20.0}
+    half = {"kind": "detections_degraded", "at_s": 30.0, "duration_s": 20.0, "lost_share": 0.5}
+    assert value("blind", situation(outages=[half])) == pytest.approx(
+        value("blind", situation(outages=[silent])) / 2
+    )
+
+
+def test_the_agent_changes_nothing_and_words_hold_the_numbers() -> None:
+    """The same situation for any agent; every feature says what it is here."""
+    plain = situation()
+    other = plain.model_copy(
+        update={"agent": plain.agent.model_copy(update={"manifest": "reference-cautious"})}
+    )
+    assert features_of(other) == features_of(plain)
+    assert all(math.isfinite(feature.value) and feature.words for feature in features_of(plain).values())
+    assert "of the 300 s allowed" in features_of(plain)["time"].words
+
+
+def test_a_situation_with_nothing_in_it_has_all_features() -> None:
+    """No people, no targets, no reports."""
+    spec = situation([])
+    assert spec.realized
+    nothing = spec.realized.model_copy(update={"actors": (), "reports": ()})
+    bare = spec.model_copy(update={"actors": (), "intelligence": (), "realized": nothing})
+    assert features_of(bare).keys() == features_of(spec).keys()
+    assert all(math.isfinite(feature.value) for feature in features_of(bare).values())
+
+
+def test_a_situation_without_places_is_refused() -> None:
+    """Intent alone does not say who stands where."""
+    with pytest.raises(SetupError, match="has no places yet"):
+        features_of(situation().model_copy(update={"realized": None}))
