@@ -112,7 +112,9 @@ def test_equal_observables() -> None:
         }
     )
 
-    assert [(pair.first, pair.second, pair.sessions) for pair in found.equal] == [("O1", "O2", LEAST_SESSIONS)]
+    assert [(pair.first, pair.second, pair.sessions) for pair in found.equal] == [
+        ("O1", "O2", LEAST_SESSIONS)
+    ]
     assert found.constant == ("C1", "C2")
     assert not found.bounds["pairs of equal observables: 1, at most 0"]
     # O4 with each of the three others: too few common sessions.
@@ -121,7 +123,9 @@ def test_equal_observables() -> None:
 
 def test_what_always_passes() -> None:
     """By the verdict and not by x: a value that varies above its threshold tells nothing either."""
-    found = of_observables({"O1": [0.5, 0.9, None], "O2": [0.5, 0.4, 1.0], "O3": [0.0, 0.1, 0.2], "O4": [1.0] * 3})
+    found = of_observables(
+        {"O1": [0.5, 0.9, None], "O2": [0.5, 0.4, 1.0], "O3": [0.0, 0.1, 0.2], "O4": [1.0] * 3}
+    )
 
     assert found.always_passed == {"O1": 2, "O4": 3}
     assert found.observables == 4
