@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -218,10 +219,20 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
     return withheld / len(targets_near_people)
 
 
-def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+def reports_in_time(
+    spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], share: float = 1.0, priority: int = 0
+) -> float | None:
     named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
+    if priority:
+        named = [
+            actor
+            for actor in named
+            if min(item.priority for item in spec.intelligence if item.about == tape.cast[actor].group)
+            == priority
+        ]
     if not named or limit_s is None:
         return None
+    limit_s *= share
     in_time = []
     for actor in named:
         # The random runs deliver intelligence a tenth of a second late, when the run lasts that long.
@@ -283,7 +294,7 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "people_not_denied": (people_not_denied, {}),
     "bystander_count_right": (bystander_count_right, {}),
     "withheld_until_clear": (withheld_until_clear, {}),
-    "reports_in_time": (reports_in_time, {}),
+    "reports_in_time": (partial(reports_in_time, share=0.6), {"share": 0.6}),
     "surroundings_seen": (surroundings_seen, {"window_s": 10.0, "min_height_px": 20.0}),
 }
 # Runs in which a measure takes values that none of the first forty has.
@@ -297,3 +308,8 @@ def test_a_measure_agrees_with_its_reference(name: str) -> None:
     """On every random run the same value, and the same verdict on whether the run is considered."""
     reference, options = REFERENCES[name]
     assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()), LEAST_VALUES.get(name, 3))
+
+
+def test_the_time_of_the_most_urgent_reports_agrees_with_its_reference() -> None:
+    reference = partial(reports_in_time, priority=1)
+    assert_agreement("reports_in_time", reference, {"priority": 1}, (), 2)
