@@ -40,6 +40,7 @@ class CrudeArduPilot:
         battery = ArduPilotBattery(parameters, state)
         self.clients = Clients(self.pilot, state, is_px4=False, takeoff_m=10.0, battery=battery)
         self.clients.forgetful = parameters.get("STAND_IN_FORGETS", 0) == 1
+        self.clients.aborts_on_nan = parameters.get("SIM_FLOAT_EXCEPT", 1.0) != 0.0
         first = socket.create_server(("127.0.0.1", 5760 + 10 * instance))
         self.servers: list[socket.socket] = []
         self.sockets = [first.accept()[0]]

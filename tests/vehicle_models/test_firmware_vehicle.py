@@ -300,6 +300,18 @@ def test_no_message_of_a_client_ends_the_simulation_of_px4(pace: str, firmware: 
     client.socket.close()
 
 
+def test_no_number_in_a_command_ends_the_simulation_of_arducopter(firmware: dict[str, Path]) -> None:
+    """The SITL aborts where it computes with NaN, unless it is told not to."""
+    client = Client()
+    with opened("ardupilot", firmware["ardupilot"], client=client) as vehicle:
+        vehicle.boot()
+        flown_up(client, "ardupilot")
+        client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, math.nan, math.nan)
+        client.fly(1.0)
+        assert vehicle.condition().armed
+    client.socket.close()
+
+
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
 def test_a_fall_from_thirty_metres_is_a_crash(kind: str, firmware: dict[str, Path]) -> None:
     """The impact has more g than the 16 bits of PX4's truth hold."""

@@ -274,6 +274,31 @@ def test_no_message_ends_the_simulation(kind: str) -> None:
         measured("samples without an answer, of 3,600 without a controller", unanswered)
 
 
+def test_no_number_ends_the_simulation(kind: str) -> None:
+    """NaN wherever a client can write a number: the SITL of ArduPilot aborts where it computes with it, by default."""
+    with flying(kind) as client:
+        take_off(kind, client)
+        numbers = (
+            mavlink.MAV_CMD_DO_CHANGE_SPEED,
+            mavlink.MAV_CMD_CONDITION_YAW,
+            mavlink.MAV_CMD_DO_SET_HOME,
+        )
+        requests = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_BATTERY_RESET)
+        for number in (
+            *numbers,
+            *requests,
+            mavlink.MAV_CMD_DO_SET_SERVO,
+            mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+        ):
+            client.command(number, *[NAN] * 7)
+            wait(client, 0.2)
+        client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, *[NAN] * 4, 2**31 - 1, 2**31 - 1, NAN)
+        client.setpoint(NAN, NAN, NAN)
+        client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [NAN] * 4, NAN, NAN, NAN, NAN))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", NAN, 9))
+        wait(client, 3.0)
+
+
 def test_a_kill_in_mid_air_is_the_fault_of_the_firmware(kind: str) -> None:
     with flying(kind) as client:
         take_off(kind, client)
