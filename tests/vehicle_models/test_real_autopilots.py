@@ -300,6 +300,18 @@ def test_no_number_ends_the_simulation(kind: str) -> None:
         wait(client, 3.0)
 
 
+def test_arducopter_has_the_date_of_the_scene(kind: str) -> None:
+    """PX4 has the host's, which nothing of its start script sets."""
+    with flying(kind) as client:
+        client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME)
+        wait(client, 0.4)
+        start_s = client.vehicle._plan.simspec.environment.start_utc.timestamp()  # type: ignore[attr-defined]
+        ahead_s = client.last("SYSTEM_TIME").time_unix_usec / 1e6 - start_s - client.vehicle.time.s
+        measured("its date is ahead of the scene's (s)", f"{ahead_s:.1f}")
+        if kind == "ardupilot":
+            assert abs(ahead_s) < 2.0
+
+
 def test_a_kill_in_mid_air_is_the_fault_of_the_firmware(kind: str) -> None:
     with flying(kind) as client:
         take_off(kind, client)
