@@ -19,6 +19,10 @@ from pathlib import Path
 _STOPPED, _RESTING = frozenset(b"TtZ"), frozenset(b"TtZS")
 # Of /proc/PID/wchan, when the thread is on a run queue.
 _NOWHERE = b"0"
+# Where the kernel lets a thread sleep until something happens, and never wait for the disk: locks and conditions, poll, epoll
+# and nanosleep, by the names of all kernels since 4.9.
+_SLEEPING_PLACES = (b"futex_", b"poll_schedule_timeout", b"ep_poll", b"do_epoll_wait", b"hrtimer_nanosleep")
+_WCHAN_BYTES = 64
 # Long enough for the state behind a name of up to 15 characters, which may hold brackets and spaces.
 _STAT_BYTES = 64
 _SCHEDSTAT_BYTES = 64
@@ -51,6 +55,13 @@ class _Thread:
             return False
         self.asleep_history = history
         return True
+
+    def sleeps(self) -> bool:
+        """Whether it is on no run queue and waits for no disk. Most threads say so in one read."""
+        place = os.pread(self.wchan, _WCHAN_BYTES, 0)
+        if place.startswith(_SLEEPING_PLACES):
+            return True
+        return (place != _NOWHERE or self.state() in _STOPPED) and self.rests()
 
     def still_rests(self) -> bool:
         """Whether it is off every run queue, and had no core since `rests` read its state."""
@@ -142,8 +153,7 @@ class ProcessThreads:
                 return False
             cpu_ns = self._cpu_ns()
             for thread in self._order:
-                # Off the queues is also who waits for the disk.
-                if not (thread.off_the_queues() and thread.rests()):
+                if not thread.sleeps():
                     self._put_first(thread)
                     return False
             if self._cpu_ns() != cpu_ns or not all(thread.still_rests() for thread in self._bench.values()):

@@ -28,11 +28,16 @@ BUDGET_S = 60.0
 
 # Threads with one turn: each waits for it, and hands it on. The turn is always with one that runs or is about to.
 HAND_OVER = """
-import os, sys, threading
+import os, select, sys, threading
 count = int(sys.argv[1])
+polls = sys.argv[2] == "polled"
 pipes = [os.pipe() for _ in range(count)]
+def wait(number):
+    if polls:
+        select.select([pipes[number][0]], [], [])
+    return True
 def hand_on(number):
-    while os.read(pipes[number][0], 1) == b"t":
+    while wait(number) and os.read(pipes[number][0], 1) == b"t":
         os.write(pipes[(number + 1) % count][1], b"t")
     os.write(pipes[(number + 1) % count][1], b"x")
 threads = [threading.Thread(target=hand_on, args=(number,)) for number in range(count)]
@@ -109,10 +114,11 @@ def rests_in_time(threads: ProcessThreads) -> bool:
     return rests
 
 
+@pytest.mark.parametrize("wait", ["read", "polled"])
 @pytest.mark.parametrize("count", [2, 8])
-def test_threads_that_hand_on_one_turn_are_never_at_rest(count: int) -> None:
+def test_threads_that_hand_on_one_turn_are_never_at_rest(count: int, wait: str) -> None:
     """Most of them sleep at any moment, and all can be seen asleep by one who looks at one after the other."""
-    with started(HAND_OVER, str(count)) as process, closing(watched(process)) as threads:
+    with started(HAND_OVER, str(count), wait) as process, closing(watched(process)) as threads:
         assert not any(threads.at_rest() for _ in range(LOOKS))
         assert process.stdin
         assert process.stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
 
 from ._battery import ArduPilotBattery, Px4Battery
@@ -41,6 +42,8 @@ class Clients:
         self.home: tuple[float, float, float] | None = None
         # Of a version whose simulation has other names.
         self.forgetful = False
+        # As the SITL of ArduPilot, where a number of a command is none.
+        self.aborts_on_nan = False
         self.gps_off = self.gps_failsafe = False
         self.items: list[tuple[float, ...]] = []
         self.item_count = 0
@@ -132,6 +135,10 @@ class Clients:
     def _command(self, source: object, sender: tuple[int, int], command: int, params: list[float]) -> bytes:
         pilot, state, accepted = self.pilot, self.state, True
         version = b""
+        # It makes whole numbers of the first ones, and passes over others.
+        if self.aborts_on_nan and any(map(math.isnan, params[:2])):
+            print("ERROR: Floating point exception - aborting", flush=True)
+            os.abort()
         if command == 400:
             accepted = state.time_s >= READY_S
             if accepted:

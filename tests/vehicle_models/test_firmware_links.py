@@ -262,24 +262,23 @@ def state(time_s: float) -> bytes:
     )
 
 
-def test_ardupilot_gets_one_answer_for_a_packet_and_the_same_again_for_a_repeated_one(
-    stack: ExitStack,
-) -> None:
+def test_ardupilot_gets_one_answer_for_a_packet_however_often_it_sends_it(stack: ExitStack) -> None:
+    """It takes each answer as that of its present packet: with one too many it would be ahead of the physics."""
     link, ardupilot = physics(stack)
     ardupilot.send(0, 1000, 1100, 1500, 2000)
     assert link.receive()[:4] == (1000, 1100, 1500, 2000)
-    link.answer(state(0.00125))
-    first = ardupilot.answer()
+    # The packet that waited for its answer too long lies there already, twice.
     ardupilot.send(0, 1000, 1100, 1500, 2000)
+    ardupilot.send(0, 1000, 1100, 1500, 2000)
+    link.answer(state(0.00125))
+    assert json.loads(ardupilot.answer())["timestamp"] == 0.00125
     ardupilot.send(1, 1200, magic=29569)
     pulses = link.receive()
-    assert (len(pulses), pulses[0], link.repeated) == (32, 1200, 1)
-    assert ardupilot.answer() == first
-    # Asked again before there is an answer: nothing old is sent in its place.
+    assert (len(pulses), pulses[0], link.repeated) == (32, 1200, 2)
     ardupilot.send(1, 1200, magic=29569)
     ardupilot.send(0, 1300)
     assert link.receive()[0] == 1300
-    assert (link.repeated, link.restarts) == (2, 1)
+    assert (link.repeated, link.restarts) == (3, 1)
     stranger = ArduPilot(link.port)
     stack.enter_context(stranger.socket)
     stranger.send(7, 2000)

@@ -81,6 +81,7 @@ def opened(
     pace: str = "one_core",
     log: bool = False,
     seed: int = 0,
+    start_utc: str = "2026-06-21T11:30:00Z",
     **vehicle: Any,
 ) -> Generator[FirmwareX500]:
     # Nobody waits for its MAVLink but the tests of that.
@@ -99,7 +100,8 @@ def opened(
         **vehicle,
     }
     gusts = {"wind": {"speed_mps": 2.0, "turbulence_mps": 2.0}} if seed else {}
-    spec = simspec(vehicle={**vehicle, "autopilot": autopilot}, environment=gusts, seeds={"root": seed})
+    environment = {"start_utc": start_utc, **gusts}
+    spec = simspec(vehicle={**vehicle, "autopilot": autopilot}, environment=environment, seeds={"root": seed})
     links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
     with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as flown:
         if client:
@@ -297,6 +299,30 @@ def test_no_message_of_a_client_ends_the_simulation_of_px4(pace: str, firmware: 
         assert condition.crashed
         assert condition.mode == "TERMINATION"
         assert vehicle.truth().position_enu_m[2] == pytest.approx(0.0, abs=0.2)
+    client.socket.close()
+
+
+@pytest.mark.parametrize(
+    ("start", "begins"), [("2026-06-21T11:30:00Z", 1_782_041_396), ("2099-01-01T00:00:00Z", 2**31 - 1)]
+)
+def test_arducopter_has_the_date_of_the_scene(
+    start: str, begins: int, firmware: dict[str, Path], folder: Path
+) -> None:
+    """Its receiver's clock begins 3.2 s of boot before the session, in whole seconds that 32 bits hold."""
+    with opened("ardupilot", firmware["ardupilot"], start_utc=start) as vehicle:
+        vehicle.boot()
+        assert any(f"--start-time {begins} " in command for command in programs(folder))
+
+
+def test_no_number_in_a_command_ends_the_simulation_of_arducopter(firmware: dict[str, Path]) -> None:
+    """The SITL aborts where it computes with NaN, unless it is told not to."""
+    client = Client()
+    with opened("ardupilot", firmware["ardupilot"], client=client) as vehicle:
+        vehicle.boot()
+        flown_up(client, "ardupilot")
+        client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, math.nan, math.nan)
+        client.fly(1.0)
+        assert vehicle.condition().armed
     client.socket.close()
 
 

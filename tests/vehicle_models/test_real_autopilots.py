@@ -9,6 +9,7 @@ import math
 import os
 import re
 import signal
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -274,6 +275,43 @@ def test_no_message_ends_the_simulation(kind: str) -> None:
         measured("samples without an answer, of 3,600 without a controller", unanswered)
 
 
+def test_no_number_ends_the_simulation(kind: str) -> None:
+    """NaN wherever a client can write a number: the SITL of ArduPilot aborts where it computes with it, by default."""
+    with flying(kind) as client:
+        take_off(kind, client)
+        numbers = (
+            mavlink.MAV_CMD_DO_CHANGE_SPEED,
+            mavlink.MAV_CMD_CONDITION_YAW,
+            mavlink.MAV_CMD_DO_SET_HOME,
+        )
+        requests = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_BATTERY_RESET)
+        for number in (
+            *numbers,
+            *requests,
+            mavlink.MAV_CMD_DO_SET_SERVO,
+            mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+        ):
+            client.command(number, *[NAN] * 7)
+            wait(client, 0.2)
+        client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, *[NAN] * 4, 2**31 - 1, 2**31 - 1, NAN)
+        client.setpoint(NAN, NAN, NAN)
+        client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [NAN] * 4, NAN, NAN, NAN, NAN))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", NAN, 9))
+        wait(client, 3.0)
+
+
+def test_arducopter_has_the_date_of_the_scene(kind: str) -> None:
+    """PX4 has the host's, which nothing of its start script sets."""
+    with flying(kind) as client:
+        client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME)
+        wait(client, 0.4)
+        start_s = client.vehicle._plan.simspec.environment.start_utc.timestamp()  # type: ignore[attr-defined]
+        ahead_s = client.last("SYSTEM_TIME").time_unix_usec / 1e6 - start_s - client.vehicle.time.s
+        measured("its date is ahead of the scene's (s)", f"{ahead_s:.1f}")
+        if kind == "ardupilot":
+            assert abs(ahead_s) < 2.0
+
+
 def test_a_kill_in_mid_air_is_the_fault_of_the_firmware(kind: str) -> None:
     with flying(kind) as client:
         take_off(kind, client)
@@ -301,10 +339,14 @@ def test_twenty_sessions_in_a_row_leave_nothing(
 
 
 def test_two_quiet_or_lockstep_flights_are_equal(kind: str) -> None:
-    """ArduPilot repeats to the bit. PX4 does so in most pairs with pace `quiet`: here the difference is told."""
+    """ArduPilot repeats to the bit. PX4 does so in most pairs with pace `quiet`: here the difference is told.
+
+    The second time the host is slow before the flight, as when an agent starts: ArduPilot sends its packet again then.
+    """
     ends = []
-    for _ in range(2):
+    for pause_s in (0.0, 2.5):
         with flying(kind, autopilot={"pace": "quiet"}) as client:
+            time.sleep(pause_s)
             take_off(kind, client)
             ends.append(position(client))
     measured("two flights at the pace quiet end apart (m)", f"{math.dist(*ends):.4f}")

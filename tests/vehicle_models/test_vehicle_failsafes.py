@@ -159,6 +159,26 @@ def test_copter_says_that_the_battery_is_low_and_flies_on_by_default(make: Make)
     assert "Battery Failsafe" in client.texts()
 
 
+@pytest.mark.parametrize(
+    ("mask", "percent", "told"),
+    [(1, 40.0, 40), (3, -5.0, 0), (1, 140.0, 100), (1, math.nan, 50), (2, 40.0, None)],
+)
+def test_copter_counts_the_charge_from_where_a_client_says(
+    make: Make, mask: int, percent: float, told: int | None
+) -> None:
+    """MAV_CMD_BATTERY_RESET of the first battery, within 0 and 100 %; what the battery has stays as it is."""
+    client = copter(make)
+    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SYS_STATUS, 500_000)
+    client.fly(1.0)
+    before = client.last("SYS_STATUS").battery_remaining
+    assert client.command(mavlink.MAV_CMD_BATTERY_RESET, mask, percent) == [0]
+    client.fly(1.0)
+    assert client.last("SYS_STATUS").battery_remaining == pytest.approx(
+        before if told is None else told, abs=1
+    )
+    assert round(100.0 * client.vehicle.condition().battery_fraction) == pytest.approx(before, abs=1)
+
+
 def test_copter_radio(make: Make) -> None:
     """SIM_RC_FAIL 1: 0.8 s later RTL and CRITICAL; back: the text, and the mode stays."""
     client = copter(make)

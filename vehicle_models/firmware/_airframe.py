@@ -66,6 +66,8 @@ def ardupilot_parameters(*, log: bool, samples_hz: int, capacity_wh: float) -> d
         "MOT_THST_HOVER": _HOVER,
         "LOG_BACKEND_TYPE": 1 if log else 0,
         "SIM_RATE_HZ": samples_hz,
+        # The SITL alone aborts where something is computed with NaN, so that one message of an agent would end the session.
+        "SIM_FLOAT_EXCEPT": 0,
     }
 
 

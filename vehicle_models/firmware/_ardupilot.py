@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -29,6 +30,8 @@ _DEFAULTS_FILE = "rebar.parm"
 _FULL_V = 12.6
 # MAV_CMD_BATTERY_RESET, with a mask of batteries.
 _BATTERY_RESET, _FIRST_BATTERY = 42651, 1.0
+# It reads its start by atoi(3), which ends in 2038.
+_LAST_START_S = 2**31 - 1
 # It waits for nobody: the bench's answers are its clock.
 _SPEEDUP = 1000
 
@@ -82,7 +85,13 @@ class ArduPilotKind:
             home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
             program_path = self.program(Path(autopilot.firmware).resolve())
             command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
-            command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
+            command += [
+                "--start-time",
+                str(self._start_s(plan)),
+                "--defaults",
+                _DEFAULTS_FILE,
+                f"-I{instance}",
+            ]
             program.run(command, cores)
 
             def port(first_number: int) -> TcpPort:
@@ -102,6 +111,11 @@ class ArduPilotKind:
             running.estimate_port = third
             running.connections = [first, second, third]
             yield running
+
+    def _start_s(self, plan: FirmwarePlan) -> int:
+        """When its receiver's clock begins, in seconds since 1970: without it, at the host's time, and no two flights agree."""
+        boot_s = self.boot_s if plan.autopilot.boot_s is None else plan.autopilot.boot_s
+        return min(math.floor(plan.simspec.environment.start_utc.timestamp() - boot_s), _LAST_START_S)
 
 
 class _Physics:

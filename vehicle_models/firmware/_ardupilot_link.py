@@ -75,16 +75,19 @@ class ArduPilotLink:
         self.port: int = self._socket.getsockname()[1]
         self._peer: tuple[str, int] | None = None
         self._count: int | None = None
-        self._answer: bytes = b""
         self.repeated = 0
-        """Packets that came again, because an answer was late."""
+        """Packets that came again, because an answer took more than a second of the host's."""
         self.strangers = 0
         """Datagrams from somebody else than who sent the first packet; they are passed over."""
         self.restarts = 0
         """How often the count of frames began anew: ArduPilot restarts on MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN."""
 
     def receive(self) -> tuple[int, ...]:
-        """Pulse widths (us) of the next step. A packet that comes again gets the same answer again, and no step."""
+        """Pulse widths (us) of the next step.
+
+        A packet that comes again gets no further answer: on loopback none is lost, and ArduPilot takes two as those of two
+        packets. From then on it is a step ahead of the physics, and no flight repeats (observed).
+        """
         patience_s = self._answer_s if self._peer else self._connect_s
         deadline_s = 0.0
         while True:
@@ -110,8 +113,8 @@ class ArduPilotLink:
 
     def answer(self, state: bytes) -> None:
         """Answer the packet that `receive` returned last."""
-        self._answer = state
-        self._send_answer()
+        assert self._peer
+        self._socket.sendto(state, self._peer)
 
     def close(self) -> None:
         self._socket.close()
@@ -127,20 +130,13 @@ class ArduPilotLink:
         self._peer = peer
         if count == self._count:
             self.repeated += 1
-            self._send_answer()
             return None
         if self._count is not None and count != self._count + 1:
             if count > self._count:
                 raise FirmwareFault(f"ArduPilot's frame {count} came after frame {self._count}")
             self.restarts += 1
         self._count = count
-        self._answer = b""
         return values[3:]
-
-    def _send_answer(self) -> None:
-        # A packet may come again before it is answered at all: the answer is still to come.
-        if self._answer and self._peer:
-            self._socket.sendto(self._answer, self._peer)
 
     def _silence(self, patience_s: float) -> str:
         if self._peer is None:

@@ -115,6 +115,7 @@ class FirmwareX500:
         self._gate = Gate(simspec.vehicle.simulation_control)
         self._modes = AUTOPILOTS[autopilot.kind].modes
         self._running: RunningFirmware | None = None
+        self._parts: SimulatesParts | None = None
         self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
@@ -176,8 +177,8 @@ class FirmwareX500:
             self._keeper.stop()
             self._keeper = None
         self._failures.apply(self.time.ns)
-        if isinstance(running, SimulatesParts):
-            self._tell_simulated_parts(running, running)
+        if self._parts:
+            self._tell_simulated_parts(running, self._parts)
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
@@ -262,7 +263,9 @@ class FirmwareX500:
             self._plan.controller_hz,
         )
         self._running = running = self._stack.enter_context(self._kind.open(plan))
+        # Asked once: the answer takes 30 us.
         if isinstance(running, SimulatesParts):
+            self._parts = running
             self._simulated = running.simulated_parameters(gps_off=False, charge=self._battery.fraction)
         return running
 

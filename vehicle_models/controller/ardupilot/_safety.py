@@ -161,4 +161,5 @@ SAFETY = SafetyPolicy(
     is_ground_station=lambda system, p: system == int(p["SYSID_MYGCS"]),
     dead_reckoning_s=_DEAD_RECKONING_S,
     battery_volts=battery_volts,
+    counts_charge=True,
 )

@@ -174,5 +174,7 @@ class SafetyPolicy:
     """The voltage that the autopilot measures."""
     simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = no_simulated_discharge
     """The battery of the autopilot's own simulation, when its parameters ask for one."""
+    counts_charge: bool = False
+    """Whether the charge is counted, and MAV_CMD_BATTERY_RESET sets the count."""
     failure_parameter: str | None = None
     """The parameter that allows INJECT_FAILURE; None: there is no such command."""
