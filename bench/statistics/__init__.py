@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from ._power import pairs_for_difference as pairs_for_difference
     from ._power import runs_for_claim as runs_for_claim
     from ._power import runs_for_half_width as runs_for_half_width
-    from ._rank_association import RankAssociation as RankAssociation
-    from ._rank_association import rank_association as rank_association
     from ._regression import OddsRatio as OddsRatio
     from ._regression import correlation as correlation
     from ._regression import logistic as logistic
