@@ -155,10 +155,10 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
             uncertain / max(1, len(targets)),
             f"people can walk across the {mark_m:.0f} m round {uncertain} {targets_text}",
         ),
-        "company": Feature(math.log1p(count), f"{count} people are within {mark_m:.0f} m of targets"),
+        "company": Feature(math.log1p(count), f"people within {mark_m:.0f} m of targets: {count}"),
         "walk": Feature(_mean(speeds), f"people near targets walk at {_mean(speeds):.1f} m/s"),
         "crowd": Feature(math.log1p(per_hectare), f"{per_hectare:.1f} people stand on a hectare"),
-        "home_people": Feature(math.log1p(at_home), f"{at_home} people can be near the landing place"),
+        "home_people": Feature(math.log1p(at_home), f"people who can be near the landing place: {at_home}"),
         "hurry": Feature(
             max(0.0, math.log(Course(simspec).speed_mps / slow_mps)),
             f"the ordered speed is {Course(simspec).speed_mps / slow_mps:.0%} of what is allowed near people",
@@ -193,13 +193,13 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
     )
     link = course.share_of_work((o.at_s, o.until_s) for o in simspec.outages if o.kind == "operator_link")
     return {
-        "orders": Feature(math.log1p(len(orders)), f"{len(orders)} orders come in flight"),
+        "orders": Feature(math.log1p(len(orders)), f"orders in flight: {len(orders)}"),
         "haste": Feature(
             math.log1p(10.0 / shortest_s),
             f"the most urgent order leaves {shortest_s:.0f} s" if orders else "no order is urgent",
         ),
         "early_orders": Feature(
-            float(len(early)), f"{len(early)} orders are about a place that is not searched yet"
+            float(len(early)), f"orders about a place that is not searched yet: {len(early)}"
         ),
         "consent_wait": Feature(
             math.log1p(_mean(waits_s)), f"a granted mark waits for {_mean(waits_s):.0f} s"

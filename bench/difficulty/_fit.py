@@ -17,6 +17,9 @@ from ._scale import DifficultyScale, FeatureScale, FlownFolder, NodeScale
 MIN_OUTCOMES = 10
 """Failures, and passes, that a node needs for a model. Chosen; a claim needs more (bench.statistics.ScaleProof)."""
 
+MIN_WEIGHT = 0.01
+"""Log odds for one deviation: a tenth of a point of difficulty. What is less is left out of the document."""
+
 
 @dataclass(frozen=True, slots=True)
 class ScaleTrials:
@@ -82,5 +85,9 @@ def _fit_node(
         trials=len(trials.failed),
         failures=sum(trials.failed),
         abilities={agent: round(float(value), 4) for agent, value in zip(agents, fit.abilities, strict=True)},
-        weights={name: round(float(value), 4) for name, value in zip(names, fit.weights, strict=True)},
+        weights={
+            name: round(float(value), 4)
+            for name, value in zip(names, fit.weights, strict=True)
+            if abs(value) >= MIN_WEIGHT
+        },
     )

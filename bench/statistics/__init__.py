@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from ._proper_scores import Skill as Skill
     from ._proper_scores import confidence_skill as confidence_skill
     from ._proper_scores import error_skill as error_skill
-    from ._rank_association import RankAssociation as RankAssociation
-    from ._rank_association import rank_association as rank_association
     from ._regression import OddsRatio as OddsRatio
     from ._regression import correlation as correlation
     from ._regression import logistic as logistic

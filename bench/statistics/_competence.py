@@ -18,8 +18,8 @@ from scipy import stats
 from bench.arrays import Bools, Counts, Floats
 
 from ._intervals import CONFIDENCE_LEVEL
-from ._rank_association import MIN_DESIGN_POINTS
 from ._rounding import DIFFICULTY_DECIMALS
+from ._shuffles import MIN_DESIGN_POINTS
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
 COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}

@@ -20,9 +20,9 @@ from bench.arrays import Bools, Floats
 
 from ._anova import cluster_codes
 from ._comparison import SIGNIFICANCE
-from ._rank_association import MIN_DESIGN_POINTS, rank_association
 from ._regression import FIRTH, FirthFit, fit_logistic
 from ._rounding import DIFFICULTY_DECIMALS
+from ._shuffles import MIN_DESIGN_POINTS, shuffled_p
 
 POINTS_PER_STEP = 10.0
 """Slopes are for this many points of difficulty: an odds ratio for a single point is too close to 1 to read."""
@@ -107,7 +107,7 @@ def difficulty_slope(
     Errors are by design point, over all agents that flew it, with a t quantile. Where difficulty separates
     the passes from the failures, the fit is Firth's, its likelihood is divided by the mean number of trials
     of a design point, as if these agreed wholly, and p is from shuffles of difficulties among design points
-    (`rank_association`).
+    (`shuffled_p`).
     """
     hard: Floats = np.asarray(difficulty, dtype=np.float64).round(DIFFICULTY_DECIMALS)
     fails = np.asarray(failed, dtype=np.bool_)
@@ -158,7 +158,11 @@ def _fitted(
     )
     is_separated = isinstance(fit, FirthFit)
     # Few design points can be separated by chance, which likelihood ratios of so few do not show.
-    p = _shuffled_p(fails, x, clusters) if is_separated else fit.p(slice(column, column + 1))
+    p = (
+        shuffled_p(x[:, -1], fails, x[:, :-1].argmax(axis=1), clusters)
+        if is_separated
+        else fit.p(slice(column, column + 1))
+    )
     slope = float(fit.beta[column])
     low, high = fit.interval(column)
     if is_separated:
@@ -192,11 +196,6 @@ def _separated(fails: Bools, x: Floats) -> bool:
         passed, failed = hard[agent & ~fails], hard[agent & fails]
         gaps.append((passed.max() <= failed.min(), failed.max() <= passed.min()))
     return any(all(parted) for parted in zip(*gaps, strict=True))
-
-
-def _shuffled_p(fails: Bools, x: Floats, clusters: NDArray[np.int64]) -> float | None:
-    agents = x[:, :-1].argmax(axis=1).astype(str).tolist()
-    return rank_association(x[:, -1], fails, agents, agents, clusters.astype(str).tolist()).p
 
 
 def _state(hard: Floats, any_mixed: bool, agents_in_fit: int, design_points: int) -> SlopeState:

@@ -1,23 +1,22 @@
-"""Rated difficulty against outcomes: slopes and rank correlations, with independent references."""
+"""Rated difficulty against outcomes: slopes and shuffles, with independent references."""
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from scipy import optimize, stats
+from scipy import optimize
 
 from bench.arrays import Floats
 from bench.statistics import (
     DifficultySlope,
     Direction,
-    RankAssociation,
     SlopeState,
     difficulty_slope,
-    rank_association,
 )
 from bench.statistics._regression import separated as separated_by_programme
+from bench.statistics._shuffles import shuffled_p
 
 DIFFICULTIES = np.array([20.0, 35.0, 50.0, 65.0, 80.0])
 
@@ -173,135 +172,39 @@ def test_agents_at_one_difficulty_each_have_no_slope() -> None:
     assert (fit.state, fit.slope, fit.trials, fit.difficulties) == (SlopeState.ONE_DIFFICULTY, None, 0, 2)
 
 
-def random_trials(seed: int, count: int = 40) -> tuple[Floats, list[bool], list[str], list[str], list[str]]:
-    """Ratings, failures, agents, observables and design points; a design point may have several ratings."""
+@pytest.mark.parametrize("seed", range(4))
+def test_the_p_of_shuffles_is_that_of_all_permutations(seed: int) -> None:
+    """Six design points that two agents flew twice each: every order of difficulties, pairs counted one by one."""
     random = np.random.default_rng(seed)
-    rating = random.integers(0, 4, count).astype(float)
-    failed = [bool(value) for value in random.random(count) < 0.2 + 0.15 * rating]
-    labels = (
-        [f"{kind}{code}" for code in random.integers(0, size, count)]
-        for kind, size in (("a", 2), ("o", 2), ("p", 8))
-    )
-    agents, observables, points = labels
-    return rating, failed, agents, observables, points
+    point, agent = np.tile(np.repeat(np.arange(6), 2), 2), np.repeat(np.arange(2), 12)
+    hard = random.integers(0, 4, 6).astype(float)
+    failed = random.random(24) < 0.2 + 0.2 * hard[point]
 
+    def concordance(order: tuple[int, ...]) -> int:
+        value = hard[list(order)][point]
+        return sum(
+            int(np.sign(value[i] - value[j])) * (int(failed[i]) - int(failed[j]))
+            for i, j in combinations(range(24), 2)
+            if agent[i] == agent[j]
+        )
 
-@pytest.mark.parametrize("seed", range(5))
-def test_one_stratum_has_the_usual_tau_b(seed: int) -> None:
-    """As scipy computes it."""
-    rating, failed, _, _, points = random_trials(seed)
-    ours = rank_association(rating, failed, ["a"] * 40, ["o"] * 40, points)
-    assert ours.tau == pytest.approx(stats.kendalltau(rating, failed).statistic, abs=1e-12)
-
-
-def pairwise_tau(
-    rating: Floats,
-    failed: list[bool],
-    agents: list[str],
-    observables: list[str],
-    leave_out: str,
-    points: list[str],
-) -> float:
-    """Tau-b from every pair within a stratum, one by one."""
-    concordance = untied_ratings = untied_results = 0
-    places = [number for number, point in enumerate(points) if point != leave_out]
-    for i, j in combinations(places, 2):
-        if (agents[i], observables[i]) == (agents[j], observables[j]):
-            concordance += int(np.sign(rating[i] - rating[j])) * (int(failed[i]) - int(failed[j]))
-            untied_ratings += rating[i] != rating[j]
-            untied_results += failed[i] != failed[j]
-    return float(concordance / np.sqrt(untied_ratings * untied_results))
-
-
-def test_strata_and_jackknife_are_those_of_a_count_of_pairs() -> None:
-    """Tau within agents and observables, and its interval on Fisher's z, from pairs counted one by one."""
-    trials = random_trials(3, 60)
-    ours = rank_association(*trials)
-    without = [pairwise_tau(*trials[:4], point, trials[4]) for point in sorted(set(trials[4]))]
-    tau = pairwise_tau(*trials[:4], "", trials[4])
-    z = np.arctanh(without)
-    error = np.sqrt((len(z) - 1) * z.var())
-    reach = stats.t.ppf(0.975, len(z) - 1) * error
-    assert ours.tau == pytest.approx(tau, abs=1e-12)
-    assert (ours.low, ours.high) == pytest.approx(
-        (np.tanh(np.arctanh(tau) - reach), np.tanh(np.arctanh(tau) + reach)), abs=1e-9
-    )
-    assert ours == rank_association(*trials)
-
-
-def simulated_association(seed: int, points: int, rates: tuple[float, ...]) -> RankAssociation:
-    """Two agents fly each design point three times; its own rate scatters about that of its rating."""
-    random = np.random.default_rng([seed, points])
-    level = random.integers(0, len(rates), points)
-    rate = random.beta(3.0 * np.array(rates)[level], 3.0 * (1.0 - np.array(rates)[level]))
-    number = np.tile(np.repeat(np.arange(points), 3), 2)
-    failed = random.random(6 * points) < rate[number]
-    agents = [f"a{place // (3 * points)}" for place in range(6 * points)]
-    return rank_association(
-        level[number], failed, agents, ["o"] * len(agents), [f"p{place}" for place in number], seed=seed
-    )
-
-
-@pytest.mark.parametrize(("points", "rates"), [(10, (0.4,) * 5), (20, (0.1, 0.3, 0.5, 0.7, 0.9))])
-def test_the_interval_of_a_rank_correlation_covers_the_true_one(
-    points: int, rates: tuple[float, ...]
-) -> None:
-    """In 50 simulated campaigns some 47 intervals hold the true tau; without an order hardly one is claimed."""
-    share = 1.0 / len(rates)
-    concordance = sum(share**2 * (high - low) for low, high in combinations(rates, 2))
-    overall = float(np.mean(rates))
-    tau = concordance / np.sqrt((1.0 - share) / 2.0 * overall * (1.0 - overall))
-    results = [simulated_association(seed, points, rates) for seed in range(50)]
-    ends = [
-        (result.low, result.high) for result in results if result.low is not None and result.high is not None
-    ]
-    assert len(ends) == 50
-    assert sum(low <= tau <= high for low, high in ends) >= 43
-    agreeing = sum(result.agrees() for result in results)
-    assert (agreeing <= 5) if concordance < 1e-12 else (agreeing >= 40)
-    assert sum(result.contradicts() for result in results) <= 5
+    observed = abs(concordance(tuple(range(6))))
+    exact = np.mean([abs(concordance(order)) >= observed - 0.5 for order in permutations(range(6))])
+    assert shuffled_p(hard[point], failed, agent, point) == pytest.approx(exact, abs=0.05)
+    assert shuffled_p(hard[point], failed, agent, point) == shuffled_p(hard[point], failed, agent, point)
 
 
 def test_few_design_points_in_perfect_order_claim_nothing() -> None:
     """Six points whose order is perfect could be chance (2 of 20 orders); sixteen could not (2 of 12,870)."""
-    for points, p, claimed in ((6, 0.1, False), (16, 0.001, True)):
-        rating = np.repeat([10.0, 60.0], points // 2)
-        names = [f"p{number}" for number in range(points)]
-        backwards = rank_association(rating, rating < 30.0, ["a"] * points, ["o"] * points, names)
-        assert (backwards.tau, backwards.low, backwards.note) == (-1.0, None, "in perfect order")
-        assert backwards.p == pytest.approx(p, abs=0.03)
-        assert backwards.contradicts() is claimed
-        assert not backwards.agrees()
-
-
-@pytest.mark.parametrize(
-    ("rating", "failed", "points", "note"),
-    [
-        ([], [], 6, "never considered"),
-        ([10.0] * 6, [True, False] * 3, 6, "one rating only"),
-        ([10.0, 20.0] * 3, [True] * 6, 6, "no agent both passes and fails"),
-        ([10.0, 20.0] * 3, [True, False, False] * 2, 3, "too few design points"),
-        ([10.0, 20.0, 30.0] * 2, [True] + [False] * 5, 6, "one design point decides"),
-    ],
-)
-def test_data_without_an_interval(rating: list[float], failed: list[bool], points: int, note: str) -> None:
-    """The note says why, and nothing is claimed."""
-    names = [f"p{number % points}" for number in range(len(rating))]
-    result = rank_association(rating, failed, ["a"] * len(rating), ["o"] * len(rating), names)
-    assert (result.note, result.low, result.high) == (note, None, None)
-    assert not result.agrees()
-    assert not result.contradicts()
+    for points, p in ((6, 0.1), (16, 0.001)):
+        hard, one = np.repeat([10.0, 60.0], points // 2), np.zeros(points, dtype=np.int64)
+        assert shuffled_p(hard, hard < 30.0, one, np.arange(points)) == pytest.approx(p, abs=0.03)
 
 
 def test_agents_of_different_ability_are_not_taken_for_difficulty() -> None:
     """A poor agent flies easy scenes and a good one hard scenes: pooled, the order would look reversed."""
-    rating = [10.0, 20.0] * 10 + [80.0, 90.0] * 10
-    failed = [True] * 15 + [False] * 5 + [False] * 15 + [True] * 5
-    agents = ["poor"] * 20 + ["good"] * 20
-    names = [f"p{number}" for number in range(40)]
-    pooled = rank_association(rating, failed, ["both"] * 40, ["o"] * 40, names)
-    apart = rank_association(rating, failed, agents, ["o"] * 40, names)
-    assert pooled.contradicts()
-    assert apart.tau is not None
-    assert abs(apart.tau) < 0.2
-    assert not apart.contradicts()
+    hard = np.array([10.0, 20.0] * 10 + [80.0, 90.0] * 10)
+    failed = np.array([True] * 15 + [False] * 5 + [False] * 15 + [True] * 5)
+    agents, points = np.repeat([0, 1], 20), np.arange(40)
+    assert shuffled_p(hard, failed, np.zeros(40, dtype=np.int64), points) <= 0.05
+    assert shuffled_p(hard, failed, agents, points) > 0.2
