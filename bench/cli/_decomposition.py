@@ -130,7 +130,9 @@ def _panel(
     from bench.campaign import read_runs
     from bench.scoring import panel_of, score_table
 
-    tested, null, oracle = [], [], None
+    tested: list[pl.DataFrame] = []
+    null: list[pl.DataFrame] = []
+    oracle = None
     for number, folder in enumerate(folders):
         measured = read_runs(folder)
         if measured.decomposition.digest != decomposition.digest:
@@ -172,8 +174,7 @@ def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
         return f"{node} {decomposition.nodes[node].title}"
 
     lines = [
-        f"equal in {pair.sessions} sessions: {named(pair.first)}; {named(pair.second)}"
-        for pair in panel.equal
+        f"equal in {count} sessions: {named(first)}; {named(second)}" for first, second, count in panel.equal
     ]
     lines += [f"always passed, {count} times: {named(node)}" for node, count in panel.always_passed.items()]
     for node in panel.worse_is_better:

@@ -31,14 +31,6 @@ TINY = 1e-9
 NODE_LEVELS = ("principle", "ka")
 
 
-class EqualObservables(Document):
-    """Two observables with the same x in every session that considers both, and not the same one in all of them."""
-
-    first: str
-    second: str
-    sessions: int
-
-
 class PanelNode(Document):
     """The clearest difference between two agents in a node, over the scenes that both have flown; and its floor beside the
     best tested agent, over the scenes that all agents have flown. Mean confidences, 0 to 1.
@@ -66,7 +58,12 @@ class Panel(Document):
     agents: tuple[str, ...]
     sessions: int
     observables: Annotated[int, Field(description="Considered in some session")]
-    equal: tuple[EqualObservables, ...]
+    equal: Annotated[
+        tuple[tuple[str, str, int], ...],
+        Field(
+            description="Pairs with the same x wherever both are considered, but not one x; in how many sessions"
+        ),
+    ]
     always_passed: Annotated[
         Mapping[str, int], Field(description="Passed in every session that considers it; how many do")
     ]
@@ -100,6 +97,7 @@ def panel_of(
     correlations = pairwise_correlations(x[:, varies])
     passed = judged.group_by("node").agg(pl.len(), pl.col("achieved").min()).filter(pl.col("achieved") > 0)
     equal = tuple(_equal(names, x))
+    ordered = [] if order is None else _differences(tested, [order], (*NODE_LEVELS, "observable"))
     always_passed = dict(passed.sort("node").select("node", "len").iter_rows())
     ratio = participation_ratio(correlations)
     nodes = tuple(_nodes(tested, floor, oracle, agents))
@@ -113,24 +111,24 @@ def panel_of(
         unknown_correlations=int(np.isnan(correlations).sum()) // 2,
         participation_ratio=ratio,
         nodes=nodes,
-        worse_is_better=() if order is None else tuple(_worse_is_better(tested, order)),
+        worse_is_better=tuple(
+            node for (node,) in ordered if node.separated and (node.higher, node.lower) == order
+        ),
         bounds=_bounds(len(equal), len(always_passed), ratio or 0.0, nodes),
     )
 
 
 def _bounds(equal: int, always_passed: int, ratio: float, nodes: Sequence[PanelNode]) -> dict[str, bool]:
-    of_level = {level: [node.separated for node in nodes if node.level == level] for level in NODE_LEVELS}
-    principles, key_attributes = of_level.values()
+    principles, kas = ([node.separated for node in nodes if node.level == level] for level in NODE_LEVELS)
     apart = f"separate two agents: {sum(principles)} of {len(principles)}, at least all"
-    apart_below = f"separate two agents: {sum(key_attributes)} of {len(key_attributes)}"
+    kas_apart = f"separate two agents: {sum(kas)} of {len(kas)}, at least {LEAST_SEPARATING_KEY_ATTRIBUTES}"
+    least = f"participation ratio: {ratio:.1f}, at least {LEAST_PARTICIPATION_RATIO:g}"
     return {
         f"pairs of equal observables: {equal}, at most 0": equal == 0,
         f"observables that always pass: {always_passed}, at most 0": always_passed == 0,
-        f"participation ratio: {ratio:.1f}, at least {LEAST_PARTICIPATION_RATIO:g}": ratio
-        >= LEAST_PARTICIPATION_RATIO,
-        f"principles that {apart}": len(principles) > 0 and all(principles),
-        f"key attributes that {apart_below}, at least {LEAST_SEPARATING_KEY_ATTRIBUTES}": sum(key_attributes)
-        >= LEAST_SEPARATING_KEY_ATTRIBUTES,
+        least: ratio >= LEAST_PARTICIPATION_RATIO,
+        f"principles that {apart}": bool(principles) and all(principles),
+        f"key attributes that {kas_apart}": sum(kas) >= LEAST_SEPARATING_KEY_ATTRIBUTES,
     }
 
 
@@ -168,7 +166,7 @@ def participation_ratio(correlations: Floats) -> float | None:
     return count / (1.0 + (count - 1) * mean_square) if count else None
 
 
-def _equal(names: Sequence[str], x: Floats) -> Iterator[EqualObservables]:
+def _equal(names: Sequence[str], x: Floats) -> Iterator[tuple[str, str, int]]:
     for first, second in combinations(range(len(names)), 2):
         common = ~np.isnan(x[:, [first, second]]).any(axis=1)
         values, others = x[common, first], x[common, second]
@@ -176,7 +174,7 @@ def _equal(names: Sequence[str], x: Floats) -> Iterator[EqualObservables]:
         if len(values) < LEAST_SESSIONS or np.ptp(values) <= TINY:
             continue
         if np.abs(values - others).max() <= TINY:
-            yield EqualObservables(first=names[first], second=names[second], sessions=len(values))
+            yield names[first], names[second], len(values)
 
 
 def _nodes(
@@ -201,12 +199,6 @@ def _nodes(
         )
 
 
-def _worse_is_better(tested: pl.DataFrame, order: tuple[str, str]) -> Iterator[PanelNode]:
-    for (node,) in _differences(tested, [order], (*NODE_LEVELS, "observable")):
-        if node.separated and node.higher == order[0]:
-            yield node
-
-
 def _differences(
     scores: pl.DataFrame, pairs: Sequence[tuple[str, str]], levels: Sequence[str]
 ) -> Iterator[list[PanelNode]]:
@@ -228,16 +220,9 @@ def _differences(
             if common.any():
                 mean, noise = _mean_and_noise(apart[common], point[common], len(pairs))
                 lower, higher = pair if mean >= 0.0 else pair[::-1]
-                node = PanelNode(
-                    id=name,
-                    level=of_node["level"][0],
-                    lower=lower,
-                    higher=higher,
-                    difference=abs(mean),
-                    noise=noise,
-                    separated=noise is not None and abs(mean) > noise + TINY,
-                )
-                differences.append(node)
+                node = {"id": name, "level": of_node["level"][0], "lower": lower, "higher": higher}
+                separated = noise is not None and abs(mean) > noise + TINY
+                differences.append(PanelNode(**node, difference=abs(mean), noise=noise, separated=separated))
         if differences:
             yield differences
 

@@ -112,9 +112,7 @@ def test_equal_observables() -> None:
         }
     )
 
-    assert [(pair.first, pair.second, pair.sessions) for pair in found.equal] == [
-        ("O1", "O2", LEAST_SESSIONS)
-    ]
+    assert found.equal == (("O1", "O2", LEAST_SESSIONS),)
     assert found.constant == ("C1", "C2")
     assert not found.bounds["pairs of equal observables: 1, at most 0"]
     # O4 with each of the three others: too few common sessions.
@@ -214,8 +212,8 @@ def test_the_floor_stands_beside_the_best_tested_agent() -> None:
 
     found = node(panel(rows, floor), "K1")
 
-    assert (found.floor, found.floor_agents) == (pytest.approx(0.6), ("null-a",))
-    assert (found.best, found.best_agents) == (pytest.approx(0.7), ("good",))
+    assert (found.floor, found.floor_agents) == (0.6, ("null-a",))
+    assert (found.best, found.best_agents) == (0.7, ("good",))
     assert node(panel(rows), "K1").floor is None
 
 
