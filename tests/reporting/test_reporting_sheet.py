@@ -125,7 +125,7 @@ def test_files_beside_the_report_hold_its_numbers(folder: Path) -> None:
     for row in scores.filter(configuration="all").iter_rows(named=True):
         tally = data.tallies[row["agent"], "all", row["node"]]
         assert (row["passed"], row["runs"]) == (tally.passes.passed, tally.passes.runs)
-        assert row["low"] == pytest.approx(tally.passes.low)
+        assert row["passed.low"] == pytest.approx(tally.passes.low)
     runs = pl.read_csv(folder / "runs.csv", infer_schema_length=None)
     assert runs.height == 12
     assert runs.filter(run="p003-r0-reference-naive")["reason"].to_list() == [
