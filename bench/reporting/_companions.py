@@ -22,8 +22,12 @@ _SHARES = (
 )
 # Fields of a tally, with `_` in place of the dot.
 _FIELDS = ("score", "confidence", "confidence.low", "confidence.high", "difficulty.low", "difficulty.high")
-_NUMBERS = dict.fromkeys(_COUNTS, pl.Int64) | dict.fromkeys((*_SHARES, *_FIELDS, "floor"), pl.Float64)
-_NAMES = dict.fromkeys(("agent", "configuration", "node", "title", "level"), pl.String)
+_NUMBERS: dict[str, type[pl.DataType]] = dict.fromkeys(_COUNTS, pl.Int64) | dict.fromkeys(
+    (*_SHARES, *_FIELDS, "floor"), pl.Float64
+)
+_NAMES: dict[str, type[pl.DataType]] = dict.fromkeys(
+    ("agent", "configuration", "node", "title", "level"), pl.String
+)
 
 
 def companions(data: ReportData, runs: pl.DataFrame) -> dict[str, str]:
@@ -71,14 +75,15 @@ def requirements_table(data: ReportData) -> pl.DataFrame:
         }
         for agent in data.agents
     ]
-    words = {f"{node}.{name}": kind for node in data.nodes for name, kind in _NUMBERS.items()}
-    return pl.DataFrame(rows, schema={"agent": pl.String} | words)
+    schema: dict[str, type[pl.DataType]] = {"agent": pl.String}
+    schema |= {f"{node}.{name}": kind for node in data.nodes for name, kind in _NUMBERS.items()}
+    return pl.DataFrame(rows, schema=schema)
 
 
 def _numbers(data: ReportData, tally: Tally) -> dict[str, Any]:
     """Those that there are."""
     passes, floor = tally.passes, data.floors.get(tally.node)
-    numbers = {"flown": tally.runs, "runs": passes.runs, "passed": passes.passed}
+    numbers: dict[str, Any] = {"flown": tally.runs, "runs": passes.runs, "passed": passes.passed}
     numbers |= {name: getattr(tally, name.replace(".", "_")) for name in _FIELDS}
     if passes.runs:
         share = passes.passed / passes.runs
