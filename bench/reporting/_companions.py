@@ -14,47 +14,20 @@ from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Tally
 from .text._sheet import Sheet, sheets
 
 COMPANIONS = ("scores.csv", "runs.csv", "card.md", "junit.xml")
-_TALLY_COLUMNS: dict[str, type[pl.DataType]] = {
-    "agent": pl.String,
-    "configuration": pl.String,
-    "node": pl.String,
-    "title": pl.String,
-    "level": pl.String,
-    "flown": pl.Int64,
-    "runs": pl.Int64,
-    "passed": pl.Int64,
-    "share": pl.Float64,
-    "low": pl.Float64,
-    "high": pl.Float64,
-    "competence_90": pl.Float64,
-    "competence_90_low": pl.Float64,
-    "competence_50": pl.Float64,
-    "competence_50_low": pl.Float64,
-    "score": pl.Float64,
-    "confidence": pl.Float64,
-    "confidence_low": pl.Float64,
-    "confidence_high": pl.Float64,
-    "difficulty_low": pl.Float64,
-    "difficulty_high": pl.Float64,
-    "floor": pl.Float64,
-}
-# The words of `rebar check` about a node, by the column that they stand for.
-_REQUIREMENT_WORDS = {
-    "passed": "passed",
-    "passed.share": "share",
-    "passed.low": "low",
-    "passed.high": "high",
-    "runs": "runs",
-    "competence_90": "competence_90",
-    "competence_90.low": "competence_90_low",
-    "competence_50": "competence_50",
-    "competence_50.low": "competence_50_low",
-    "score": "score",
-    "confidence": "confidence",
-    "confidence.low": "confidence_low",
-    "confidence.high": "confidence_high",
-    "floor": "floor",
-}
+# The numbers of a node, as scores.csv has them and `rebar check` asks for them; those of a principle are of its verdicts.
+_COUNTS = ("flown", "runs", "passed")
+_SHARES = (
+    *("passed.share", "passed.low", "passed.high"),
+    *("competence_90", "competence_90.low", "competence_50", "competence_50.low"),
+)
+# Fields of a tally, with `_` in place of the dot.
+_FIELDS = ("score", "confidence", "confidence.low", "confidence.high", "difficulty.low", "difficulty.high")
+_NUMBERS: dict[str, type[pl.DataType]] = dict.fromkeys(_COUNTS, pl.Int64) | dict.fromkeys(
+    (*_SHARES, *_FIELDS, "floor"), pl.Float64
+)
+_NAMES: dict[str, type[pl.DataType]] = dict.fromkeys(
+    ("agent", "configuration", "node", "title", "level"), pl.String
+)
 
 
 def companions(data: ReportData, runs: pl.DataFrame) -> dict[str, str]:
@@ -72,54 +45,54 @@ def companions(data: ReportData, runs: pl.DataFrame) -> dict[str, str]:
 def scores_table(data: ReportData) -> pl.DataFrame:
     """A row for each agent, node and difficulty configuration, and one over all of them (`all`).
 
-    `runs` are those that considered the node, of `flown`; of a principle both counts are of its verdict. `share` is that of
-    `passed`, from `low` to `high` (95 %). `floor` is the best share or confidence of an agent without merit.
+    `runs` are those that considered the node, of `flown`. `passed.share` is that of `passed` in `runs`, with its 95 %
+    interval. `floor` is the best confidence of an agent without merit.
     """
     labels = {configuration.key: configuration.label for configuration in data.configurations}
     rows = [
-        _tally_row(data, tally) | {"configuration": labels.get(name, name)}
-        for (_, name, _), tally in data.tallies.items()
+        {
+            "agent": tally.agent,
+            "configuration": labels.get(tally.configuration, tally.configuration),
+            "node": tally.node,
+            "title": data.title(tally.node),
+            "level": tally.level,
+        }
+        | _numbers(data, tally)
+        for tally in data.tallies.values()
     ]
-    return pl.DataFrame(rows, schema=_TALLY_COLUMNS)
+    return pl.DataFrame(rows, schema=_NAMES | _NUMBERS)
 
 
 def requirements_table(data: ReportData) -> pl.DataFrame:
-    """A row for each agent, over all its runs: `agent`, and for each node `NODE.passed`, `NODE.passed.low` and so on."""
-    words = {
-        f"{node.id}.{word}": (node.id, column)
-        for node in data.nodes.values()
-        for word, column in _REQUIREMENT_WORDS.items()
-    }
-    rows = []
-    for agent in data.agents:
-        tallies = {node: _tally_row(data, tally) for node in data.nodes if (tally := data.tally(agent, node))}
-        rows.append(
-            {"agent": agent}
-            | {word: tallies.get(node, {}).get(column) for word, (node, column) in words.items()}
-        )
-    return pl.DataFrame(rows, schema={"agent": pl.String} | dict.fromkeys(words, pl.Float64), strict=False)
+    """A row for each agent, over all its runs: `agent`, and for each node its numbers, such as `KA-18.passed.low`."""
+    rows = [
+        {"agent": agent}
+        | {
+            f"{node}.{name}": value
+            for node in data.nodes
+            if (tally := data.tally(agent, node))
+            for name, value in _numbers(data, tally).items()
+        }
+        for agent in data.agents
+    ]
+    schema: dict[str, type[pl.DataType]] = {"agent": pl.String}
+    schema |= {f"{node}.{name}": kind for node in data.nodes for name, kind in _NUMBERS.items()}
+    return pl.DataFrame(rows, schema=schema)
 
 
-def _tally_row(data: ReportData, tally: Tally) -> dict[str, Any]:
+def _numbers(data: ReportData, tally: Tally) -> dict[str, Any]:
+    """Those that there are."""
     passes, floor = tally.passes, data.floors.get(tally.node)
-    counted = passes.runs > 0
-    row = {
-        "agent": tally.agent,
-        "node": tally.node,
-        "title": data.title(tally.node),
-        "level": tally.level,
-        "flown": tally.runs,
-        "runs": passes.runs,
-        "passed": passes.passed,
-        "share": passes.passed / passes.runs if counted else None,
-        "low": passes.low if counted else None,
-        "high": passes.high if counted else None,
-        "floor": floor.floor if floor and tally.configuration == ALL_CONFIGURATIONS else None,
-    }
+    numbers: dict[str, Any] = {"flown": tally.runs, "runs": passes.runs, "passed": passes.passed}
+    numbers |= {name: getattr(tally, name.replace(".", "_")) for name in _FIELDS}
+    if passes.runs:
+        share = passes.passed / passes.runs
+        numbers |= {"passed.share": share, "passed.low": passes.low, "passed.high": passes.high}
     for rate, competence in tally.competence.items():
-        row |= {f"competence_{rate}": competence.value, f"competence_{rate}_low": competence.low}
-    same = ("score", "confidence", "confidence_low", "confidence_high", "difficulty_low", "difficulty_high")
-    return row | {name: getattr(tally, name) for name in same}
+        numbers |= {f"competence_{rate}": competence.value, f"competence_{rate}.low": competence.low}
+    if floor is not None and tally.configuration == ALL_CONFIGURATIONS:
+        numbers["floor"] = floor.floor
+    return numbers
 
 
 def _card(sheet: Sheet, campaign: str) -> str:

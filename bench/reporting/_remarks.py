@@ -11,30 +11,27 @@ from bench.contracts import FirmwareEnds, SessionResult, SuspectEnds, Texts, Tru
 @dataclass(frozen=True, slots=True)
 class Mark:
     """How the report shows runs with a fact: a sentence before all numbers, its `{}` the runs; and in the table of runs a
-    label behind the name and a line for each text. Runs with a label come first in the table.
+    label before each text. Runs with a label come first in the table.
     """
 
     kind: type[Texts]
     sentence: str
     label: str = ""
-    line: str = ""
 
 
 MARKS = (
     # No number of such an agent means what it says.
     Mark(
         TruthSightings,
-        "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in {}. The tables of runs "
-        "list these first.",
+        "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in {}. The table of runs "
+        "lists these first.",
         "saw the truth",
-        "Saw the truth: {}.",
     ),
     Mark(
         SuspectEnds,
-        "The bench failed while an agent was there, which the host or the agent may have caused, in {}. The tables of runs list "
+        "The bench failed while an agent was there, which the host or the agent may have caused, in {}. The table of runs lists "
         "these first.",
         "suspect",
-        "Suspect attempt: {}",
     ),
     Mark(
         FirmwareEnds,

@@ -35,6 +35,7 @@ from bench.campaign import (
 from bench.cli._app import run as run_command
 from bench.contracts import Outcome
 from bench.errors import SetupError
+from bench.reporting.text._outcomes import AFTER_STOP
 from bench.scoring import score_table
 from bench.statistics import StoppingRule
 
@@ -165,7 +166,7 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     assert all((tmp_path / "three" / "runs" / name / "recording.mcap").is_file() for name in past)
     outcomes = Manifest.model_validate_json((tmp_path / "three" / "manifest.json").read_text()).outcomes
     assert outcomes[FLOWN_AFTER_STOP] == len(past)
-    assert FLOWN_AFTER_STOP in (tmp_path / "three" / "report.html").read_text()
+    assert AFTER_STOP in (tmp_path / "three" / "report.html").read_text()
 
 
 def test_more_replicates_go_on_from_there(tmp_path: Path) -> None:

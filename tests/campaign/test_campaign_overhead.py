@@ -59,8 +59,8 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     assert verify_folder(tmp_path) == []
     body = (tmp_path / "report.html").read_text().partition("</main>")[0]
     notices = body.count("Overhead fidelity: surrogates on a ground plan")
-    # Each table, the head, and the paragraph to quote of each agent.
-    assert notices == body.count("<table") + 1 + len(campaign.agents) > 10
+    # Each table, the head of the appendix, and of each agent the page to sign and the paragraph to quote.
+    assert notices == body.count("<table") + 1 + 2 * len(campaign.agents) > 10
     assert run_campaign_sync(campaign, tmp_path).flown == 0
 
 

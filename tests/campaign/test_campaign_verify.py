@@ -70,6 +70,7 @@ design:
 KINDS = {
     *("campaign.yaml", "decomposition.yaml", "evidence.jsonl", "journal.sqlite", "manifest.json"),
     *("scores.parquet", "floor.parquet", "report.html", "w1.log", "simspecs"),
+    *("scores.csv", "runs.csv", "card.md", "junit.xml"),
     *("recording.mcap", "result.json", "simspec.json", "agent.log"),
 }
 FLIPS = 6

@@ -1,4 +1,4 @@
-# mypy: disable-error-code=operator
+# mypy: disable-error-code="operator, str-bytes-safe"
 # Cells of a data frame may be of any type; the columns used here are numbers.
 """Figures, maps, pairs and the terminal's table show what the data say."""
 

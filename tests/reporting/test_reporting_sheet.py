@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -40,7 +41,7 @@ def sheet_texts(page: str) -> list[str]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Everything that weakens an answer: a lost run, an agent that saw the truth, one that flew free, a crash."""
-    facts = {
+    facts: dict[str, dict[str, Any]] = {
         CAUGHT: {
             "saw_the_truth": {"texts": ["a honeypot"]},
             "confinement": {"isolation": "none", "network": "host"},
@@ -110,7 +111,7 @@ def test_who_reads_it_alone_knows_what_weakens_it(folder: Path) -> None:
 def test_unseen_key_attributes_are_named_and_counted(folder: Path) -> None:
     data = load_report_data(folder)
     key = (AGENTS[1], "all", "KA-09")
-    tallies = data.tallies | {key: replace(data.tallies[key], considered=0, competence={})}
+    tallies = {**data.tallies, key: replace(data.tallies[key], considered=0, competence={})}
     text = sheet_texts(render_report(replace(data, tallies=tallies)))[1]
     assert "1 of 5 key attributes (KA-09): considered in no run." in text
 
@@ -125,7 +126,7 @@ def test_files_beside_the_report_hold_its_numbers(folder: Path) -> None:
     for row in scores.filter(configuration="all").iter_rows(named=True):
         tally = data.tallies[row["agent"], "all", row["node"]]
         assert (row["passed"], row["runs"]) == (tally.passes.passed, tally.passes.runs)
-        assert row["low"] == pytest.approx(tally.passes.low)
+        assert row["passed.low"] == pytest.approx(tally.passes.low)
     runs = pl.read_csv(folder / "runs.csv", infer_schema_length=None)
     assert runs.height == 12
     assert runs.filter(run="p003-r0-reference-naive")["reason"].to_list() == [
