@@ -211,6 +211,8 @@ class PredicateReader:
         point, note = self._places.point(place), "from the origin of the map" if place.degrees else ""
         if self._scene.count(group) != 1:
             # A SimSpec has coordinates only for a group of one.
+            if any(path[:4] == (*base, "distances") and "point" in path for path in self._draft.entries):
+                raise NotReadError("a group stands at one place: say how many stand at each")
             self._draft.remark(span, "several members cannot stand at one point: they stand near it")
             near = self._vocabulary.defaults.near_m
             self._put_distance(group, place, span, 0.0, near, every=False, note="the default for `near`")

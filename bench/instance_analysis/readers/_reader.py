@@ -102,8 +102,11 @@ class TextReader:
 
     def _groups(self, statement: Statement) -> None:
         """Read whom a statement names, and what it says of them."""
+        stated = len(self.draft.statements)
         named = [self.scene.subjects(phrase) for phrase in statement.subjects]
         groups = [group for phrase in named for group in phrase]
+        if groups and not statement.predicates and len(self.draft.statements) == stated:
+            raise NotReadError("nothing is said of it")
         if not groups and statement.predicates:
             raise NotReadError("it is said of nobody")
         if not groups:

@@ -107,12 +107,23 @@ class Scene:
             phrase = NounPhrase(
                 phrase.span, phrase.noun, phrase.entries, definite=True, pronoun=phrase.pronoun
             )
-        groups = self._named(phrase, others=subject)
+        groups = self._again_or_new(phrase, subject) or self._named(phrase, others=subject)
         for group in groups:
             self.groups[group].mentioned = self.sentence
             if not phrase.definite:
                 self._describe(group, phrase)
         return groups
+
+    def _again_or_new(self, phrase: NounPhrase, subject: Sequence[str]) -> list[str]:
+        """`Two houses. A soldier within 20 m of a house`: one of those that the text has named, or another one."""
+        if not phrase.article or phrase.definite or phrase.target or not phrase.entries:
+            return []
+        known = [group for group in self._known(phrase) if group not in subject]
+        if not known:
+            return []
+        question = f"is {self.draft.quote(phrase.span)!r} one that the text has named before?"
+        chosen = self.draft.ask(phrase.span, question, [*known, "no, another one"])
+        return known[chosen : chosen + 1]
 
     def one(self, phrase: NounPhrase) -> str:
         """The single group that a phrase names."""
