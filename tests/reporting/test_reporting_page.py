@@ -27,6 +27,7 @@ from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.reporting import build_run_map, load_report_data, render_report, write_report
 from bench.reporting._campaign_data import ReportedCompetence
+from bench.reporting._page import _environment
 from bench.scoring import NodeFloor, ScoredRun, score_table, stated_difficulty
 from bench.statistics import clopper_pearson
 from bench.streams import String, encode
@@ -523,3 +524,31 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
     assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
     labels = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label")]
     assert len([label for label in labels if label.startswith("Pass rate of")]) == len(decomposition.study)
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_table_of_factors_without_a_row_is_a_sentence(rows: int) -> None:
+    """Its notes say why there is none; with a row it is a table."""
+    row = {
+        "factor": "fog",
+        "confidence_share": 0.5,
+        "confidence_p": 0.01,
+        "score_share": None,
+        "score_p": None,
+        "odds": [],
+        "passes_p": None,
+        "note": "",
+    }
+    table = {"node": "KA-18", "agent": "a", "runs": 12, "notes": ["No run passed."], "rows": [row] * rows}
+    matter = {
+        "tables": [table],
+        "significant_effects": [],
+        "score_only_effects": [],
+        "too_few": [],
+        "independence": None,
+        "note": "",
+    }
+    text = _environment().get_template("factors.html.j2").render(matter=matter, factors_figure="")
+    assert ("<table" in text) == bool(rows)
+    assert ("A dash: " in text) == bool(rows)
+    assert ("<p>KA-18 of a, 12 considered runs. No run passed.</p>" in text) == (not rows)

@@ -57,7 +57,9 @@ def configuration_figure(data: ReportData, configuration: Configuration, label: 
                 ((place - 0.45, level), (place + 0.45, level)), "var(--difficulty)", width=1.2, dash="2 3"
             )
             title = f"{node}: difficulty {level:.1f}"
-            plot.mark("circle", place, level, 11, "var(--paper)", title, fill="var(--difficulty)", width=1.6)
+            plot.mark(
+                "circle", (place, level), 11, "var(--paper)", title, fill="var(--difficulty)", width=1.6
+            )
     return plot.markup()
 
 
@@ -111,7 +113,7 @@ def _score_shapes(
             runs = f" in {count} runs" if count > 1 else ""
             title = f"{style.letter} {style.name}, {node}: score {value:.1f}{runs}"
             size = min(16.0, 5.0 + 2.0 * math.sqrt(count))
-            plot.mark(style.marker, x, value, size, "var(--paper)", title, fill=style.colour, width=0.5)
+            plot.mark(style.marker, (x, value), size, "var(--paper)", title, fill=style.colour, width=0.5)
 
 
 def _violin(values: Sequence[float], x: float, width: float) -> list[tuple[float, float]]:

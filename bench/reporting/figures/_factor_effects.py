@@ -38,5 +38,5 @@ def factor_effects_figure(effects: FactorEffects) -> Markup:
             size = 3.0 + 27.0 * max(0.0, row.confidence_share) ** 0.5
             title = f"{row.factor}: {100 * row.confidence_share:.1f} % of the variance of confidence"
             fill = "var(--accent)" if is_significant else "var(--bar)"
-            plot.mark("circle", factors.index(row.factor), place, size, "var(--bar-edge)", title, fill=fill)
+            plot.mark("circle", (factors.index(row.factor), place), size, "var(--bar-edge)", title, fill=fill)
     return plot.markup()

@@ -87,12 +87,12 @@ def map_figure(chart: RunMap, label: str = "") -> Markup:
         symbol, colour = CONSENT_MARKERS[request.state]
         end = "" if request.answered_s is None else f" at {request.answered_s:.1f} s"
         title = f"consent to mark {request.about} asked at {request.time_s:.1f} s, {request.state}{end}"
-        plot.mark(symbol, request.east_m, request.north_m, 30, colour, title, fill="none", width=2)
+        plot.mark(symbol, (request.east_m, request.north_m), 30, colour, title, fill="none", width=2)
         plot.explain(symbol, colour, f"consent {request.state}", fill="none")
     # Last, so that a target is not hidden by the report on it.
     for role in (Role.SOUGHT, Role.ADVERSARY):
         _draw_actors(plot, role, chart)
-    plot.mark("star", *chart.home_enu_m, 15, "var(--ink)", "home")
+    plot.mark("star", chart.home_enu_m, 15, "var(--ink)", "home")
     plot.explain("star", "var(--ink)", "home")
     return plot.markup()
 
@@ -133,7 +133,7 @@ def _draw_actors(plot: Plot, role: Role, chart: RunMap) -> None:
         return
     for actor in actors:
         title = f"{actor.id} ({actor.class_label}), {role.value}, at the start"
-        plot.mark(symbol, *actor.path_enu_m[0], 12, "var(--paper)", title, fill=colour, width=0.8)
+        plot.mark(symbol, actor.path_enu_m[0], 12, "var(--paper)", title, fill=colour, width=0.8)
 
 
 def _draw_flight(plot: Plot, chart: RunMap) -> None:
@@ -192,14 +192,13 @@ def _draw_reports(plot: Plot, chart: RunMap) -> None:
             plot.line(ring, kind.colour, width=1.2, dash=kind.ring_dash)
             for place in report.bystanders_enu_m:
                 title = f"bystander within {chart.no_mark_within_m:g} m at {report.time_s:.1f} s"
-                plot.mark("circle", *place, 13, kind.colour, title, fill="none", width=2)
+                plot.mark("circle", place, 13, kind.colour, title, fill="none", width=2)
     for kind in REPORT_KINDS:
         for report in chart.reports.drawn:
             if _kind(report) is kind:
                 title = f"{kind.verdict} at {report.time_s:.1f} s, confidence {report.confidence:.2f}"
-                plot.mark(
-                    "x", report.east_m, report.north_m, 19, kind.colour, title, fill=kind.fill, width=1.5
-                )
+                place = (report.east_m, report.north_m)
+                plot.mark("x", place, 19, kind.colour, title, fill=kind.fill, width=1.5)
                 plot.explain("x", kind.colour, kind.legend, fill=kind.fill)
     for report in labelled_reports(chart):
         colour, east_m, north_m = _kind(report).colour, report.east_m, report.north_m

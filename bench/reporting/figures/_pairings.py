@@ -30,10 +30,11 @@ def pairings_figure(pairings: Sequence[Pairing], label: str = "") -> Markup:
             # The count is written inside, so no disc is smaller than 13 px; a row is 52 px high, so none exceeds 38.
             size = min(38.0, 13.0 + 3.5 * math.sqrt(count))
             title = f"{pairing.node}: {step:+d} points in {count} of {pairing.scenes} scenes"
-            plot.mark("circle", step, place, size, "var(--bar-edge)", title, fill="var(--bar)")
+            plot.mark("circle", (step, place), size, "var(--bar-edge)", title, fill="var(--bar)")
             plot.text(step, place, str(count))
         if pairing.mean_confidence_difference is not None:
             mean = 100 * pairing.mean_confidence_difference
             title = f"{pairing.node}: mean {mean:+.1f} points over {pairing.scenes} scenes"
-            plot.mark("triangle-down", mean, place, 12, "var(--accent)", title, dy_px=-21)
+            # Above the discs of its row: the axis runs downwards.
+            plot.mark("triangle-down", (mean, place - 0.4), 12, "var(--accent)", title)
     return plot.markup()

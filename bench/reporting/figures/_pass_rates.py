@@ -75,7 +75,7 @@ def _pass_rates(plot: Plot, style: AgentStyle, trials: NodeTrials, aside: float)
         size = min(22.0, 6.0 + 2.0 * math.sqrt(runs))
         title = f"{style.letter} {style.name}, difficulty {hard:.1f}: {passed[hard]} of {runs} runs passed"
         rate = 100 * passed[hard] / runs
-        plot.mark(style.marker, hard + aside, rate, size, style.colour, title, fill=style.fill, width=1.4)
+        plot.mark(style.marker, (hard + aside, rate), size, style.colour, title, fill=style.fill, width=1.4)
 
 
 def _competences(plot: Plot, style: AgentStyle, tally: Tally | None, aside: float) -> None:
@@ -87,12 +87,6 @@ def _competences(plot: Plot, style: AgentStyle, tally: Tally | None, aside: floa
         at_least = "at least " if competence.at_least else ""
         title = f"{style.letter} {style.name}, competence {rate}: {at_least}{competence.value:.1f}, lower bound {competence.low:.1f}"
         plot.line(((competence.low, y), (competence.value, y)), style.colour, title, width=1.6)
-        plot.mark("bar", competence.low, y, 7, style.colour, width=1.6)
-        plot.mark(
-            "triangle-right" if competence.at_least else "bar",
-            competence.value,
-            y,
-            10,
-            style.colour,
-            width=1.6,
-        )
+        plot.mark("bar", (competence.low, y), 7, style.colour, width=1.6)
+        end = "triangle-right" if competence.at_least else "bar"
+        plot.mark(end, (competence.value, y), 10, style.colour, width=1.6)

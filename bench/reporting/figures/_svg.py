@@ -77,18 +77,16 @@ class Plot:
     def mark(
         self,
         symbol: str,
-        x: float,
-        y: float,
+        place: tuple[float, float],
         size: float,
         colour: str,
         title: str = "",
         *,
         fill: str | None = None,
         width: float = 1.0,
-        dy_px: float = 0.0,
     ) -> None:
         """A symbol of `size` pixels, of one colour where no `fill` is given."""
-        kind, geometry = _symbol(symbol, self.x_px(x), self.y_px(y) + dy_px, size / 2.0)
+        kind, geometry = _symbol(symbol, self.x_px(place[0]), self.y_px(place[1]), size / 2.0)
         self._add(
             kind, f'{geometry} fill="{fill or colour}" stroke="{colour}" stroke-width="{width:g}"', title
         )
