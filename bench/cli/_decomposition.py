@@ -1,4 +1,4 @@
-"""`rebar decomposition check`: what a decomposition's document promises, and what needs no merit under it."""
+"""`rebar decomposition check`: what a document promises, what needs no merit, and what agents show."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from ._tables import add_plain_row, plain_console, plain_table, print_lines
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bench.scoring import NodeFloor
+    from bench.scoring import NodeFloor, Panel
+    from decompositions import Decomposition
 
 
 def register(app: typer.Typer) -> None:
@@ -37,9 +38,23 @@ def check(
             help="Folder of a campaign run with --floor: show floor, ceiling and discrimination of every node",
         ),
     ] = None,
+    panel: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of a campaign, once or more: show what its agents' runs say about redundancy and discrimination",
+        ),
+    ] = None,
+    order: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="WORSE BETTER", help="With --panel: show where the worse of two agents reaches more"
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Check the document of a decomposition, and with --floor what can be had under it without merit.
+    """Check the document of a decomposition, with --floor what can be had under it without merit, and with --panel
+    whether it measures different things and tells agents apart. Exits with 1 where a panel is beyond a bound.
 
     The nodes that discriminate least come first. An observable is flagged if a null agent reaches more than a
     half, or more than nine tenths of what an agent reaches that is given the truth.
@@ -47,6 +62,8 @@ def check(
     Example: rebar decomposition check search-and-report
 
     Example: rebar decomposition check search-and-report --floor out/demo
+
+    Example: rebar decomposition check search-and-report --panel out/demo --order reference-naive reference-bystander-aware
     """
     from bench.campaign import load_measurable_decomposition, read_runs
     from bench.scoring import worst_first
@@ -63,6 +80,7 @@ def check(
                 Fault(str(floor), "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
             )
         nodes = worst_first(measured.floors())
+    shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
             "decomposition": decomposition.name,
@@ -72,7 +90,10 @@ def check(
         }
         if floor is not None:
             document["floor"] = [_as_json(node) for node in nodes]
+        if shown is not None:
+            document["panel"] = shown.model_dump(mode="json")
         print(json.dumps(document, indent=1))
+        _exit_beyond_bounds(shown)
         return
     console = plain_console()
     counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
@@ -90,6 +111,76 @@ def check(
                 f"{unknown} were never considered on these scenes"
             ],
         )
+    if shown is not None:
+        _print_panel(shown, decomposition)
+    _exit_beyond_bounds(shown)
+
+
+def _exit_beyond_bounds(panel: Panel | None) -> None:
+    if panel is not None and not all(panel.bounds.values()):
+        raise typer.Exit(1)
+
+
+def _panel(
+    decomposition: Decomposition, name: str, folders: Sequence[Path], order: tuple[str, str] | None
+) -> Panel:
+    """What the runs in these folders show. Raises SetupError where they were measured with another decomposition."""
+    import polars as pl
+
+    from bench.campaign import read_runs
+    from bench.scoring import panel_of, score_table
+
+    tested: list[pl.DataFrame] = []
+    null: list[pl.DataFrame] = []
+    oracle = None
+    for number, folder in enumerate(folders):
+        measured = read_runs(folder)
+        if measured.decomposition.digest != decomposition.digest:
+            what = f"its runs were measured with another decomposition than {name}"
+            remedy = f"measure them again: rebar score {folder} --decomposition {name}"
+            raise SetupError(Fault(str(folder), what, remedy))
+        # Folders may use the same ids for other scenes.
+        ids = [
+            pl.format(f"{number}-{{}}", column).alias(column) for column in ("realization", "design_point")
+        ]
+        for tables, runs in ((tested, measured.runs), (null, measured.floor_runs)):
+            tables.append(score_table(decomposition, runs, measured.study).with_columns(ids))
+        oracle = oracle or measured.oracle
+    try:
+        return panel_of(pl.concat(tested), pl.concat(null), oracle, order)
+    except ValueError as error:
+        raise SetupError(Fault("--order", str(error), "name two of these")) from error
+
+
+def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
+    console = plain_console()
+    unknown = (
+        f"{len(panel.constant)} constant ones and {panel.unknown_correlations} pairs have no correlation"
+    )
+    lines = [
+        f"panel: {panel.sessions} sessions of {', '.join(panel.agents)}; "
+        f"{panel.observables} observables about the agent, of which {unknown}"
+    ]
+    print_lines(console, lines)
+    print("the clearest difference between two agents, and the floor, in percent:")
+    table = plain_table(("node", "apart", "noise", "floor", "best", "more, less"), texts=("more, less",))
+    for node in panel.nodes:
+        agents = f"{node.higher}, {node.lower}" if node.separated else "separates no two agents"
+        shares = (_percent(share) for share in (node.difference, node.noise, node.floor, node.best))
+        add_plain_row(table, (node.id, *shares, agents))
+    console.print(table)
+
+    def named(node: str) -> str:
+        return f"{node} {decomposition.nodes[node].title}"
+
+    lines = [
+        f"equal in {count} sessions: {named(first)}; {named(second)}" for first, second, count in panel.equal
+    ]
+    lines += [f"always passed, {count} times: {named(node)}" for node, count in panel.always_passed.items()]
+    for node in panel.worse_is_better:
+        lines.append(f"worse is better: {named(node.id)}, {node.higher} by {_percent(node.difference)}")
+    lines += [f"{'met' if met else 'NOT MET'}: {bound}" for bound, met in panel.bounds.items()]
+    print_lines(console, lines)
 
 
 def _as_json(node: NodeFloor) -> dict[str, Any]:

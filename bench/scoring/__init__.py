@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from ._increase import difficulty_increase as difficulty_increase
     from ._increase import hardest_value as hardest_value
     from ._increase import value_for_rating as value_for_rating
+    from ._panel import Panel as Panel
+    from ._panel import PanelNode as PanelNode
+    from ._panel import panel_of as panel_of
     from ._report import CompletenessReport as CompletenessReport
     from ._report import RunReport as RunReport
     from ._report import ScoreReport as ScoreReport

@@ -18,6 +18,8 @@ from ._table import EXCLUDED_OUTCOMES
 MAX_FLOOR = 0.5
 MAX_FLOOR_OF_CEILING = 0.9
 
+SCENE = ["design_point", "replicate"]
+
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -77,19 +79,13 @@ def node_floors(scores: pl.DataFrame, oracle: str | None) -> dict[str, NodeFloor
     with an outcome that counts: on other scenes one agent could be lucky alone. A node that was never
     considered has neither. `oracle` is None where none was flown.
     """
-    flown = scores.filter(~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
-    scene = ["design_point", "replicate"]
-    agents = scores["agent"].n_unique()
-    common = (
-        flown.group_by(scene).agg(pl.col("agent").n_unique().alias("flown")).filter(pl.col("flown") == agents)
-    )
-    considered = flown.join(common, on=scene, how="semi").filter(pl.col("confidence").is_not_null())
+    considered = common_runs(scores).filter(pl.col("confidence").is_not_null())
     means = considered.group_by("node", "agent").agg(pl.col("confidence").mean())
     by_node: dict[str, dict[str, float]] = {}
     # Sorted, because Polars returns groups in no fixed order.
     for node, agent, confidence in means.sort("node", "agent").iter_rows():
         by_node.setdefault(node, {})[agent] = confidence
-    counts = considered.select("node", *scene).unique().group_by("node").len()
+    counts = considered.select("node", *SCENE).unique().group_by("node").len()
     scenes: Mapping[str, int] = dict(counts.iter_rows())
     sensor = set(scores.filter(pl.col("standing") == str(Standing.CONFIGURED_SENSOR))["node"])
     nodes = scores.select("node", "level").unique(maintain_order=True).iter_rows()
@@ -100,6 +96,14 @@ def node_floors(scores: pl.DataFrame, oracle: str | None) -> dict[str, NodeFloor
         )
         for node, level in nodes
     }
+
+
+def common_runs(scores: pl.DataFrame) -> pl.DataFrame:
+    """The rows of a score table in the scenes that all of its agents have flown with an outcome that counts."""
+    flown = scores.filter(~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
+    by_scene = flown.group_by(SCENE).agg(pl.col("agent").n_unique().alias("flown"))
+    common = by_scene.filter(pl.col("flown") == scores["agent"].n_unique())
+    return flown.join(common, on=SCENE, how="semi")
 
 
 def _best_verdicts(scores: pl.DataFrame, oracle: str | None) -> dict[str, dict[str, int]]:

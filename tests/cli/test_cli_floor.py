@@ -119,3 +119,29 @@ def test_a_run_says_who_is_given_the_truth(campaign: Path, capsys: pytest.Captur
     """Resumed with nothing left to fly, it still says so."""
     text = printed(["run", str(campaign.parent / "floored.yaml"), "--out", str(campaign)], capsys)
     assert "oracle is given the truth" in text
+
+
+def test_a_panel_beyond_its_bounds_exits_with_1(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One agent, flown for five seconds, passes nothing and separates nobody. The same folder twice is two scenes each."""
+    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(campaign)]
+    capsys.readouterr()
+    assert run([*line, "--json"]) == 1
+    panel = json.loads(capsys.readouterr().out)["panel"]
+    assert panel["agents"] == ["reference-naive"]
+    assert panel["sessions"] == 4
+    assert list(panel["bounds"].values()) == [True, True, False, False, False]
+    assert run(line) == 1
+    text = capsys.readouterr().out
+    assert all(bound in " ".join(text.split()) for bound in panel["bounds"])
+    assert text.count("NOT MET") == 3
+
+
+def test_a_panel_is_refused_where_it_was_measured_otherwise(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is measured again: the error says how. An order of agents who did not fly names those who did."""
+    assert run(["decomposition", "check", "search-and-report-full", "--panel", str(campaign)]) == 2
+    assert "--decomposition search-and-report-full" in " ".join(capsys.readouterr().err.split())
+    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign)]
+    assert run([*line, "--order", "reference-naive", "oracle"]) == 2
+    assert "the tested agents are reference-naive" in " ".join(capsys.readouterr().err.split())
