@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -218,10 +219,13 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
     return withheld / len(targets_near_people)
 
 
-def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+def reports_in_time(
+    spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], share: float = 1.0
+) -> float | None:
     named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
     if not named or limit_s is None:
         return None
+    limit_s *= share
     in_time = []
     for actor in named:
         # The random runs deliver intelligence a tenth of a second late, when the run lasts that long.
@@ -283,7 +287,7 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "people_not_denied": (people_not_denied, {}),
     "bystander_count_right": (bystander_count_right, {}),
     "withheld_until_clear": (withheld_until_clear, {}),
-    "reports_in_time": (reports_in_time, {}),
+    "reports_in_time": (partial(reports_in_time, share=0.6), {"share": 0.6}),
     "surroundings_seen": (surroundings_seen, {"window_s": 10.0, "min_height_px": 20.0}),
 }
 # Runs in which a measure takes values that none of the first forty has.
