@@ -139,29 +139,20 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
 
 @measure
 def reports_in_time(
-    tape: Tape,
-    simspec: SimSpec,
-    *,
-    limit_s: float = 0.0,
-    share: Positive = 1.0,
-    within_m: float = 20.0,
-    priority: int = 0,
+    tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, share: Positive = 1.0, within_m: float = 20.0
 ) -> Finding:
     """Share of the targets first reported within `share` of `rules.report_deadline_s` of the first intelligence about
     them.
 
     The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule and its share. A target
-    is reported, and `priority` selects targets, as in `targets_reported`. Considered when there are such targets and a
-    limit.
+    is reported as in `targets_reported`. Considered when there are targets and a limit.
     """
     truth = GroundTruth.of(tape, simspec)
-    targets = [target for target in truth.targets() if priority in (0, target.priority)]
+    targets = truth.targets()
     rule_s = simspec.rules.report_deadline_s
     deadline_s = limit_s or (None if rule_s is None else share * rule_s)
     if not targets or deadline_s is None:
-        return not_considered(
-            "the rules set no deadline for reports, or intelligence names no such adversary"
-        )
+        return not_considered("the rules set no deadline for reports, or intelligence names no adversary")
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
     # Several reports of the intelligence may be about one target: its time starts with the first delivery.
     since_s = {

@@ -220,16 +220,9 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
 
 
 def reports_in_time(
-    spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], share: float = 1.0, priority: int = 0
+    spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], share: float = 1.0
 ) -> float | None:
     named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
-    if priority:
-        named = [
-            actor
-            for actor in named
-            if min(item.priority for item in spec.intelligence if item.about == tape.cast[actor].group)
-            == priority
-        ]
     if not named or limit_s is None:
         return None
     limit_s *= share
@@ -308,8 +301,3 @@ def test_a_measure_agrees_with_its_reference(name: str) -> None:
     """On every random run the same value, and the same verdict on whether the run is considered."""
     reference, options = REFERENCES[name]
     assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()), LEAST_VALUES.get(name, 3))
-
-
-def test_the_time_of_the_most_urgent_reports_agrees_with_its_reference() -> None:
-    reference = partial(reports_in_time, priority=1)
-    assert_agreement("reports_in_time", reference, {"priority": 1}, (), 2)
