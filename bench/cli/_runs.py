@@ -36,14 +36,14 @@ def runs(
 
     Example: rebar runs out/demo --where 'outcome != "completed"' --csv
     """
-    from bench.reporting import load_report_data, matching, runs_table, words_of
+    from bench.reporting import csv_text, load_report_data, matching, runs_table, words_of
 
     if as_csv and as_json:
         raise SetupError(Fault("--csv", "cannot be given together with --json", "give either"))
     table = runs_table(load_report_data(folder))
     chosen = table if where is None else matching(table, where, "--where")
     if as_csv:
-        print(chosen.write_csv(), end="")
+        print(csv_text(chosen), end="")
         return
     if as_json:
         print(chosen.write_json())

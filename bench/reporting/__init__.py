@@ -10,6 +10,7 @@ from __future__ import annotations
 from ._campaign_data import ReportData as ReportData
 from ._campaign_folder import load_report_data as load_report_data
 from ._companions import COMPANIONS as COMPANIONS
+from ._companions import csv_text as csv_text
 from ._companions import requirements_table as requirements_table
 from ._conditions import matching as matching
 from ._conditions import words_of as words_of

@@ -36,10 +36,18 @@ def companions(data: ReportData, runs: pl.DataFrame) -> dict[str, str]:
     return dict(
         zip(
             COMPANIONS,
-            (scores_table(data).write_csv(), runs.write_csv(), "\n".join(cards), _junit(data, runs)),
+            (csv_text(scores_table(data)), csv_text(runs), "\n".join(cards), _junit(data, runs)),
             strict=True,
         )
     )
+
+
+def csv_text(table: pl.DataFrame) -> str:
+    """The table as CSV. A text that a spreadsheet would take for a formula gets an apostrophe before it: some are an agent's."""
+    texts = pl.col(pl.String)
+    return table.with_columns(
+        pl.when(texts.str.contains(r"^([=+@\t\r]|-[^0-9.])")).then("'" + texts).otherwise(texts).name.keep()
+    ).write_csv()
 
 
 def scores_table(data: ReportData) -> pl.DataFrame:

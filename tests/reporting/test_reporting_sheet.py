@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -20,6 +22,7 @@ from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.reporting import (
     COMPANIONS,
+    csv_text,
     load_report_data,
     matching,
     render_report,
@@ -235,3 +238,12 @@ def test_requirements_have_the_numbers_of_each_agent(folder: Path) -> None:
     # Competence is not given for six scenes, and what is not shown meets no requirement.
     assert required["KA-18.competence_90.low"].to_list() == [None, None]
     assert matching(required, "KA-18.competence_90.low >= 0", "--require").is_empty()
+
+
+def test_no_text_of_an_agent_becomes_a_formula() -> None:
+    """A spreadsheet computes what begins like one; numbers, negative ones too, stay numbers."""
+    reasons = ["=1+1", "+x", "@x", "-x", "\t=1", "-3.5", "plain", "a=b"]
+    text = csv_text(pl.DataFrame({"reason": reasons, "x": [-1.0] * len(reasons)}))
+    read = [row["reason"] for row in csv.DictReader(io.StringIO(text))]
+    assert read == ["'=1+1", "'+x", "'@x", "'-x", "'\t=1", "-3.5", "plain", "a=b"]
+    assert {row["x"] for row in csv.DictReader(io.StringIO(text))} == {"-1.0"}
