@@ -236,10 +236,14 @@ def _mean_and_noise(apart: Floats, point: Counts, comparisons: int) -> tuple[flo
     from scipy import stats
 
     _, of_point, counts = np.unique(point, return_inverse=True, return_counts=True)
+    again = counts[of_point] > 1
+    if not again.any():
+        return float(apart.mean()), None
+    if not again.all():
+        # A design point flown once says nothing about its noise.
+        return _mean_and_noise(apart[again], point[again], comparisons)
     mean = float(apart.mean())
     freedom = len(apart) - len(counts)
-    if not freedom:
-        return mean, None
     residuals = apart - (np.bincount(of_point, apart) / counts)[of_point]
     error = sqrt(float((residuals**2).sum()) / freedom / len(apart))
     return mean, float(stats.t.ppf(1.0 - ERROR_RATE / 2.0 / comparisons, freedom)) * error

@@ -175,6 +175,10 @@ def test_the_scene_is_no_noise() -> None:
     assert once.difference == pytest.approx(0.01)
     assert once.noise is None
     assert not once.separated
+    # Beside design points flown twice, one flown once does not count.
+    single = [row("good", "p9", 0, "K1", 0.0), row("poor", "p9", 0, "K1", 1.0)]
+    with_single, without = (node(panel(made), "K1") for made in ([*rows, *single], rows))
+    assert (with_single.difference, with_single.noise) == (without.difference, without.noise)
 
 
 def test_more_agents_need_a_clearer_difference() -> None:
