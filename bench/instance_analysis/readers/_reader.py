@@ -61,7 +61,8 @@ class TextReader:
     def _attempt(self, span: Span, read: Callable[[], None]) -> bool:
         """Read something in whole or not at all, and list it in that case."""
         draft = self.draft
-        before = (dict(draft.entries), list(draft.ranges), list(draft.statements), len(draft.acknowledged))
+        before = (dict(draft.entries), list(draft.ranges), list(draft.statements), dict(draft.told))
+        acknowledged = len(draft.acknowledged)
         known, families, subject = (
             len(self.scene.groups),
             [[*family] for family in self.scene.families],
@@ -71,8 +72,8 @@ class TextReader:
         try:
             read()
         except NotReadError as error:
-            draft.entries, draft.ranges, draft.statements = before[:3]
-            del draft.acknowledged[before[3] :]
+            draft.entries, draft.ranges, draft.statements, draft.told = before
+            del draft.acknowledged[acknowledged:]
             self.scene.families, self.scene.subject = families, subject
             for group in list(self.scene.groups)[known:]:
                 del self.scene.groups[group]
