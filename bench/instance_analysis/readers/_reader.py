@@ -106,10 +106,7 @@ class TextReader:
         stated = len(self.draft.statements)
         named = [self.scene.subjects(phrase) for phrase in statement.subjects]
         groups = [group for phrase in named for group in phrase]
-        if groups and not statement.predicates and len(self.draft.statements) == stated:
-            raise NotReadError("nothing is said of it")
-        if not groups and statement.predicates:
-            raise NotReadError("it is said of nobody")
+        self._check_said(statement, groups, anything=len(self.draft.statements) > stated)
         if not groups:
             self.draft.acknowledge(statement.span)
         self.scene.subject = groups
@@ -117,6 +114,13 @@ class TextReader:
         for predicate in statement.predicates:
             for group in self._said_of(predicate, statement.subjects, named):
                 self.predicates.read(group, predicate)
+
+    def _check_said(self, statement: Statement, groups: Sequence[str], *, anything: bool) -> None:
+        """Something is said, and of somebody: `them` alone is what is left of a clause."""
+        if groups and not statement.predicates and not anything:
+            raise NotReadError("nothing is said of it")
+        if not groups and statement.predicates:
+            raise NotReadError("it is said of nobody")
 
     def _note_references(self, statement: Statement, groups: Sequence[str]) -> None:
         """Whoever is named again is read, although no field is set."""
