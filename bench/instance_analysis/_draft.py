@@ -46,7 +46,8 @@ class Draft:
         self.ranges: list[VariedField] = []
         self._choices: dict[ChoiceKey, Choice] = {}
         self.not_understood: list[UnreadText] = []
-        self._remarks: dict[ChoiceKey, UnreadText] = {}
+        self.told: dict[ChoiceKey, UnreadText] = {}
+        """Passages that are read differently from how they are written."""
         self.faults: list[tuple[Span, Fault]] = []
         self.reading: Span | None = None
         """The phrase that is being read."""
@@ -64,12 +65,11 @@ class Draft:
 
     def remark(self, span: Span, why: str) -> None:
         """Record that a passage is read differently from how it is written."""
-        self._remarks[span, why] = self._passage(span, why)
+        self.told[span, why] = self._passage(span, why)
 
     @property
     def remarks(self) -> list[UnreadText]:
-        """What is read differently from how it is written."""
-        return list(self._remarks.values())
+        return list(self.told.values())
 
     def describe(self) -> None:
         """Set the description: the whole text, which is no statement about any field."""

@@ -1,6 +1,6 @@
 """The page of the controlled language, made from the forms that the parser reads: `python -m bench.instance_analysis.page`.
 
-It is docs/controlled-language.md, and the instructions of a language model.
+It is docs/controlled-language.md. A language model is given the same without the fields that each sentence sets.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from .language._vocabulary import AssetWords, Vocabulary, load_vocabulary
 
 SHOWN_NOUNS = 4
 """Nouns of each asset that the page names: the first of its list. The parser knows more."""
+_SHOWN_UNITS = ("m", "km", "ft", "yd", "mile", "nmi", "s", "min", "h", "m/s", "km/h", "mph", "knots", "°", "%", "wh", "km²", "ha")  # fmt: skip
 
 
 @cache
-def page() -> str:
-    """The whole page, as Markdown."""
+def page(*, fields: bool = True) -> str:
+    """The whole page, as Markdown; without the fields that sentences set it is shorter by a third, for a language model."""
     text = resources.files(f"{__package__}.language").joinpath("page.yaml").read_text(encoding="utf-8")
     parts: dict[str, str] = yaml.safe_load(text)
     vocabulary = load_vocabulary()
@@ -37,29 +38,7 @@ def page() -> str:
     }
     names = ("intro", "numbers", "words")
     head = "\n".join(parts[name].format(**filled) if name != "intro" else parts[name] for name in names)
-    return "\n".join([head, *_tables(), parts["cannot"], parts["example"]])
-
-
-_SHOWN_UNITS = (
-    "m",
-    "km",
-    "ft",
-    "yd",
-    "mile",
-    "nmi",
-    "s",
-    "min",
-    "h",
-    "m/s",
-    "km/h",
-    "mph",
-    "knots",
-    "°",
-    "%",
-    "wh",
-    "km²",
-    "ha",
-)
+    return "\n".join([head, *_tables(fields), parts["cannot"], parts["example"]])
 
 
 def _things(vocabulary: Vocabulary) -> Iterator[str]:
@@ -74,17 +53,19 @@ def _nouns(name: str, words: AssetWords) -> str:
     return ", ".join(shown if name != "civilian-truck" else list(shown)[:SHOWN_NOUNS])
 
 
-def _tables() -> Iterator[str]:
+def _tables(fields: bool) -> Iterator[str]:
     number = 0
     for section in forms().sections:
         yield f"## {section.title}\n"
         if section.note:
             yield f"{section.note}\n"
-        yield "| | write | it sets |\n| --- | --- | --- |"
+        if fields:
+            yield "| | write | it sets |\n| --- | --- | --- |"
         for form in section.forms:
             if form.write:
                 number += 1
-                yield f"| {number} | {' or '.join(f'`{sentence}`' for sentence in form.write)} | {form.shows} |"
+                sentences = " or ".join(f"`{sentence}`" for sentence in form.write)
+                yield f"| {number} | {sentences} | {form.shows} |" if fields else sentences
         yield ""
 
 

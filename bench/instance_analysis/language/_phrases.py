@@ -28,23 +28,12 @@ _HOMES = (
 )  # fmt: skip
 _ORIGINS = (("the", "origin"), ("the", "reference", "point"))
 _NAMED = frozenset(
-    [
-        "sector",
-        "zone",
-        "area",
-        "box",
-        "objective",
-        "site",
-        "district",
-        "block",
-        "field",
-        "compound",
-        "village",
-    ]
-)
+    ["sector", "zone", "area", "box", "objective", "site", "district", "block", "field", "compound", "village"]
+)  # fmt: skip
 _NAMES = re.compile(
     r"alpha|alfa|bravo|charlie|delta|echo|foxtrot|golf|hotel|red|blue|green|yellow|[b-z]|\d{1,2}"
 )
+_TARGETS = frozenset(["target", "targets", "enemy", "enemies", "adversary", "adversaries"])
 MAX_ADJECTIVES = 3
 
 
@@ -259,18 +248,10 @@ class PhraseParser(QuantityParser):
 
     def _targets(self, at: int) -> Iterator[tuple[NounPhrase, int]]:
         for determiner in self._determiners(at):
-            word = self.word(determiner.end)
-            if (
-                word in ("target", "targets", "enemy", "enemies", "adversary", "adversaries")
-                and determiner.end > at
-            ):
-                end = determiner.end + 1
-                yield (
-                    NounPhrase(
-                        self.span(at, end), word, (), determiner.count, target=True, **determiner.fields
-                    ),
-                    end,
-                )
+            word, end = self.word(determiner.end), determiner.end + 1
+            if word in _TARGETS and determiner.end > at:
+                said = determiner.fields
+                yield NounPhrase(self.span(at, end), word, (), determiner.count, target=True, **said), end
 
     # Places.
 
@@ -283,11 +264,8 @@ class PhraseParser(QuantityParser):
         """A place: metres in brackets, degrees, home, the origin, or steps from one of them."""
         yield from self._brackets(at)
         yield from self._degrees(at)
-        for end, base in (
-            (self._first(at, _HOMES), HOME_PLACE),
-            (self._first(at, _ORIGINS), Coordinates(0.0, 0.0)),
-        ):
-            if end:
+        for words, base in ((_HOMES, HOME_PLACE), (_ORIGINS, Coordinates(0.0, 0.0))):
+            if end := self._first(at, words):
                 yield base, end
         for place, end in self.steps(at):
             after = end + 1 if self.word(end) in ("of", "from") else 0
@@ -385,9 +363,8 @@ class PhraseParser(QuantityParser):
 
 
 def step_of(length: float, degrees: float) -> tuple[float, float]:
-    return length * round(math.sin(math.radians(degrees)), 9), length * round(
-        math.cos(math.radians(degrees)), 9
-    )
+    angle = math.radians(degrees)
+    return length * round(math.sin(angle), 9), length * round(math.cos(angle), 9)
 
 
 def _step(length: Quantity, degrees: float) -> tuple[float, float]:

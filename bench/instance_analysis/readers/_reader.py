@@ -61,7 +61,8 @@ class TextReader:
     def _attempt(self, span: Span, read: Callable[[], None]) -> bool:
         """Read something in whole or not at all, and list it in that case."""
         draft = self.draft
-        before = (dict(draft.entries), list(draft.ranges), list(draft.statements), len(draft.acknowledged))
+        before = (dict(draft.entries), list(draft.ranges), list(draft.statements), dict(draft.told))
+        acknowledged = len(draft.acknowledged)
         known, families, subject = (
             len(self.scene.groups),
             [[*family] for family in self.scene.families],
@@ -71,8 +72,8 @@ class TextReader:
         try:
             read()
         except NotReadError as error:
-            draft.entries, draft.ranges, draft.statements = before[:3]
-            del draft.acknowledged[before[3] :]
+            draft.entries, draft.ranges, draft.statements, draft.told = before
+            del draft.acknowledged[acknowledged:]
             self.scene.families, self.scene.subject = families, subject
             for group in list(self.scene.groups)[known:]:
                 del self.scene.groups[group]
@@ -105,10 +106,7 @@ class TextReader:
         stated = len(self.draft.statements)
         named = [self.scene.subjects(phrase) for phrase in statement.subjects]
         groups = [group for phrase in named for group in phrase]
-        if groups and not statement.predicates and len(self.draft.statements) == stated:
-            raise NotReadError("nothing is said of it")
-        if not groups and statement.predicates:
-            raise NotReadError("it is said of nobody")
+        self._check_said(statement, groups, anything=len(self.draft.statements) > stated)
         if not groups:
             self.draft.acknowledge(statement.span)
         self.scene.subject = groups
@@ -116,6 +114,13 @@ class TextReader:
         for predicate in statement.predicates:
             for group in self._said_of(predicate, statement.subjects, named):
                 self.predicates.read(group, predicate)
+
+    def _check_said(self, statement: Statement, groups: Sequence[str], *, anything: bool) -> None:
+        """Something is said, and of somebody: `them` alone is what is left of a clause."""
+        if groups and not statement.predicates and not anything:
+            raise NotReadError("nothing is said of it")
+        if not groups and statement.predicates:
+            raise NotReadError("it is said of nobody")
 
     def _note_references(self, statement: Statement, groups: Sequence[str]) -> None:
         """Whoever is named again is read, although no field is set."""

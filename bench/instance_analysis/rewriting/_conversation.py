@@ -250,7 +250,8 @@ def _failure(
             return SetupError(
                 Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url")
             )
-        return LinkLost(what)
+        told = error.body.get("message") if isinstance(error.body, dict) else None
+        return LinkLost(f"{what}: {str(told).splitlines()[0][:200]}" if told else what)
     if isinstance(error, ModelAPIError):
         return LinkLost(f"{door.description} does not answer: {_first_line(error)}")
     return LinkLost(f"{door.description} answers in another form than it should: {_first_line(error)}")
