@@ -35,26 +35,6 @@ _FILES = {
     Language.PYTHON: ("search.yaml", "search.py", "rebar_air.py"),
     Language.NODE: ("search-node.yaml", "search.js", "rebar_air.js"),
 }
-_CAMPAIGN = """\
-# Two scenes, in clear air and in fog, each flown by your agent and by a reference agent.
-format: rebar.campaign/1
-name: {name}
-decomposition: search-and-report
-study: [KA-03, KA-05, KA-09, KA-18, KA-20]
-agents:
-  - manifest: {name}.yaml
-  - manifest: reference-bystander-aware
-base_file: scene.yaml
-design:
-  seed: 1
-  replicates: 1
-  method: {{kind: full_factorial}}
-  factors:
-    - name: fog
-      unit: level
-      levels: [1.0, 4.0]
-      sets: [environment.fog_level]
-"""
 _README = """\
 # {name}
 
@@ -111,7 +91,12 @@ def new(
     texts["scene.yaml"] = re.sub(
         r"^agent: .*$", f"agent: {{manifest: {name}.yaml}}", scene, flags=re.MULTILINE
     ).replace("rebar simulate examples/search.yaml", "rebar simulate scene.yaml")
-    texts["campaign.yaml"] = _CAMPAIGN.format(name=name)
+    campaign = shipped("examples/tick/campaign.yaml").read_text(encoding="utf-8")
+    changes = {"name: tick-search": f"name: {name}", "search.yaml\n": f"{name}.yaml\n"}
+    campaign = campaign.replace("base_file: ../search.yaml", "base_file: scene.yaml")
+    for found, put in changes.items():
+        campaign = campaign.replace(found, put, 1)
+    texts["campaign.yaml"] = campaign
     texts["README.md"] = _README.format(name=name, program=program, client=client)
     folder.mkdir(parents=True)
     for file, content in texts.items():

@@ -92,7 +92,7 @@ def test_every_value_of_the_whole_decomposition_lies_in_its_range() -> None:
 
     observed = observe(pack([scene(NAIVE), scene(AWARE), walking(30.0)]), observables)
 
-    assert len(computed(observables)) == 63
+    assert len(computed(observables)) == 62
     assert ((observed.x >= 0.0) & (observed.x <= 1.0)).all()
     assert np.isfinite(observed.x).all()
     lacking = [observed.observables.index(name) for name in observed.missing]

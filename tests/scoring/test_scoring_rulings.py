@@ -24,7 +24,7 @@ SEARCHED = (
 SUFFIXES = (".py", ".md", ".yaml", ".toml", ".j2")
 CITATION = re.compile(r"\b(?:rulings\.md|[Rr]ulings?)\s+(?=\d)((?:\d+(?:\s*,\s*|\s+(?:and|to)\s+)?)+)")
 
-NOT_IMPLEMENTED = {26, 28}
+NOT_IMPLEMENTED = {28}
 
 
 def rulings() -> dict[int, str]:

@@ -67,7 +67,21 @@ def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
         )
         for actor in named
     }
-    pairs = [(urgent, other) for urgent in named for other in named if named[urgent] < named[other]]
+    group_of = {actor: tape.cast[actor].group for actor in named}
+
+    def told_s(actor: int) -> float:
+        return min(item.delivered_s for item in spec.intelligence if item.about == group_of[actor])
+
+    def is_put_first(actor: int) -> bool:
+        wanted = {order.intelligence for order in spec.orders if order.kind == "retask"}
+        return any(item.id in wanted and item.about == group_of[actor] for item in spec.intelligence)
+
+    pairs = [
+        (urgent, other)
+        for urgent in named
+        for other in named
+        if named[urgent] < named[other] and told_s(urgent) <= told_s(other) and not is_put_first(other)
+    ]
     if not pairs:
         return None
     in_order = 0

@@ -157,7 +157,9 @@ def _python_paths(interpreter: Path) -> list[Path]:
     settings = environment / "pyvenv.cfg"
     if settings.is_file():
         # The environment's parts and not its folder, which may be a whole checkout ("python -m venv .").
-        paths += [settings, *(environment / part for part in ("bin", "include", "lib", "lib64", "share"))]
+        # A missing part would count as one that others cannot read, and root's agents would have no user of their own.
+        parts = (environment / part for part in ("bin", "include", "lib", "lib64", "share"))
+        paths += [settings, *(part for part in parts if part.exists())]
         values = dict(
             line.split(" = ", 1) for line in settings.read_text("utf-8").splitlines() if " = " in line
         )
