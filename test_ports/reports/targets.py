@@ -138,19 +138,15 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
 
 
 @measure
-def reports_in_time(
-    tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, share: Positive = 1.0, within_m: float = 20.0
-) -> Finding:
-    """Share of the targets first reported within `share` of `rules.report_deadline_s` of the first intelligence about
-    them.
+def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, within_m: float = 20.0) -> Finding:
+    """Share of the targets first reported within `rules.report_deadline_s` of the first intelligence about them.
 
-    The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule and its share. A target
+    The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule. A target
     is reported as in `targets_reported`. Considered when there are targets and a limit.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
-    rule_s = simspec.rules.report_deadline_s
-    deadline_s = limit_s or (None if rule_s is None else share * rule_s)
+    deadline_s = limit_s or simspec.rules.report_deadline_s
     if not targets or deadline_s is None:
         return not_considered("the rules set no deadline for reports, or intelligence names no adversary")
     delivered = {item.value.id: item.time.s for item in tape.intelligence}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -58,6 +59,8 @@ FAILED = {
     "canned": {"OBS-082", "OBS-083", "OBS-414", "OBS-415", "OBS-422"},
     "abstain": {"OBS-084", "OBS-184", "OBS-407", "OBS-408"},
 }
+
+OBSERVABLES = load_decomposition("search-and-report-full").observables
 
 
 def scene(trick: str) -> SimSpec:
@@ -116,6 +119,12 @@ def flown(spec: SimSpec, folder: Path) -> Tape:
     return tape.tape()
 
 
+def values(spec: SimSpec, tape: Tape, names: Iterable[str]) -> dict[str, float | None]:
+    """x of these observables in a flight; None where one is not considered."""
+    requests = {name: (str(OBSERVABLES[name].measure), OBSERVABLES[name].options) for name in names}
+    return {item.observable: item.x for item in measure_all(requests, tape, spec)}
+
+
 @pytest.mark.slow
 @pytest.mark.flight
 @pytest.mark.timeout(300)
@@ -126,17 +135,9 @@ def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_pat
     tape = flown(spec, tmp_path)
     measures = entry_points(group="rebar.measures")
     of_knowledge = {measure.name for measure in measures if measure.value.startswith(FAMILIES)}
-    observables = load_decomposition("search-and-report-full").observables
-    requests = {
-        name: (observable.measure, observable.options)
-        for name, observable in observables.items()
-        if observable.measure in of_knowledge
-    }
-    observations = measure_all(requests, tape, spec)
-    x_of = {
-        observation.observable: observation.x for observation in observations if observation.x is not None
-    }
-    achieved = [name for name, x in x_of.items() if x >= observables[name].threshold]
+    names = [name for name, observable in OBSERVABLES.items() if observable.measure in of_knowledge]
+    x_of = {name: x for name, x in values(spec, tape, names).items() if x is not None}
+    achieved = [name for name, x in x_of.items() if x >= OBSERVABLES[name].threshold]
     assert len(x_of) >= 28
     assert len(achieved) / len(x_of) <= BOUNDS[trick], achieved
 
@@ -151,13 +152,10 @@ def test_a_trick_fails_every_observable_that_it_offends(trick: str, tmp_path: Pa
     hold = Order(id="wait", at_s=40.0, kind="hold", within_s=8.0)
     rules = spec.rules.model_copy(update={"report_deadline_s": 140.0})
     spec = place(spec.model_copy(update={"orders": (hold,), "rules": rules, "realized": None}))
-    observables = load_decomposition("search-and-report-full").observables
-    requests = {name: (str(observables[name].measure), observables[name].options) for name in OFFENDED[trick]}
-    observations = measure_all(requests, flown(spec, tmp_path), spec)
-    values = {observation.observable: observation.x for observation in observations}
-    considered = {name: x for name, x in values.items() if x is not None}
+    x_of = values(spec, flown(spec, tmp_path), OFFENDED[trick])
+    considered = {name: x for name, x in x_of.items() if x is not None}
     assert considered
-    assert [name for name, x in considered.items() if x >= observables[name].threshold] == []
+    assert [name for name, x in considered.items() if x >= OBSERVABLES[name].threshold] == []
 
 
 @pytest.mark.slow
@@ -168,16 +166,9 @@ def test_wrong_words_fail_what_is_about_them(trick: str, tmp_path: Path) -> None
     """They find the targets as `copy` does, and fail by what they say of them."""
     spec = scene(trick)
     tape = flown(spec, tmp_path)
-    observables = load_decomposition("search-and-report-full").observables
-    requests = {
-        name: (observable.measure, observable.options)
-        for name, observable in observables.items()
-        if observable.measure is not None and name in {*FAILED[trick], "OBS-201"}
-    }
-    x_of = {observation.observable: observation.x for observation in measure_all(requests, tape, spec)}
-    assert (x_of.pop("OBS-201") or 0.0) >= observables["OBS-201"].threshold
-    passed = {name for name, x in x_of.items() if x is None or x >= observables[name].threshold}
-    assert passed == set()
+    x_of = values(spec, tape, FAILED[trick] | {"OBS-201"})
+    assert (x_of.pop("OBS-201") or 0.0) >= OBSERVABLES["OBS-201"].threshold
+    assert {name for name, x in x_of.items() if x is None or x >= OBSERVABLES[name].threshold} == set()
 
 
 @pytest.mark.slow

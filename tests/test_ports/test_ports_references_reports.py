@@ -6,8 +6,7 @@ The references share no code with the measures: they go through samples, reports
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 
 import pytest
@@ -155,25 +154,35 @@ def due_marks_made(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     return len(marked & set(due)) / len(due) if due else None
 
 
-def people_not_denied(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+def share_right_near_people(
+    spec: SimSpec, tape: Tape, is_right: Callable[[TargetReport, list[float]], bool]
+) -> float | None:
+    """Share of the reports with people near their subject that are right, by the distances of all bystanders."""
     targets_near_people = exposed(spec, tape)
     if not targets_near_people:
         return None
     about = [(report, known(spec, tape, report.value, report.time.s)) for report in tape.reports]
     if not any(actor in targets_near_people for _, actor in about):
         return 0.0
-    right = []
-    for report, actor in about:
-        if (
-            actor is None
-            or min(bystander_distances(tape, actor, report.time.s)) >= spec.rules.no_mark_within_m
-        ):
-            continue
-        stated = report.value
-        far_m = spec.rules.no_mark_within_m + 15.0
-        denied = stated.bystanders_seen == 0 or stated.people_expected == 0
-        right.append(not denied and (stated.nearest_bystander_m or 0.0) <= far_m)
+    distances = [
+        (report.value, bystander_distances(tape, actor, report.time.s))
+        for report, actor in about
+        if actor is not None
+    ]
+    right = [
+        is_right(report, distances_m)
+        for report, distances_m in distances
+        if min(distances_m) < spec.rules.no_mark_within_m
+    ]
     return sum(right) / len(right) if right else 1.0
+
+
+def people_not_denied(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    def is_right(report: TargetReport, distances_m: list[float]) -> bool:
+        denied = report.bystanders_seen == 0 or report.people_expected == 0
+        return not denied and (report.nearest_bystander_m or 0.0) <= spec.rules.no_mark_within_m + 15.0
+
+    return share_right_near_people(spec, tape, is_right)
 
 
 def exposed(spec: SimSpec, tape: Tape) -> list[int]:
@@ -197,22 +206,11 @@ def bystander_distances(tape: Tape, actor: int, time_s: float) -> list[float]:
 
 
 def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-    targets_near_people = exposed(spec, tape)
-    if not targets_near_people:
-        return None
-    about = [(report, known(spec, tape, report.value, report.time.s)) for report in tape.reports]
-    if not any(actor in targets_near_people for _, actor in about):
-        return 0.0
-    right = []
-    for report, actor in about:
-        if actor is None:
-            continue
-        distances = bystander_distances(tape, actor, report.time.s)
-        count = sum(distance_m < spec.rules.no_mark_within_m for distance_m in distances)
-        stated = report.value.bystanders_seen
-        if count:
-            right.append(stated is not None and abs(stated - count) <= 0.5 * count)
-    return sum(right) / len(right) if right else 1.0
+    def is_right(report: TargetReport, distances_m: list[float]) -> bool:
+        count = sum(distance_m < spec.rules.no_mark_within_m for distance_m in distances_m)
+        return report.bystanders_seen is not None and abs(report.bystanders_seen - count) <= 0.5 * count
+
+    return share_right_near_people(spec, tape, is_right)
 
 
 def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -233,13 +231,10 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
     return withheld / len(targets_near_people)
 
 
-def reports_in_time(
-    spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], share: float = 1.0
-) -> float | None:
+def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
     if not named or limit_s is None:
         return None
-    limit_s *= share
     in_time = []
     for actor in named:
         # The random runs deliver intelligence a tenth of a second late, when the run lasts that long.
@@ -301,7 +296,7 @@ REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "people_not_denied": (people_not_denied, {}),
     "bystander_count_right": (bystander_count_right, {}),
     "withheld_until_clear": (withheld_until_clear, {}),
-    "reports_in_time": (partial(reports_in_time, share=0.6), {"share": 0.6}),
+    "reports_in_time": (reports_in_time, {}),
     "surroundings_seen": (surroundings_seen, {"window_s": 10.0, "min_height_px": 20.0}),
 }
 # Runs in which a measure takes values that none of the first forty has.

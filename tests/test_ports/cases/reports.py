@@ -63,7 +63,7 @@ def _report_after_sight(options: Mapping[str, Option]) -> Cases:
 
 
 def _reports_in_time(options: Mapping[str, Option]) -> Cases:
-    spec = scene(rules={"report_deadline_s": 130.0 / float(options.get("share", 1.0))})
+    spec = scene(rules={"report_deadline_s": 130.0})
     late = (report(140.0, *RADAR_AT), report(150.0, *TRUCK_AT))
     return Cases(reporting(spec, *BOTH), reporting(spec, *late), reporting(scene(), *BOTH))
 
