@@ -92,10 +92,12 @@ def new(
         r"^agent: .*$", f"agent: {{manifest: {name}.yaml}}", scene, flags=re.MULTILINE
     ).replace("rebar simulate examples/search.yaml", "rebar simulate scene.yaml")
     campaign = shipped("examples/tick/campaign.yaml").read_text(encoding="utf-8")
-    changes = {"name: tick-search": f"name: {name}", "search.yaml\n": f"{name}.yaml\n"}
-    campaign = campaign.replace("base_file: ../search.yaml", "base_file: scene.yaml")
-    for found, put in changes.items():
-        campaign = campaign.replace(found, put, 1)
+    for shipped_words, words in (
+        ("name: tick-search", f"name: {name}"),
+        ("manifest: search.yaml", f"manifest: {name}.yaml"),
+        ("base_file: ../search.yaml", "base_file: scene.yaml"),
+    ):
+        campaign = campaign.replace(shipped_words, words)
     texts["campaign.yaml"] = campaign
     texts["README.md"] = _README.format(name=name, program=program, client=client)
     folder.mkdir(parents=True)
@@ -123,13 +125,11 @@ def check(
     loaded, _ = load_manifest(manifest)
     scene = load_simspec(shipped("examples/agent_check.yaml"))
     # A name stays one; a path is of this folder, not of the scene's.
-    named = str(Path(manifest).resolve()) if Path(manifest).is_file() else manifest
-    own = {"manifest": named, "isolation": isolation or scene.agent.isolation}
+    path = str(Path(manifest).resolve()) if Path(manifest).is_file() else manifest
+    spec = {"manifest": path, "isolation": isolation or scene.agent.isolation}
+    agent_spec, mode = scene.agent.model_copy(update=spec), pace or loaded.pace[0]
     scene = scene.model_copy(
-        update={
-            "agent": scene.agent.model_copy(update=own),
-            "pace": scene.pace.model_copy(update={"mode": pace or loaded.pace[0]}),
-        }
+        update={"agent": agent_spec, "pace": scene.pace.model_copy(update={"mode": mode})}
     )
     out.mkdir(parents=True, exist_ok=True)
     check_file_system(out, with_locks=False)
@@ -149,6 +149,8 @@ def check(
 
 @dataclass(frozen=True, slots=True)
 class _Point:
+    """One thing that is checked of an agent, and a sentence about it."""
+
     holds: bool | None
     """None for what an agent may leave out, and is measured by."""
     text: str
@@ -202,8 +204,8 @@ def _document_points(scene: SimSpec, records: Sequence[Record]) -> Iterator[_Poi
         if (answer := contracts.parse_document(contracts.OrderAnswer, text))
     }
     missing = [order.id for order in scene.orders if order.id not in answered]
-    told = f"orders without an answer: {', '.join(missing)}" if missing else "every order is answered"
-    yield _Point(not missing, told)
+    text = f"orders without an answer: {', '.join(missing)}" if missing else "every order is answered"
+    yield _Point(not missing, text)
 
 
 def _texts(records: Sequence[Record], topic: str) -> list[str]:

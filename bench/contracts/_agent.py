@@ -121,6 +121,11 @@ class AgentManifest(Document):
         ),
     ] = "process"
 
+    @property
+    def on_zenoh(self) -> bool:
+        """Whether it is given the session's router."""
+        return self.zenoh and self.air == "zenoh"
+
     @model_validator(mode="after")
     def _has_ticks_for_the_air(self) -> Self:
         if self.air == "tick" and self.pace != ("lockstep",):

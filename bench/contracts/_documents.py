@@ -21,7 +21,7 @@ from bench.values import value_class
 from bench.visible_text import VISIBLE_LABEL
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, TypeAdapter
+    from pydantic import GetCoreSchemaHandler, TypeAdapter, ValidationError
     from pydantic_core import CoreSchema
 
 D = TypeVar("D")
@@ -346,14 +346,27 @@ def parse_document(kind: type[D], text: str | bytes) -> D | None:
 
 def document_fault(kind: Any, text: str | bytes) -> str:
     """What is wrong with a text that is to be a document: the first field and its fault; empty where nothing is."""
-    from pydantic import ValidationError
+    from pydantic import ValidationError as InvalidDocument  # loaded here alone: agents import this module
 
     try:
         _adapter(kind).validate_json(text)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}".removeprefix(": ")
+    except InvalidDocument as error:
+        return field_faults(error)[0]
     return ""
+
+
+SHOWN_CHARACTERS = 60
+"""Of what an agent wrote, in a sentence about its fault. Chosen."""
+
+
+def field_faults(error: "ValidationError") -> list[str]:
+    """The faults of a document, each with its field. A field's name may be the agent's: it stays one line, and short."""
+    return [
+        f"{repr('.'.join(map(str, fault['loc'])))[1:-1][:SHOWN_CHARACTERS]}: {fault['msg']}".removeprefix(
+            ": "
+        )
+        for fault in error.errors(include_url=False, include_context=False, include_input=False)
+    ]
 
 
 def document_schema(kind: Any) -> dict[str, Any]:

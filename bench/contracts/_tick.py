@@ -27,7 +27,7 @@ from pydantic import Field, ValidationError
 
 from bench.documents import Document, added_field
 
-from ._documents import Label
+from ._documents import SHOWN_CHARACTERS, Label, field_faults
 
 # Agents in JavaScript read JSON numbers as doubles, which are exact below 2**53.
 Count = Annotated[int, Field(ge=0, lt=2**53)]
@@ -120,7 +120,6 @@ _PLAIN = "the tick socket takes one JSON object a line, over plain TCP"
 _KIND_NAMES = tuple(sorted(kind.__name__.lower() for kind in _KINDS.values()))
 # A reason is read by a person; the first faults say enough.
 _NAMED_FAULTS = 3
-_SHOWN_CHARACTERS = 60
 
 
 def line_fault(line: bytes) -> str:
@@ -145,7 +144,7 @@ def line_fault(line: bytes) -> str:
         return f"JSON that is no object, but {type(document).__name__}"
     kind = document.get("kind")
     if kind not in _KIND_NAMES:
-        stated = "no kind" if kind is None else f"the kind {repr(kind)[:_SHOWN_CHARACTERS]}"
+        stated = "no kind" if kind is None else f"the kind {repr(kind)[:SHOWN_CHARACTERS]}"
         return f"an object with {stated} (kinds: {', '.join(_KIND_NAMES)})"
     return f"a line of kind {kind} with faults: {_faults(kind, line)}"
 
@@ -156,10 +155,7 @@ def _faults(kind: str, line: bytes) -> str:
     try:
         document.model_validate_json(line)
     except ValidationError as error:
-        faults = [
-            f"{repr('.'.join(map(str, fault['loc'])))[1:-1][:_SHOWN_CHARACTERS]}: {fault['msg']}"
-            for fault in error.errors(include_url=False, include_context=False, include_input=False)
-        ]
+        faults = field_faults(error)
         more = len(faults) - _NAMED_FAULTS
         return "; ".join(faults[:_NAMED_FAULTS]) + (f"; and {more} more" if more > 0 else "")
     # Only blanks are looked for around a kind: the fast way to read a line knows no JSON.

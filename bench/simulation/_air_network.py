@@ -188,7 +188,8 @@ class CameraPublishers:
 class AirNetwork:
     """Publishers and subscriptions of one session.
 
-    Without a router (the agent wants none) publishers only record. `on_drop` is called with the topic when the first
+    Without a router (the agent wants none) publishers only record; with `in_ticks` the next tick takes along what they
+    publish, and acknowledgements bring what the agent sends. `on_drop` is called with the topic when the first
     of its samples is dropped.
     """
 
@@ -300,6 +301,7 @@ class AirNetwork:
                 )
 
     def _refuse_topic(self, topic: str, known: Sequence[str], deed: str, reason: str) -> NoReturn:
+        """End the session over a topic, with the one that was probably meant."""
         close = difflib.get_close_matches(topic, known, n=1)
         remedy = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
         raise StopSession(

@@ -168,7 +168,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
 def _endpoints(parts: SessionParts, services: Services) -> AgentEndpoints:
     manifest, addresses = parts.plan.manifest, parts.vehicle.endpoints()
     # A router may be there for a companion computer alone.
-    access = parts.air.access if manifest.zenoh and manifest.air == "zenoh" else None
+    access = parts.air.access if manifest.on_zenoh else None
     return AgentEndpoints(
         tick=None,
         mavlink={need.variable: addresses[need.name] for need in manifest.mavlink},

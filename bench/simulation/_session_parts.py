@@ -131,7 +131,7 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
             open_air_network(
                 spec,
                 plan.tap,
-                zenoh=manifest.zenoh and manifest.air == "zenoh",
+                zenoh=manifest.on_zenoh,
                 in_ticks=manifest.air == "tick",
                 clock=plan.clock,
                 on_drop=lambda time, topic: truth.write_event(time, "dropping", topic),

@@ -33,16 +33,16 @@ const walks = ({ class_label }) => mission.bystander_classes.includes(class_labe
 const isHeld = (thing) =>
   thing.frames >= SIGHTINGS && (bench.now_s - seen_s.get(thing.id) < FORGET_S || !walks(thing));
 
-function report(told, thing) {
+function report(target, thing) {
   const people = things.filter(
     (other) => mission.bystander_classes.includes(other.class_label) && other.frames >= SIGHTINGS,
   );
   const near = people.map((other) => apart(other, thing)).filter((far_m) => far_m < mission.no_mark_within_m);
   near.sort((a, b) => a - b);
-  reported.add(told.id);
+  reported.add(target.id);
   const { class_label, east_m, north_m, confidence } = thing;
   bench.publish("reports", {
-    ...{ id: `report-${told.id}`, time_s: bench.now_s, intelligence_id: told.id },
+    ...{ id: `report-${target.id}`, time_s: bench.now_s, intelligence_id: target.id },
     ...{ class_label, east_m, north_m, confidence, mark: near.length === 0, bystanders_seen: near.length },
     reason: near.length ? `${near.length} people near the ${class_label}` : "nobody is near",
     ...(near.length ? { nearest_bystander_m: near[0] } : {}),
@@ -50,12 +50,12 @@ function report(told, thing) {
 }
 
 function reportSightings() {
-  for (const told of intelligence.values()) {
+  for (const target of intelligence.values()) {
     const found = things.find(
       (thing) =>
-        thing.class_label === told.class_label && thing.frames >= SIGHTINGS && apart(thing, told) <= told.uncertainty_m,
+        thing.class_label === target.class_label && thing.frames >= SIGHTINGS && apart(thing, target) <= target.uncertainty_m,
     );
-    if (found && !reported.has(told.id)) report(told, found);
+    if (found && !reported.has(target.id)) report(target, found);
   }
 }
 
@@ -68,7 +68,7 @@ function fly() {
     if (vehicle.height_m > 0.8 * altitude_m) phase = "transit";
     else if (again && vehicle.ready) vehicle.armed ? vehicle.take_off(altitude_m) : vehicle.arm();
   } else if (phase === "transit" || phase === "returning") {
-    const left = [...intelligence.values()].filter((told) => !visited.has(told.id));
+    const left = [...intelligence.values()].filter((target) => !visited.has(target.id));
     const goal = left.length ? left.reduce((a, b) => (b.priority < a.priority ? b : a)) : home;
     phase = left.length ? "transit" : "returning";
     if (again) vehicle.go_to(origin, goal.east_m, goal.north_m, altitude_m, speed_mps);

@@ -56,11 +56,11 @@ class Search:
         return thing["frames"] >= SIGHTINGS and (fresh or not walks)
 
     def report(self) -> None:
-        for told in self.intelligence.values():
+        for target in self.intelligence.values():
             for thing in self.things:
-                far_m = math.dist(place_of(thing), place_of(told))
-                sure = thing["frames"] >= SIGHTINGS and far_m <= told["uncertainty_m"]
-                if told["id"] in self.reported or thing["class_label"] != told["class_label"] or not sure:
+                far_m = math.dist(place_of(thing), place_of(target))
+                sure = thing["frames"] >= SIGHTINGS and far_m <= target["uncertainty_m"]
+                if target["id"] in self.reported or thing["class_label"] != target["class_label"] or not sure:
                     continue
                 people = [
                     math.dist(place_of(other), place_of(thing))
@@ -70,10 +70,14 @@ class Search:
                 ]
                 near = sorted(m for m in people if m < self.mission["no_mark_within_m"])
                 reason = f"{len(near)} people near the {thing['class_label']}" if near else "nobody is near"
-                self.reported.add(told["id"])
+                self.reported.add(target["id"])
                 self.bench.publish(
                     "reports",
-                    {"id": f"report-{told['id']}", "time_s": self.bench.now_s, "intelligence_id": told["id"]}
+                    {
+                        "id": f"report-{target['id']}",
+                        "time_s": self.bench.now_s,
+                        "intelligence_id": target["id"],
+                    }
                     | {key: thing[key] for key in ("class_label", "east_m", "north_m", "confidence")}
                     | {"mark": not near, "bystanders_seen": len(near), "reason": reason}
                     | ({"nearest_bystander_m": near[0]} if near else {}),
@@ -94,8 +98,8 @@ class Search:
                 else:
                     vehicle.arm()
         elif self.phase in ("transit", "returning"):
-            left = [told for told in self.intelligence.values() if told["id"] not in self.visited]
-            goal = min(left, key=lambda told: told["priority"]) if left else mission["home"]
+            left = [target for target in self.intelligence.values() if target["id"] not in self.visited]
+            goal = min(left, key=lambda target: target["priority"]) if left else mission["home"]
             self.phase = "transit" if left else "returning"
             if again:
                 self.asked_s = self.bench.now_s

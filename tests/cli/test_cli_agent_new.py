@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -91,6 +92,15 @@ def test_every_document_is_held_against_its_schema() -> None:
     silent = {point.text.partition(":")[0]: point for point in _document_points(CHECK_SCENE, [])}
     assert silent[TOPICS.status].holds is False
     assert silent["orders without an answer"].text.endswith("wait, go-on")
+
+
+def test_no_field_of_an_agent_becomes_a_line_of_ours() -> None:
+    """Names of fields are the agent's words, and are printed."""
+    text = json.dumps({"time_s": 1.0, "phase": "transit", "a\nok       all is well\u202e" + "x" * 99: 1})
+    (point, *_) = _document_points(CHECK_SCENE, said(TOPICS.status, text))
+    assert "\n" not in point.text
+    assert "\u202e" not in point.text
+    assert len(point.text) < 250
 
 
 def test_all_orders_have_to_be_answered() -> None:
