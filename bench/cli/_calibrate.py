@@ -106,6 +106,8 @@ def _require_valid(folders: list[Path], panel: list[Path], scale: Path | None, o
         faults.append(Fault("--scale", "is for testing folders, without --fit", "leave one of them out"))
     if out is not None and not panel:
         faults.append(Fault("--out", "writes the scale that --fit fits", "add --fit DIR"))
+    if out is not None and not out.parent.is_dir():
+        faults.append(Fault(str(out.parent), "is no folder", "make it, or write elsewhere"))
     if out is not None and os.path.lexists(out):
         faults.append(Fault(str(out), "already exists and is not overwritten", "name another file"))
     if faults:
@@ -132,6 +134,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "runs": calibration.runs,
         "design_points": calibration.design_points,
         "notes": calibration.notes,
+        "dependence": calibration.dependence,
         "overall": _slope_document(calibration.overall),
         "nodes": [
             {
@@ -183,7 +186,7 @@ def _show(calibration: Calibration) -> None:
         )
         console.print(_table(measured, gaps=True))
         slopes += [proof.slope for _, proof in measured]
-        print_lines(console, _verdict(measured))
+        print_lines(console, [calibration.dependence] if calibration.dependence else _verdict(measured))
     else:
         print_lines(console, ["No scale of measured difficulty for this decomposition: see --fit"])
     if any(slope.state == "separated" for slope in slopes):

@@ -80,6 +80,8 @@ def check(
                 Fault(str(floor), "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
             )
         nodes = worst_first(measured.floors())
+    if order and not panel:
+        raise SetupError(Fault("--order", "compares agents of a panel", "add --panel DIR"))
     shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
@@ -128,8 +130,10 @@ def _panel(
     import polars as pl
 
     from bench.campaign import read_runs
+    from bench.reporting import require_distinct
     from bench.scoring import panel_of, score_table
 
+    require_distinct(folders)
     tested: list[pl.DataFrame] = []
     null: list[pl.DataFrame] = []
     oracle = None

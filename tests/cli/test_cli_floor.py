@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -121,9 +122,12 @@ def test_a_run_says_who_is_given_the_truth(campaign: Path, capsys: pytest.Captur
     assert "oracle is given the truth" in text
 
 
-def test_a_panel_beyond_its_bounds_exits_with_1(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One agent, flown for five seconds, passes nothing and separates nobody. The same folder twice is two scenes each."""
-    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(campaign)]
+def test_a_panel_beyond_its_bounds_exits_with_1(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One agent, flown for five seconds, passes nothing and separates nobody. Scenes of two folders are different ones."""
+    second = shutil.copytree(campaign, tmp_path / "second")
+    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(second)]
     capsys.readouterr()
     assert run([*line, "--json"]) == 1
     panel = json.loads(capsys.readouterr().out)["panel"]
@@ -139,9 +143,15 @@ def test_a_panel_beyond_its_bounds_exits_with_1(campaign: Path, capsys: pytest.C
 def test_a_panel_is_refused_where_it_was_measured_otherwise(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nothing is measured again: the error says how. An order of agents who did not fly names those who did."""
+    """Nothing is measured again: the error says how. An order of agents who did not fly names those who did, and one
+    without a panel is refused. No folder counts twice.
+    """
     assert run(["decomposition", "check", "search-and-report-full", "--panel", str(campaign)]) == 2
     assert "--decomposition search-and-report-full" in " ".join(capsys.readouterr().err.split())
     line = ["decomposition", "check", "search-and-report", "--panel", str(campaign)]
     assert run([*line, "--order", "reference-naive", "oracle"]) == 2
     assert "the tested agents are reference-naive" in " ".join(capsys.readouterr().err.split())
+    assert run([*line, "--panel", str(campaign / ".." / campaign.name)]) == 2
+    assert "is named twice" in capsys.readouterr().err
+    assert run([*line[:3], "--order", "reference-naive", "oracle"]) == 2
+    assert "--order: compares agents of a panel" in capsys.readouterr().err
