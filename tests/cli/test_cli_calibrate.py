@@ -225,6 +225,8 @@ def test_a_scale_fitted_to_a_panel_is_proved_on_others(
     assert (scale.fitted_to[0].agents, scale.tested_on[0].agents) == (PANEL, OTHERS)
     assert scale.nodes["KA-HIDDEN"].unproved == ""
     assert scale.nodes["KA-FOG"].unproved == "29 passes in 96 runs"
+    assert run(["calibrate", "--fit", str(two_agents)]) == 0
+    assert "KA-RAIN: 47 of 96 failed; no feature has a weight" in " ".join(capsys.readouterr().out.split())
     # Two levels of rain are out of order, which no straight line tells.
     assert scale.nodes["KA-RAIN"].unproved == nodes["KA-RAIN"][1]["reason"] != ""
     assert printed([str(others), "--scale", str(out)], capsys)["nodes"] == document["nodes"]
@@ -337,6 +339,8 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
         "nothing to test and nothing to fit": [],
         "--out: writes the scale that --fit fits": [str(two_agents), "--out", str(tmp_path / "new.yaml")],
         "already exists": ["--fit", str(two_agents), "--out", str(bare / "campaign.yaml")],
+        "--agent: is for testing folders": ["--fit", str(two_agents), "--agent", "shaky"],
+        "no scale to fit": ["--fit", str(same)],
         "--scale: is for testing folders": ["--fit", str(two_agents), "--scale", "scale.yaml"],
     }
     for words, line in mistakes.items():

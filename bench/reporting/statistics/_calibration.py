@@ -18,6 +18,7 @@ import polars as pl
 from bench.agents import installed_agents
 from bench.arrays import Floats
 from bench.difficulty import (
+    MIN_OUTCOMES,
     POINTS_PER_LOG_ODDS,
     DifficultyScale,
     Feature,
@@ -71,14 +72,18 @@ class Calibration:
 
 
 def fit_difficulty(folders: Sequence[Path]) -> DifficultyScale:
-    """Fit a scale of measured difficulty to the runs of a panel. Raises SetupError as `calibrate`."""
+    """Fit a scale of measured difficulty to the runs of a panel. Raises SetupError as `calibrate`, and where no node has a model."""
     source = _Source.of(folders)
     source = source.of_agents(_chosen_agents(source, ()))
     trials = {}
     for node in source.decomposition.key_attributes:
         rows = source.attribute(node)
         trials[node] = ScaleTrials(tuple(rows["agent"]), tuple(rows["scene"]), tuple(rows["failed"]))
-    return fit_scale(source.decomposition, trials, source.features(), source.flown())
+    scale = fit_scale(source.decomposition, trials, source.features(), source.flown())
+    if not scale.nodes:
+        what = f"no key attribute has {MIN_OUTCOMES} failures and {MIN_OUTCOMES} passes, so there is no scale to fit"
+        raise SetupError(Fault(", ".join(map(str, folders)), what, "add folders of more agents or scenes"))
+    return scale
 
 
 def calibrate(
