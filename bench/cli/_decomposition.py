@@ -169,7 +169,12 @@ def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
     print("the clearest difference between two agents, and the floor, in percent:")
     table = plain_table(("node", "apart", "noise", "floor", "best", "more, less"), texts=("more, less",))
     for node in panel.nodes:
-        agents = f"{node.higher}, {node.lower}" if node.separated else "separates no two agents"
+        same = (
+            "separates no two agents"
+            if node.noise is not None
+            else "not known: both flew no design point twice"
+        )
+        agents = f"{node.higher}, {node.lower}" if node.separated else same
         shares = (_percent(share) for share in (node.difference, node.noise, node.floor, node.best))
         add_plain_row(table, (node.id, *shares, agents))
     console.print(table)

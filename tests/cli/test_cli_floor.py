@@ -11,8 +11,11 @@ import polars as pl
 import pytest
 
 from bench.cli._app import run
+from bench.cli._decomposition import _print_panel
 from bench.contracts import SessionResult, TruthGiven
 from bench.recording import read_simspec, read_tape
+from bench.scoring import Panel, PanelNode
+from decompositions import load_decomposition
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 CAMPAIGN = """
@@ -138,6 +141,33 @@ def test_a_panel_beyond_its_bounds_exits_with_1(
     text = capsys.readouterr().out
     assert all(bound in " ".join(text.split()) for bound in panel["bounds"])
     assert text.count("NOT MET") == 3
+
+
+def test_a_panel_without_replicates_says_that_nothing_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside a node that separates nobody, and one that separates two."""
+    pair = {"level": "ka", "lower": "poor", "higher": "good", "difference": 0.2}
+    nodes = tuple(
+        PanelNode(id=name, noise=noise, separated=noise == 0.1, **pair)
+        for name, noise in (("KA-01", None), ("KA-02", 0.3), ("KA-03", 0.1))
+    )
+    panel = Panel(
+        agents=("good", "poor"),
+        sessions=2,
+        observables=0,
+        equal=(),
+        always_passed={},
+        constant=(),
+        unknown_correlations=0,
+        participation_ratio=None,
+        nodes=nodes,
+        worse_is_better=(),
+        bounds={},
+    )
+    _print_panel(panel, load_decomposition("search-and-report"))
+    unknown, same, apart = " ".join(capsys.readouterr().out.split()).split("KA-0")[1:]
+    assert "not known: both flew no design point twice" in unknown
+    assert "separates no two agents" in same
+    assert "good, poor" in apart
 
 
 def test_a_panel_is_refused_where_it_was_measured_otherwise(

@@ -132,7 +132,7 @@ def test_a_damaged_scale_is_refused_with_its_place(tmp_path: Path) -> None:
 def test_the_shipped_scale_is_one_of_the_shipped_decomposition() -> None:
     """Where a decomposition changed, its scale has to be fitted again: `make panel`."""
     shipped = {name: shipped_scale(load_decomposition(name)) for name in shipped_decompositions()}
-    assert [name for name, found in shipped.items() if found] == ["search-and-report-full"]
+    assert [name for name in shipped if shipped[name]] == ["search-and-report-full"]
     full = shipped["search-and-report-full"]
     assert full is not None
     panel, held_out = full.fitted_to[0], full.tested_on[0]
