@@ -25,8 +25,9 @@ SCALE := bench/difficulty/scales/search_and_report_full.yaml
 panel: $(VENV)/.run
 	$(BIN)/rebar run campaigns/panel.yaml --out out/panel
 	$(BIN)/rebar run campaigns/held_out.yaml --out out/held-out
-	rm -f $(SCALE)
-	$(BIN)/rebar calibrate out/held-out --fit out/panel --out $(SCALE)
+	rm -f out/scale.yaml
+	$(BIN)/rebar calibrate out/held-out --fit out/panel --out out/scale.yaml
+	mv out/scale.yaml $(SCALE)
 
 test: | $(VENV)/bin/python
 	$(MAKE) --no-print-directory --jobs 2 $(VENV)/.dev $(CLIENTS)/.built

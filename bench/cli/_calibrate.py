@@ -69,7 +69,7 @@ def calibrate(
     from bench.reporting import fit_difficulty
 
     folders, panel = campaigns or [], fit or []
-    _require_valid(folders, panel, scale, out)
+    _require_valid(folders, panel, agent or [], scale, out)
     fitted = fit_difficulty(panel) if panel else None
     chosen = fitted if scale is None else _load(scale, folders[0])
     calibration = calibrate_campaigns(folders, agent or (), scale=chosen, seed=seed) if folders else None
@@ -96,7 +96,9 @@ def calibrate(
     exit_if_incomplete(completeness)
 
 
-def _require_valid(folders: list[Path], panel: list[Path], scale: Path | None, out: Path | None) -> None:
+def _require_valid(
+    folders: list[Path], panel: list[Path], agents: list[str], scale: Path | None, out: Path | None
+) -> None:
     faults = []
     if not folders and not panel:
         faults.append(
@@ -104,8 +106,12 @@ def _require_valid(folders: list[Path], panel: list[Path], scale: Path | None, o
         )
     if scale is not None and (panel or not folders):
         faults.append(Fault("--scale", "is for testing folders, without --fit", "leave one of them out"))
+    if agents and not folders:
+        faults.append(Fault("--agent", "is for testing folders", "name a folder, or leave it out"))
     if out is not None and not panel:
         faults.append(Fault("--out", "writes the scale that --fit fits", "add --fit DIR"))
+    if out is not None and not out.parent.is_dir():
+        faults.append(Fault(str(out.parent), "is no folder", "make it, or write elsewhere"))
     if out is not None and os.path.lexists(out):
         faults.append(Fault(str(out), "already exists and is not overwritten", "name another file"))
     if faults:
@@ -132,6 +138,7 @@ def _document(calibration: Calibration) -> dict[str, Any]:
         "runs": calibration.runs,
         "design_points": calibration.design_points,
         "notes": calibration.notes,
+        "dependence": calibration.dependence,
         "overall": _slope_document(calibration.overall),
         "nodes": [
             {
@@ -163,7 +170,10 @@ def _fit_lines(scale: DifficultyScale) -> list[str]:
         largest = sorted(node.weights.items(), key=lambda item: -abs(item[1]))[:3]
         lines.append(
             f"{name}: {node.failures} of {node.trials} failed; "
-            + ", ".join(f"{feature} {weight:+.2f}" for feature, weight in largest)
+            + (
+                ", ".join(f"{feature} {weight:+.2f}" for feature, weight in largest)
+                or "no feature has a weight"
+            )
         )
     return lines
 
@@ -183,7 +193,7 @@ def _show(calibration: Calibration) -> None:
         )
         console.print(_table(measured, gaps=True))
         slopes += [proof.slope for _, proof in measured]
-        print_lines(console, _verdict(measured))
+        print_lines(console, [calibration.dependence] if calibration.dependence else _verdict(measured))
     else:
         print_lines(console, ["No scale of measured difficulty for this decomposition: see --fit"])
     if any(slope.state == "separated" for slope in slopes):

@@ -80,6 +80,8 @@ def check(
                 Fault(str(floor), "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
             )
         nodes = worst_first(measured.floors())
+    if order and not panel:
+        raise SetupError(Fault("--order", "compares agents of a panel", "add --panel DIR"))
     shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
@@ -128,8 +130,10 @@ def _panel(
     import polars as pl
 
     from bench.campaign import read_runs
+    from bench.reporting import require_distinct
     from bench.scoring import panel_of, score_table
 
+    require_distinct(folders)
     tested: list[pl.DataFrame] = []
     null: list[pl.DataFrame] = []
     oracle = None
@@ -165,7 +169,12 @@ def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
     print("the clearest difference between two agents, and the floor, in percent:")
     table = plain_table(("node", "apart", "noise", "floor", "best", "more, less"), texts=("more, less",))
     for node in panel.nodes:
-        agents = f"{node.higher}, {node.lower}" if node.separated else "separates no two agents"
+        same = (
+            "separates no two agents"
+            if node.noise is not None
+            else "not known: both flew no design point twice"
+        )
+        agents = f"{node.higher}, {node.lower}" if node.separated else same
         shares = (_percent(share) for share in (node.difference, node.noise, node.floor, node.best))
         add_plain_row(table, (node.id, *shares, agents))
     console.print(table)

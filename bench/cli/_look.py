@@ -172,14 +172,13 @@ def difficulty(
         check_node("--node", tree, node)
     # Every observable is rated for whoever looks into a table of factors; only what nothing can exercise is left out.
     perception = "elsewhere" if situation.perception.by_bench else situation.perception.source
+    published = rate_all(tree, factor_values(situation), perception)
     rated = _RatedSituation(
         tree,
-        rate_all(tree, factor_values(situation), perception),
+        published,
         {factor: factor_paths(situation, factor) for factor in tree.factors()},
-        {},
+        *_measure(situation, published, _scale_of(tree, scale)),
     )
-    if (chosen := _scale_of(tree, scale)) is not None:
-        rated = dataclasses.replace(rated, measured=rated.measure(situation, chosen))
     if as_json:
         print(json.dumps(rated.as_json([node] if node else list(tree.nodes)), indent=2))
     elif node is not None:
@@ -197,6 +196,26 @@ def _scale_of(decomposition: Decomposition, path: Path | None) -> DifficultyScal
     return shipped_scale(decomposition) if path is None else load_scale(path, decomposition)
 
 
+def _measure(
+    situation: SimSpec, published: Difficulty, scale: DifficultyScale | None
+) -> tuple[Mapping[str, MeasuredDifficulty], str]:
+    """The measured difficulty of every node that the situation exercises and that has a scale, or why there is none.
+
+    A situation without places gets those of its seed.
+    """
+    from bench.difficulty import features_of
+    from bench.realization import PlacementInfeasible, place
+
+    if scale is None:
+        return {}, "there is no scale for this decomposition (`rebar calibrate --fit`)"
+    try:
+        features = features_of(situation if situation.realized else place(situation))
+    except PlacementInfeasible:
+        return {}, "the actors find no room; the published rating needs no places"
+    measured = {node: scale.measure(node, features) for node in scale.nodes if published.of(node) is not None}
+    return measured, "" if measured else "this situation exercises no node that has a scale"
+
+
 @dataclass(frozen=True, slots=True)
 class _RatedSituation:
     """A rated situation, to be shown. `paths` has the fields of the SimSpec for every key factor."""
@@ -205,32 +224,13 @@ class _RatedSituation:
     difficulty: Difficulty
     paths: Mapping[str, tuple[str, ...]]
     measured: Mapping[str, MeasuredDifficulty]
-
-    def measure(self, situation: SimSpec, scale: DifficultyScale) -> Mapping[str, MeasuredDifficulty]:
-        """The measured difficulty of every node that the situation exercises and that has a scale. A situation without
-        places gets those of its seed.
-        """
-        from bench.difficulty import features_of
-        from bench.realization import PlacementInfeasible, place
-
-        try:
-            features = features_of(situation if situation.realized else place(situation))
-        except PlacementInfeasible:
-            # Its published rating needs no places.
-            return {}
-        return {
-            node: scale.measure(node, features)
-            for node in scale.nodes
-            if self.difficulty.of(node) is not None
-        }
+    unmeasured: str
+    """Why there is no measured difficulty; empty where there is one."""
 
     def explanations(self) -> list[str]:
         """Sentences about the hardest nodes on the measured scale; those that it was shown to hold for, if any."""
-        if not self.measured:
-            return [
-                f"No measured difficulty: there is no scale for {self.decomposition.name} (`rebar calibrate --fit`), or "
-                "no room for the actors"
-            ]
+        if self.unmeasured:
+            return [f"No measured difficulty: {self.unmeasured}"]
         proved = [measured for measured in self.measured.values() if not measured.unproved]
         hardest = sorted(proved or self.measured.values(), key=lambda measured: -measured.difficulty)
         return [measured.sentence() for measured in hardest[:EXPLAINED_NODES]]

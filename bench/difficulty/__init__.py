@@ -16,6 +16,7 @@ from bench.lazy import lazy_names
 if TYPE_CHECKING:
     from ._features import Feature as Feature
     from ._features import features_of as features_of
+    from ._fit import MIN_OUTCOMES as MIN_OUTCOMES
     from ._fit import ScaleTrials as ScaleTrials
     from ._fit import fit_scale as fit_scale
     from ._scale import POINTS_PER_LOG_ODDS as POINTS_PER_LOG_ODDS

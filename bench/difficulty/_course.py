@@ -30,7 +30,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """One reported sub-area: the report, its group, its centre, when it is told, when it is searched."""
+    """One reported sub-area: the report, its group, its centre, when it is delivered, when it is searched."""
 
     report: str
     about: str
@@ -59,7 +59,7 @@ class Course:
 
     @cached_property
     def stops(self) -> tuple[Stop, ...]:
-        """The sub-areas in the order of urgency and then of nearness, as each is told."""
+        """The sub-areas in the order of urgency and then of nearness, as each is delivered."""
         realized = self.simspec.realized
         assert realized is not None  # features_of
         places = {report.id: (report.east_m, report.north_m) for report in realized.reports}
@@ -67,8 +67,8 @@ class Course:
         now_s, here, stops = self.simspec.mission.altitude_m / CLIMB_MPS, self._home, list[Stop]()
         while open_reports:
             now_s = max(now_s, min(report.delivered_s for report in open_reports))
-            told = [report for report in open_reports if report.delivered_s <= now_s]
-            report = min(told, key=lambda report: (report.priority, math.dist(here, places[report.id])))
+            delivered = [report for report in open_reports if report.delivered_s <= now_s]
+            report = min(delivered, key=lambda report: (report.priority, math.dist(here, places[report.id])))
             open_reports.remove(report)
             now_s = self._after_pauses(now_s, now_s + self._leg_s(here, places[report.id]))
             now_s = self._after_pauses(now_s, now_s + self._search_s(report.uncertainty_m) + INSPECTION_S)

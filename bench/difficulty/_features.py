@@ -1,6 +1,7 @@
 """What makes a situation hard, by a mechanism: each feature is computed from the realized SimSpec alone.
 
-A feature rises with hardness and is 0 where the situation holds nothing of its kind or leaves room enough.
+A feature rises with hardness. It is 0 where the situation holds nothing of its kind; the logarithm of a share, and log odds,
+are then below what the panel flew.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from bench.simspec import ASSETS, PROTECTED_ROLES, TARGET_ROLES, ActorGroup, Pla
 from ._course import Course
 
 MIN_CHANCE = 0.01  # of a detection: below, nothing changes any more for an agent
+CLEAR_CHANCE = 0.98  # where there is nobody to see; chosen
+NO_DEADLINE_SHARE = 0.1  # of a deadline that no report has: far below the panel's; chosen
 REACH_S = 60.0  # for which people walk between a look and the mark; chosen
 NEAR_HOME_M = 30.0  # of people who may be in the way of a landing; chosen
 
@@ -53,7 +56,9 @@ def _time(simspec: SimSpec) -> dict[str, Feature]:
     ]
     lost = [stop for stop in course.stops if stop.searched_s > min(course.called_home_s, limit_s)]
     battery, reserve = simspec.vehicle.battery.initial_fraction, simspec.rules.battery_reserve_fraction
-    drops = [f.to_fraction or 0.0 for f in simspec.vehicle.failures if f.kind == "battery_drop"]
+    drops = [
+        failure.to_fraction or 0.0 for failure in simspec.vehicle.failures if failure.kind == "battery_drop"
+    ]
     charge = max(0.01, min([battery, *drops]) - reserve)
     return {
         "time": Feature(
@@ -65,8 +70,10 @@ def _time(simspec: SimSpec) -> dict[str, Feature]:
             f"{len(lost)} of {len(course.stops)} places cannot be searched before the mission ends",
         ),
         "deadline": Feature(
-            math.log(max(over, default=0.1)),
-            f"the last report takes {max(over, default=0.0):.0%} of its deadline",
+            math.log(max(over, default=NO_DEADLINE_SHARE)),
+            f"the slowest report takes {max(over):.0%} of its deadline"
+            if over
+            else "no report has a deadline",
         ),
         "charge": Feature(
             math.log(course.charge_need / charge),
@@ -96,6 +103,7 @@ def _sight(simspec: SimSpec) -> dict[str, Feature]:
 
     people = [chance(group) for group, _ in _members(simspec, PROTECTED_ROLES)]
     targets = [chance(group) for group, _ in _members(simspec, TARGET_ROLES)]
+    person, target = _mean(people) if people else CLEAR_CHANCE, min(targets, default=CLEAR_CHANCE)
     air = math.exp(-odds.extinction_per_m * course.slant_m) * odds.light
     outages = simspec.outages if simspec.perception.by_bench else ()
     blind = sum(
@@ -105,12 +113,16 @@ def _sight(simspec: SimSpec) -> dict[str, Feature]:
     )
     return {
         "people_hidden": Feature(
-            -_logit(_mean(people)),
-            f"a frame shows a person at {course.slant_m:.0f} m with a chance of {_mean(people):.0%}",
+            -_logit(person),
+            f"a frame shows a person at {course.slant_m:.0f} m with a chance of {person:.0%}"
+            if people
+            else "there is nobody to be seen",
         ),
         "target_hidden": Feature(
-            -_logit(min(targets, default=0.98)),
-            f"a frame shows the hardest target at {course.slant_m:.0f} m with a chance of {min(targets, default=0.98):.0%}",
+            -_logit(target),
+            f"a frame shows the hardest target at {course.slant_m:.0f} m with a chance of {target:.0%}"
+            if targets
+            else "there is no target",
         ),
         "haze": Feature(
             -math.log(air), f"air and light leave {air:.0%} of the contrast at {course.slant_m:.0f} m"
@@ -161,7 +173,9 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
         "home_people": Feature(math.log1p(at_home), f"people who can be near the landing place: {at_home}"),
         "hurry": Feature(
             max(0.0, math.log(Course(simspec).speed_mps / slow_mps)),
-            f"the ordered speed is {Course(simspec).speed_mps / slow_mps:.0%} of what is allowed near people",
+            "no rule slows the flight near people"
+            if simspec.rules.bystander_slow_mps is None
+            else f"the ordered speed is {Course(simspec).speed_mps / slow_mps:.0%} of what is allowed near people",
         ),
         "standoff": Feature(
             simspec.rules.bystander_standoff_m / simspec.mission.altitude_m,
@@ -184,14 +198,16 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
     granted = {
         consent.intelligence: consent.after_s for consent in simspec.consents if consent.answer == "granted"
     }
-    asked = course.stops if simspec.rules.mark_consent else ()
-    waits_s = [granted[stop.report] for stop in asked if stop.report in granted]
-    withheld = sum(stop.report not in granted for stop in asked)
+    marks = course.stops if simspec.rules.mark_consent else ()
+    waits_s = [granted[stop.report] for stop in marks if stop.report in granted]
+    withheld = sum(stop.report not in granted for stop in marks)
     windows = simspec.rules.report_windows
     closed = (
         1.0 - course.share_of_work((window.from_s, window.until_s) for window in windows) if windows else 0.0
     )
-    link = course.share_of_work((o.at_s, o.until_s) for o in simspec.outages if o.kind == "operator_link")
+    link = course.share_of_work(
+        (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link"
+    )
     return {
         "orders": Feature(math.log1p(len(orders)), f"orders in flight: {len(orders)}"),
         "haste": Feature(

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
 from bench.documents import Document, load_document, read_document
 from bench.errors import Fault, SetupError
@@ -42,7 +43,8 @@ class NodeScale(Document):
     trials: int
     failures: int
     abilities: Annotated[
-        dict[str, float], Field(description="Of each agent of the panel, in its average situation.")
+        dict[str, float],
+        Field(min_length=1, description="Of each agent of the panel, in its average situation."),
     ]
     weights: Annotated[dict[str, float], Field(description="For one deviation of each feature.")]
     unproved: Annotated[
@@ -74,12 +76,22 @@ class DifficultyScale(Document):
     features: dict[str, FeatureScale]
     nodes: dict[str, NodeScale]
 
+    @model_validator(mode="after")
+    def _check_weights(self) -> Self:
+        for node, model in self.nodes.items():
+            if unknown := sorted(model.weights.keys() - self.features.keys()):
+                raise ValueError(f"{node} has a weight for {unknown[0]!r}, which is not among the features")
+        return self
+
     def log_odds(self, node: str, features: Mapping[str, Feature]) -> float:
-        """By how much a situation raises every agent's log odds of failure above the panel's average situation."""
+        """By how much a situation raises every agent's log odds of failure above the panel's average situation.
+
+        Raises SetupError for a weight of a feature that is not computed.
+        """
         return math.fsum(self._terms(node, features).values())
 
     def measure(self, node: str, features: Mapping[str, Feature]) -> MeasuredDifficulty:
-        """The measured difficulty of a node. Raises KeyError for a node without a scale."""
+        """The measured difficulty of a node. Raises KeyError for a node without a scale, and as `log_odds`."""
         model, terms = self.nodes[node], self._terms(node, features)
         total = math.fsum(terms.values())
         average, here = _panel_log_odds(model, 0.0), _panel_log_odds(model, total)
@@ -89,7 +101,7 @@ class DifficultyScale(Document):
         return MeasuredDifficulty(
             node,
             min(100.0, max(0.0, 50.0 + POINTS_PER_LOG_ODDS * here)),
-            1.0 / (1.0 + math.exp(-here)),
+            float(np.exp(-np.logaddexp(0.0, -here))),
             50.0 + POINTS_PER_LOG_ODDS * average,
             tuple(
                 sorted(
@@ -101,6 +113,9 @@ class DifficultyScale(Document):
         )
 
     def _terms(self, node: str, features: Mapping[str, Feature]) -> dict[str, float]:
+        if unknown := sorted(self.nodes[node].weights.keys() - features.keys()):
+            what = f"has a weight for {unknown[0]!r} in {node}, which this version does not compute"
+            raise SetupError(Fault(f"the scale of {self.decomposition}", what, "fit it again"))
         return {
             name: weight * self.features[name].standardized(features[name].value)
             for name, weight in self.nodes[node].weights.items()
@@ -155,6 +170,9 @@ def load_scale(path: Path, decomposition: Decomposition) -> DifficultyScale:
                 "fit it again: `rebar calibrate --fit DIR --out FILE`",
             )
         )
+    if unknown := sorted(scale.nodes.keys() - set(decomposition.key_attributes)):
+        what = f"has {unknown[0]!r}, which is no key attribute of {decomposition.name}"
+        raise SetupError(Fault(f"{path}: nodes", what, "fit it again"))
     return scale
 
 
@@ -170,6 +188,7 @@ def shipped_scale(decomposition: Decomposition) -> DifficultyScale | None:
 
 def _panel_log_odds(model: NodeScale, log_odds: float) -> float:
     """Log odds of the share of failures over all agents of the panel."""
-    shares = [1.0 / (1.0 + math.exp(-(ability + log_odds))) for ability in model.abilities.values()]
-    share = math.fsum(shares) / len(shares)
-    return math.log(share / (1.0 - share))
+    agents = np.array(list(model.abilities.values())) + log_odds
+    # Logarithms of the sums of chances to fail and to pass: a chance itself would round to 0 or 1.
+    fails, passes = (np.logaddexp.reduce(-np.logaddexp(0.0, sign * agents)) for sign in (-1.0, 1.0))
+    return float(fails - passes)

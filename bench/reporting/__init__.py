@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ._campaign_data import ReportData as ReportData
 from ._campaign_folder import load_report_data as load_report_data
+from ._campaign_folder import require_distinct as require_distinct
 from ._companions import COMPANIONS as COMPANIONS
 from ._companions import csv_text as csv_text
 from ._companions import requirements_table as requirements_table

@@ -346,3 +346,10 @@ def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:
     except (OSError, ValueError):
         notes.append("manifest.json is damaged: digests and versions are not on record.")
         return {}
+
+
+def require_distinct(folders: Sequence[Path]) -> None:
+    """Raises SetupError where a folder is named twice, however it is spelt: its runs would count twice."""
+    paths = [folder.resolve() for folder in folders]
+    if twice := [folder for number, folder in enumerate(folders) if paths[number] in paths[:number]]:
+        raise SetupError(Fault(str(twice[0]), "is named twice", "name each folder once"))

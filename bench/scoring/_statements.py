@@ -51,11 +51,11 @@ class StatementReport(Document):
 
 
 def statement_reports(
-    told: Iterable[tuple[str, tuple[str, int], ReportStatements | None]],
+    runs: Iterable[tuple[str, tuple[str, int], ReportStatements | None]],
 ) -> tuple[StatementReport, ...]:
     """A row for each agent and kind of statement, from agent, scene and statements of each run, agents in that order."""
     rows: dict[str, list[tuple[str, float, float | None, float | None]]] = {}
-    for agent, scene, statements in told:
+    for agent, scene, statements in runs:
         of_agent = rows.setdefault(agent, [])
         for report in statements.reports if statements is not None else ():
             of_agent.append((f"{scene}", report.confidence, report.error_m, report.sigma_m))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ import polars as pl
 import pytest
 
 from bench.cli._app import run
+from bench.cli._decomposition import _print_panel
 from bench.contracts import SessionResult, TruthGiven
 from bench.recording import read_simspec, read_tape
+from bench.scoring import Panel, PanelNode
+from decompositions import load_decomposition
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 CAMPAIGN = """
@@ -121,9 +125,12 @@ def test_a_run_says_who_is_given_the_truth(campaign: Path, capsys: pytest.Captur
     assert "oracle is given the truth" in text
 
 
-def test_a_panel_beyond_its_bounds_exits_with_1(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One agent, flown for five seconds, passes nothing and separates nobody. The same folder twice is two scenes each."""
-    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(campaign)]
+def test_a_panel_beyond_its_bounds_exits_with_1(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One agent, flown for five seconds, passes nothing and separates nobody. Scenes of two folders are different ones."""
+    second = shutil.copytree(campaign, tmp_path / "second")
+    line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(second)]
     capsys.readouterr()
     assert run([*line, "--json"]) == 1
     panel = json.loads(capsys.readouterr().out)["panel"]
@@ -136,12 +143,45 @@ def test_a_panel_beyond_its_bounds_exits_with_1(campaign: Path, capsys: pytest.C
     assert text.count("NOT MET") == 3
 
 
+def test_a_panel_without_replicates_says_that_nothing_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside a node that separates nobody, and one that separates two."""
+    pair = {"level": "ka", "lower": "poor", "higher": "good", "difference": 0.2}
+    nodes = tuple(
+        PanelNode(id=name, noise=noise, separated=noise == 0.1, **pair)
+        for name, noise in (("KA-01", None), ("KA-02", 0.3), ("KA-03", 0.1))
+    )
+    panel = Panel(
+        agents=("good", "poor"),
+        sessions=2,
+        observables=0,
+        equal=(),
+        always_passed={},
+        constant=(),
+        unknown_correlations=0,
+        participation_ratio=None,
+        nodes=nodes,
+        worse_is_better=(),
+        bounds={},
+    )
+    _print_panel(panel, load_decomposition("search-and-report"))
+    unknown, same, apart = " ".join(capsys.readouterr().out.split()).split("KA-0")[1:]
+    assert "not known: both flew no design point twice" in unknown
+    assert "separates no two agents" in same
+    assert "good, poor" in apart
+
+
 def test_a_panel_is_refused_where_it_was_measured_otherwise(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nothing is measured again: the error says how. An order of agents who did not fly names those who did."""
+    """Nothing is measured again: the error says how. An order of agents who did not fly names those who did, and one
+    without a panel is refused. No folder counts twice.
+    """
     assert run(["decomposition", "check", "search-and-report-full", "--panel", str(campaign)]) == 2
     assert "--decomposition search-and-report-full" in " ".join(capsys.readouterr().err.split())
     line = ["decomposition", "check", "search-and-report", "--panel", str(campaign)]
     assert run([*line, "--order", "reference-naive", "oracle"]) == 2
     assert "the tested agents are reference-naive" in " ".join(capsys.readouterr().err.split())
+    assert run([*line, "--panel", str(campaign / ".." / campaign.name)]) == 2
+    assert "is named twice" in capsys.readouterr().err
+    assert run([*line[:3], "--order", "reference-naive", "oracle"]) == 2
+    assert "--order: compares agents of a panel" in capsys.readouterr().err

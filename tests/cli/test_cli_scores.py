@@ -495,7 +495,11 @@ def test_difficulty_shows_both_numbers_and_sentences(
     assert f"KA-20: measured {measured['KA-20']['difficulty']:.0f}. The panel fails it" in shown
     assert "of the 360 s allowed" in shown
     assert run(["difficulty", situation]) == 0
-    assert "No measured difficulty: there is no scale for search-and-report" in " ".join(
+    assert "No measured difficulty: there is no scale for this decomposition" in " ".join(
         capsys.readouterr().out.split()
     )
+    crowded, text = tmp_path / "crowded.yaml", Path(situation).read_text()
+    crowded.write_text(text.replace("separation_m: 2.0", "separation_m: 700.0"))
+    assert run(["difficulty", str(crowded), *line[2:]]) == 0
+    assert "No measured difficulty: the actors find no room" in " ".join(capsys.readouterr().out.split())
     assert run([*line, "--scale", str(tmp_path / "none.yaml")]) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -233,6 +234,20 @@ def test_a_situation_with_nothing_in_it_has_all_features() -> None:
     bare = spec.model_copy(update={"actors": (), "intelligence": (), "realized": nothing})
     assert features_of(bare).keys() == features_of(spec).keys()
     assert all(math.isfinite(feature.value) for feature in features_of(bare).values())
+    # Nobody to be seen is easier than people in plain view, and no number is made up about them.
+    nothing_there, plain = features_of(bare), features_of(situation([(0.0, 60.0)]))
+    assert nothing_there["people_hidden"].value < plain["people_hidden"].value
+    words = {
+        name: nothing_there[name].words for name in ("people_hidden", "target_hidden", "deadline", "hurry")
+    }
+    assert words == {
+        "people_hidden": "there is nobody to be seen",
+        "target_hidden": "there is no target",
+        "deadline": "no report has a deadline",
+        "hurry": "no rule slows the flight near people",
+    }
+    late = situation(rules={"report_deadline_s": 30.0})
+    assert re.fullmatch(r"the slowest report takes \d+% of its deadline", features_of(late)["deadline"].words)
 
 
 def test_a_situation_without_places_is_refused() -> None:

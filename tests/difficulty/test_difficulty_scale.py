@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from pathlib import Path
@@ -75,9 +76,9 @@ def test_the_scale_ends_at_0_and_100(value: float, difficulty: float) -> None:
 
 def test_what_the_panel_never_flew_counts_as_the_nearest_that_it_did() -> None:
     """No extrapolation."""
-    one = scale({"a": 0.5})
-    assert one.log_odds("KA-03", at(a=50.0)) == one.log_odds("KA-03", at(a=5.0)) == pytest.approx(1.0)
-    assert one.log_odds("KA-03", at(a=-50.0)) == pytest.approx(-1.0)
+    half = scale({"a": 0.5})
+    assert half.log_odds("KA-03", at(a=50.0)) == half.log_odds("KA-03", at(a=5.0)) == pytest.approx(1.0)
+    assert half.log_odds("KA-03", at(a=-50.0)) == pytest.approx(-1.0)
 
 
 def test_the_sentence_has_numbers_words_and_doubt() -> None:
@@ -103,10 +104,35 @@ def test_a_scale_comes_back_from_its_file_and_belongs_to_its_decomposition(tmp_p
         load_scale(file, load_decomposition("search-and-report"))
 
 
+@pytest.mark.parametrize("value", [5.0, -3.0])
+def test_weights_beyond_reason_stay_numbers(value: float) -> None:
+    """Where no chance of failure is left to compute with, or only that."""
+    measured = scale({"a": 1e6}).measure("KA-03", at(a=value))
+    assert (measured.difficulty, measured.failure_share) == ((100.0, 1.0) if value > 1.0 else (0.0, 0.0))
+    assert math.isfinite(measured.contributions[0].points)
+
+
+def test_a_damaged_scale_is_refused_with_its_place(tmp_path: Path) -> None:
+    """A weight without a feature, a panel without agents, a node of nothing; a feature of another version when used."""
+    document, file = scale({"a": 0.5}).model_dump(mode="json"), tmp_path / "scale.yaml"
+    node, decomposition = document["nodes"]["KA-03"], load_decomposition("search-and-report-full")
+    damages = {
+        "KA-03 has a weight for 'b'": {"nodes": {"KA-03": node | {"weights": {"b": 1.0}}}},
+        "abilities": {"nodes": {"KA-03": node | {"abilities": {}}}},
+        "'KA-99', which is no key attribute": {"nodes": {"KA-99": node}},
+    }
+    for words, damage in damages.items():
+        file.write_text(json.dumps(document | damage))
+        with pytest.raises(SetupError, match=words):
+            load_scale(file, decomposition)
+    with pytest.raises(SetupError, match="weight for 'a' in KA-03"):
+        scale({"a": 0.5}).measure("KA-03", at(b=1.0))
+
+
 def test_the_shipped_scale_is_one_of_the_shipped_decomposition() -> None:
     """Where a decomposition changed, its scale has to be fitted again: `make panel`."""
     shipped = {name: shipped_scale(load_decomposition(name)) for name in shipped_decompositions()}
-    assert [name for name, found in shipped.items() if found] == ["search-and-report-full"]
+    assert [name for name in shipped if shipped[name]] == ["search-and-report-full"]
     full = shipped["search-and-report-full"]
     assert full is not None
     panel, held_out = full.fitted_to[0], full.tested_on[0]

@@ -101,7 +101,7 @@ def test_equal_observables() -> None:
     """Equal wherever both are considered, over enough sessions, and not constant there."""
     many = [float(n % 3) / 2 for n in range(LEAST_SESSIONS)]
     few: list[float | None] = [None, *many[1:]]
-    found = of_observables(
+    result = of_observables(
         {
             "O1": [*many, 0.0],
             "O2": [*many, None],
@@ -112,22 +112,22 @@ def test_equal_observables() -> None:
         }
     )
 
-    assert found.equal == (("O1", "O2", LEAST_SESSIONS),)
-    assert found.constant == ("C1", "C2")
-    assert not found.bounds["pairs of equal observables: 1, at most 0"]
+    assert result.equal == (("O1", "O2", LEAST_SESSIONS),)
+    assert result.constant == ("C1", "C2")
+    assert not result.bounds["pairs of equal observables: 1, at most 0"]
     # O4 with each of the three others: too few common sessions.
-    assert found.unknown_correlations == 3
+    assert result.unknown_correlations == 3
 
 
 def test_what_always_passes() -> None:
     """By the verdict and not by x: a value that varies above its threshold tells nothing either."""
-    found = of_observables(
+    result = of_observables(
         {"O1": [0.5, 0.9, None], "O2": [0.5, 0.4, 1.0], "O3": [0.0, 0.1, 0.2], "O4": [1.0] * 3}
     )
 
-    assert found.always_passed == {"O1": 2, "O4": 3}
-    assert found.observables == 4
-    assert found.constant == ("O4",)
+    assert result.always_passed == {"O1": 2, "O4": 3}
+    assert result.observables == 4
+    assert result.constant == ("O4",)
 
 
 def test_what_is_not_about_the_agent_is_left_out() -> None:
@@ -137,8 +137,8 @@ def test_what_is_not_about_the_agent_is_left_out() -> None:
     assert panel(rows).always_passed == {"O1": 1}
 
 
-def node(found: Panel, name: str) -> PanelNode:
-    return next(rated for rated in found.nodes if rated.id == name)
+def node(result: Panel, name: str) -> PanelNode:
+    return next(rated for rated in result.nodes if rated.id == name)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -151,17 +151,17 @@ def test_noise_is_students_interval_over_replicates(seed: int) -> None:
     }
     rows = [row(agent, f"p{point}", r, "K1", x) for (agent, point, r), x in confidence.items()]
 
-    found = node(panel(rows), "K1")
+    result = node(panel(rows), "K1")
 
     apart = np.array(
         [[confidence["poor", p, r] - confidence["good", p, r] for r in range(3)] for p in range(4)]
     )
     within = ((apart - apart.mean(axis=1, keepdims=True)) ** 2).sum() / 8
     low, high = stats.t.interval(0.95, 8, apart.mean(), np.sqrt(within / 12))
-    assert found.difference == pytest.approx(abs(apart.mean()))
-    assert found.noise == pytest.approx((high - low) / 2)
-    assert found.separated is not bool(low <= 0.0 <= high)
-    assert (found.lower, found.higher) == (AGENTS if apart.mean() >= 0 else AGENTS[::-1])
+    assert result.difference == pytest.approx(abs(apart.mean()))
+    assert result.noise == pytest.approx((high - low) / 2)
+    assert result.separated is not bool(low <= 0.0 <= high)
+    assert (result.lower, result.higher) == (AGENTS if apart.mean() >= 0 else AGENTS[::-1])
 
 
 def test_the_scene_is_no_noise() -> None:
@@ -214,10 +214,10 @@ def test_the_floor_stands_beside_the_best_tested_agent() -> None:
     rows.append(row("good", "p1", 0, "K1", 1.0))
     floor = [row("null-a", "p0", 0, "K1", 0.6), row("oracle", "p0", 0, "K1", 1.0)]
 
-    found = node(panel(rows, floor), "K1")
+    result = node(panel(rows, floor), "K1")
 
-    assert (found.floor, found.floor_agents) == (0.6, ("null-a",))
-    assert (found.best, found.best_agents) == (0.7, ("good",))
+    assert (result.floor, result.floor_agents) == (0.6, ("null-a",))
+    assert (result.best, result.best_agents) == (0.7, ("good",))
     assert node(panel(rows), "K1").floor is None
 
 

@@ -54,11 +54,11 @@ def test_the_fit_is_the_mode_of_the_penalised_likelihood(seed: int) -> None:
         laplace = np.sqrt(weight**2 + 1e-8).sum() / WEIGHT_SCALE
         return float(np.logaddexp(0.0, -sign * log_odds).sum() + penalty / 2.0 + laplace)
 
-    found = optimize.minimize(
+    mode = optimize.minimize(
         loss, np.zeros(1 + AGENTS + 3 + SCENES), method="L-BFGS-B", options={"maxiter": 5000, "maxfun": 10**6}
     )
-    assert fit.abilities == pytest.approx(found.x[0] + found.x[1 : 1 + AGENTS], abs=0.05)
-    assert fit.weights == pytest.approx(found.x[1 + AGENTS : 4 + AGENTS], abs=0.08)
+    assert fit.abilities == pytest.approx(mode.x[0] + mode.x[1 : 1 + AGENTS], abs=0.05)
+    assert fit.weights == pytest.approx(mode.x[1 + AGENTS : 4 + AGENTS], abs=0.08)
 
 
 def test_features_without_a_meaning_get_small_weights() -> None:

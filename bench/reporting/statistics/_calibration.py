@@ -18,6 +18,7 @@ import polars as pl
 from bench.agents import installed_agents
 from bench.arrays import Floats
 from bench.difficulty import (
+    MIN_OUTCOMES,
     POINTS_PER_LOG_ODDS,
     DifficultyScale,
     Feature,
@@ -34,7 +35,7 @@ from bench.statistics import DifficultySlope, ScaleProof, difficulty_slope, prov
 from decompositions import Decomposition, Level
 
 from .._campaign_data import ReportData
-from .._campaign_folder import load_report_data
+from .._campaign_folder import load_report_data, require_distinct
 from ._agent_comparison import scene_digest
 
 
@@ -65,18 +66,24 @@ class Calibration:
     nodes: tuple[NodeCalibration, ...]
     scale: DifficultyScale | None
     """With what these runs show of each node."""
+    dependence: str
+    """Why these runs cannot show that the scale holds; empty where they can."""
     notes: tuple[str, ...] = ()
 
 
-def fit_difficulty(folders: Sequence[Path], agents: Sequence[str] = ()) -> DifficultyScale:
-    """Fit a scale of measured difficulty to the runs of a panel. Raises SetupError as `calibrate`."""
+def fit_difficulty(folders: Sequence[Path]) -> DifficultyScale:
+    """Fit a scale of measured difficulty to the runs of a panel. Raises SetupError as `calibrate`, and where no node has a model."""
     source = _Source.of(folders)
-    source = source.of_agents(_chosen_agents(source, agents))
+    source = source.of_agents(_chosen_agents(source, ()))
     trials = {}
     for node in source.decomposition.key_attributes:
         rows = source.attribute(node)
         trials[node] = ScaleTrials(tuple(rows["agent"]), tuple(rows["scene"]), tuple(rows["failed"]))
-    return fit_scale(source.decomposition, trials, source.features(), source.flown())
+    scale = fit_scale(source.decomposition, trials, source.features(), source.flown())
+    if not scale.nodes:
+        what = f"no key attribute has {MIN_OUTCOMES} failures and {MIN_OUTCOMES} passes, so there is no scale to fit"
+        raise SetupError(Fault(", ".join(map(str, folders)), what, "add folders of more agents or scenes"))
+    return scale
 
 
 def calibrate(
@@ -109,6 +116,7 @@ def calibrate(
         _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
         for node in source.decomposition.key_attributes
     )
+    dependence = _dependence(scale, source.flown()) if scale else ""
     calibration = Calibration(
         folders=tuple(folders),
         agents=chosen,
@@ -118,7 +126,8 @@ def calibrate(
         decomposition=source.decomposition,
         overall=_slope(source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))),
         nodes=nodes,
-        scale=None if scale is None else _proved(scale, nodes, source.flown()),
+        scale=_proved(scale, nodes, source.flown()) if scale and not dependence else scale,
+        dependence=dependence,
         notes=source.notes,
     )
     _require_difficulties(calibration)
@@ -155,10 +164,17 @@ def _proof(trials: pl.DataFrame, difficulty: Floats, log_odds: Floats, seed: int
     return prove_scale(difficulty, log_odds, trials["failed"].to_numpy(), agents, points, seed=seed)
 
 
+def _dependence(scale: DifficultyScale, flown: FlownFolder) -> str:
+    panel = {agent for fitted in scale.fitted_to for agent in fitted.agents}
+    if members := sorted(panel & set(flown.agents)):
+        return f"No verdict on the scale: it was fitted to runs of {', '.join(members)}."
+    if flown.scenes_sha256 in {fitted.scenes_sha256 for fitted in scale.fitted_to}:
+        return "No verdict on the scale: it was fitted to these scenes."
+    return ""
+
+
 def _proved(scale: DifficultyScale, nodes: Sequence[NodeCalibration], flown: FlownFolder) -> DifficultyScale:
-    """The scale, with what the runs show of each node; unchanged where agents of the panel flew them."""
-    if set(flown.agents) & {agent for fitted in scale.fitted_to for agent in fitted.agents}:
-        return scale
+    """The scale, with what the runs show of each node."""
     proofs = {node.node: node.measured for node in nodes}
     proved = {
         name: node.model_copy(update={"unproved": proof.reason})
@@ -184,8 +200,7 @@ class _Source:
 
     @classmethod
     def of(cls, folders: Sequence[Path]) -> _Source:
-        if twice := [folder for number, folder in enumerate(folders) if folder in folders[:number]]:
-            raise SetupError(Fault(str(twice[0]), "is named twice", "name each folder once"))
+        require_distinct(folders)
         data = [load_report_data(folder) for folder in folders]
         _require_scores(folders, data)
         _require_one_decomposition(folders, data)
