@@ -225,7 +225,7 @@ def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
         yield f"{rewritten.model} gave no whole rewrite, and the document stands without it: {rewritten.failure}"
     yield f"{rewritten.model} was asked {rewritten.rounds} times and wrote {len(rewritten.rewrite.pairs)} sentences"
     yield from (
-        f"refused from {rewritten.model}: {refusal.quote}: {refusal.why}" for refusal in rewritten.refused
+        f"refused from {rewritten.model}: {refusal.quote!r}: {refusal.why}" for refusal in rewritten.refused
     )
 
 

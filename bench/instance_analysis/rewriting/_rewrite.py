@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from bench.documents import Document
 
@@ -25,6 +25,8 @@ from ._segments import FreeReader, Segment
 MAX_PAIRS = 300
 """A model may repeat itself without end. Chosen, not measured."""
 Text = Annotated[str, Field(max_length=2000)]
+# A line end in it would begin a line of the SimSpec's file, or a line of the terminal.
+Line = Annotated[Text, AfterValidator(lambda text: " ".join(text.split()))]
 UNQUOTED = "no sentence of the rewrite stands for it"
 FAINT = frozenset(
     ["the", "and", "with", "that", "this", "there", "then", "also", "please", "from", "have", "will"]
@@ -39,14 +41,14 @@ class Rewritten(Document):
     quotes: Annotated[
         tuple[Text, ...], Field(description="Words of the text, letter by letter.", min_length=1)
     ]
-    sentence: Annotated[Text, Field(description="One or more sentences of the page.")] = ""
+    sentence: Annotated[Line, Field(description="One or more sentences of the page.")] = ""
     taken_to_mean: Annotated[
-        Text, Field(description="What the sentence assumes that the words leave open.")
+        Line, Field(description="What the sentence assumes that the words leave open.")
     ] = ""
-    cannot_say: Annotated[Text, Field(description="What the page has no sentence for.")] = ""
-    unclear: Annotated[Text, Field(description="What the words leave open.")] = ""
+    cannot_say: Annotated[Line, Field(description="What the page has no sentence for.")] = ""
+    unclear: Annotated[Line, Field(description="What the words leave open.")] = ""
     readings: Annotated[
-        tuple[Text, ...], Field(description="A sentence of the page for each thing that they may mean.")
+        tuple[Line, ...], Field(description="A sentence of the page for each thing that they may mean.")
     ] = ()
 
 
