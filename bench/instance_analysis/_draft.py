@@ -168,7 +168,7 @@ class Draft:
         names = {dotted(entry_path) for entry_path in removed}
         for entry_path in removed:
             del self.entries[entry_path]
-        self.ranges = [entry_path for entry_path in self.ranges if not names.intersection(entry_path.paths)]
+        self.ranges = [varied for varied in self.ranges if not names.intersection(varied.paths)]
 
     def document(self, changed: dict[FieldPath, Any] | None = None) -> dict[str, Any]:
         """Plain values of the SimSpec. Lists keep the order in which the text mentions their members."""

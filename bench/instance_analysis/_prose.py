@@ -91,8 +91,8 @@ class Reading:
 
     def _answered(self, answers: Sequence[int]) -> Draft:
         """Read with the answers of a person. An answer may raise further choices, which the next one takes."""
-        taken: dict[ChoiceKey, int] = {}
-        draft = self._settled(taken)
+        chosen: dict[ChoiceKey, int] = {}
+        draft = self._settled(chosen)
         for number, answer in enumerate(answers, start=1):
             choice = next((choice for choice in draft.choices if not choice.answered), None)
             if choice is None:
@@ -100,8 +100,8 @@ class Reading:
             if not 1 <= answer <= len(choice.readings):
                 what = f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}."
                 raise SetupError(Fault("--accept", what, "take one of them"))
-            taken[_key(choice)] = answer - 1
-            draft = self._settled(taken)
+            chosen[_key(choice)] = answer - 1
+            draft = self._settled(chosen)
         return draft
 
     def _settled(self, answers: Mapping[ChoiceKey, int]) -> Draft:
@@ -278,8 +278,8 @@ def _touches(span: Span, cuts: Sequence[Cut]) -> Cut | None:
     return next((cut for cut in cuts if _overlap(cut.span, span)), None)
 
 
-def _overlap(one: Span, other: Span) -> bool:
-    return one.start < other.end and other.start < one.end
+def _overlap(first: Span, second: Span) -> bool:
+    return first.start < second.end and second.start < first.end
 
 
 def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span]:

@@ -125,7 +125,7 @@ class Scene:
         chosen = self.draft.ask(phrase.span, question, [*known, "no, another one"])
         return known[chosen : chosen + 1]
 
-    def one(self, phrase: NounPhrase) -> str:
+    def single_group(self, phrase: NounPhrase) -> str:
         """The single group that a phrase names."""
         groups = self.named_once(phrase)
         if len(groups) != 1:
