@@ -96,6 +96,16 @@ def test_a_number_that_may_be_meant_otherwise_is_told(text: str, remark: str) ->
     assert result.clauses[-1].status == ("default" if remark else result.clauses[-1].status)
 
 
+def test_a_number_is_not_lost_to_a_density() -> None:
+    """Six civilians are six, whatever is said of their density; without a number the density holds."""
+    result = read("A house. Six civilians at a density of 120 per km2.")
+    assert not result.complete
+    assert all(group.density_per_km2 is None for group in result.simspec.actors)
+    result = read("Civilians at a density of 120 per km2.")
+    assert result.complete
+    assert result.simspec.actors[0].density_per_km2 == 120
+
+
 def test_a_ban_near_people_is_a_rule_whose_distance_is_asked() -> None:
     """And never its opposite."""
     result = read("A radar. Without marking it near civilians.")

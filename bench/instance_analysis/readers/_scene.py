@@ -334,7 +334,10 @@ class Scene:
             self.draft.vary(path, count.low, count.high, span, unit=None, integer=True)
 
     def put_density(self, group: str, count: Quantity, per_km2: float, span: Span) -> None:
-        """Set the density of a group in the place of its number."""
+        """Set the density of a group in the place of its number. Raises NotReadError where the text states a number."""
+        stated = self.draft.entries.get(("actors", group, "count"))
+        if stated is not None and stated.span is not None:
+            raise NotReadError(f"{group} has a number already: state the number or the density")
         self.draft.forget(("actors", group, "count"))
         self.groups[group].plural = True
         path: FieldPath = ("actors", group, "density_per_km2")
