@@ -35,6 +35,7 @@ from . import (
     _scores,
     _sessions,
     _status,
+    _tension,
     _verification,
 )
 from . import _campaigns as _campaigns
@@ -84,6 +85,7 @@ for commands in (
         _graph,
         _look,
         _prose,
+        _tension,
         _new,
         _agent,
         _fly,

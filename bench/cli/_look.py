@@ -161,13 +161,11 @@ def difficulty(
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
     from bench.scoring import difficulty_of_values as rate_all
-    from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
-    from decompositions import DecompositionVocabulary, load_decomposition
+    from bench.simspec import factor_paths, factor_values, load_simspec
 
-    from ._scores import check_node
+    from ._scores import check_node, rated_decomposition
 
-    units = {name: factor.unit for name, factor in FACTORS.items()}
-    situation, tree = load_simspec(simspec), load_decomposition(decomposition, DecompositionVocabulary(units))
+    situation, tree = load_simspec(simspec), rated_decomposition(decomposition)
     if node is not None:
         check_node("--node", tree, node)
     # Every observable is rated for whoever looks into a table of factors; only what nothing can exercise is left out.

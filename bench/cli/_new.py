@@ -66,6 +66,17 @@ class Interview:
         result = read_prose(text, self._vocabulary, self._answers)
         return result.model_copy(update={"checked": self._checked})
 
+    def run(self) -> None:
+        """Ask what is open in the text, then every question."""
+        self.decide()
+        self.check()
+        self._show("Press Enter to leave a question at its default.")
+        self.ask(GROUND)
+        self.ask_sentences(THINGS)
+        for step in CONDITIONS:
+            self.ask(step)
+        self.ask_sentences(MORE)
+
     def decide(self) -> None:
         """Ask for every open choice of the text; an empty answer takes the first reading."""
         while self.result is not None and self.result.open_choices:
@@ -174,14 +185,11 @@ def new(
     interview = Interview(from_prose or "", load_vocabulary(vocabulary), _prompt, print)
     if interview.result is not None:
         print("\n".join(clause_lines(interview.result, shutil.get_terminal_size().columns)))
-    interview.decide()
-    interview.check()
-    print("Press Enter to leave a question at its default.")
-    interview.ask(GROUND)
-    interview.ask_sentences(THINGS)
-    for step in CONDITIONS:
-        interview.ask(step)
-    interview.ask_sentences(MORE)
+    try:
+        interview.run()
+    except typer.Abort:
+        print(f"\nNothing is written. To go on, give --from-prose what was said: {interview.text}")
+        raise
     if interview.result is None:
         raise SetupError(Fault("rebar new", "nothing was described", "answer one question at least"))
     out.write_text(annotated_yaml(interview.result), encoding="utf-8")

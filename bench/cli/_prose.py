@@ -1,15 +1,13 @@
-"""Commands that start from words: prose to a base SimSpec, and a tension to ranges of the key factors."""
+"""The command that turns words into a base SimSpec, and a campaign over its ranges."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,9 +17,8 @@ from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
     from bench.errors import Fault
-    from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VariedField, Vocabulary
+    from bench.instance_analysis import BaseSimSpec, RewrittenResult, VariedField, Vocabulary
     from bench.simspec import SimSpec
-    from decompositions import Decomposition
 
 # From the environment, not by an option: command lines are visible to other users of the machine.
 KEY_VARIABLE = "REBAR_LLM_KEY"
@@ -34,9 +31,8 @@ MAX_VARIATIONS = 256
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
+    """Add the command of this module."""
     app.command()(prose)
-    app.command()(tension)
 
 
 def prose(
@@ -107,53 +103,72 @@ def prose(
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
-    from bench.documents import dump_value
-    from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose
+    from bench.instance_analysis import annotated_yaml, load_vocabulary
 
-    from ._clause_view import clause_lines, clause_page
-
-    description = _description(text, file)
-    words = load_vocabulary(vocabulary)
-    rewritten: RewrittenResult | None = None
-    if llm is None:
-        stored = None if rewrite is None else _stored(rewrite)
-        base_simspec = read_prose(description, words, accept or [], stored)
-    else:
-        rewritten = _rewritten(description, words, llm, llm_url, accept or [])
-        base_simspec = rewritten.result
-    base_simspec = base_simspec.model_copy(update={"checked": checked})
-    if as_json:
-        shown = base_simspec if rewritten is None else rewritten.model_copy(update={"result": base_simspec})
-        print(json.dumps(shown.model_dump(mode="json"), indent=2))
-    else:
-        # On stderr: stdout belongs to the document, which may be piped into a file.
-        width = shutil.get_terminal_size().columns
-        for line in (*clause_lines(base_simspec, width), *_rewritten_lines(rewritten)):
-            print(line, file=sys.stderr)
-    if strict and not base_simspec.certain:
+    description, words = _description(text, file), load_vocabulary(vocabulary)
+    result, rewritten = _read(description, words, accept or (), llm, llm_url, rewrite)
+    result = result.model_copy(update={"checked": checked})
+    _show(result, rewritten, as_json)
+    if strict and not result.certain:
         raise typer.Exit(1)
     if explain and not as_json:
-        print_lines(plain_console(), _explained(base_simspec))
-    if html is not None:
-        html.write_text(clause_page(base_simspec), encoding="utf-8")
-    if out is not None:
-        out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
-        if rewritten is not None and rewritten.rewrite.pairs:
-            beside = out.with_suffix(".rewrite.yaml")
-            plain = rewritten.rewrite.model_dump(mode="json", exclude_defaults=True)
-            beside.write_text(dump_value({"format": rewritten.rewrite.format} | plain), encoding="utf-8")
+        print_lines(plain_console(), _explained(result))
+    _write(result, rewritten, html, out)
     if campaign is not None:
-        agents = [_from_folder(manifest, campaign.parent) for manifest in agent or []]
-        campaign.write_text(
-            dump_value(_campaign(base_simspec, points, decomposition, agents)), encoding="utf-8"
-        )
-        for fault in _unrated(base_simspec.simspec, decomposition):
-            print(f"cannot be scored yet: {fault}", file=sys.stderr)
+        _write_campaign(campaign, result, points, decomposition, agent or ())
     if groups:
-        print_lines(plain_console(), _grouped(base_simspec, base_simspec.simspec, decomposition))
+        print_lines(plain_console(), _grouped(result, decomposition))
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
-    if not (as_json or explain or groups or html or out or campaign or sys.stdout.isatty()):
-        print(annotated_yaml(base_simspec), end="")
+    if not any((as_json, explain, groups, html, out, campaign, sys.stdout.isatty())):
+        print(annotated_yaml(result), end="")
+
+
+def _show(result: BaseSimSpec, rewritten: RewrittenResult | None, as_json: bool) -> None:
+    """Print the clauses, or the whole result as JSON."""
+    from ._clause_view import clause_lines
+
+    if as_json:
+        shown = result if rewritten is None else rewritten.model_copy(update={"result": result})
+        print(json.dumps(shown.model_dump(mode="json"), indent=2))
+        return
+    # On stderr: stdout belongs to the document, which may be piped into a file.
+    width = shutil.get_terminal_size().columns
+    for line in (*clause_lines(result, width), *_rewritten_lines(rewritten)):
+        print(line, file=sys.stderr)
+
+
+def _write(
+    result: BaseSimSpec, rewritten: RewrittenResult | None, html: Path | None, out: Path | None
+) -> None:
+    """Write the page of clauses, and the SimSpec with the rewrite beside it."""
+    from bench.documents import dump_value
+    from bench.instance_analysis import annotated_yaml
+
+    from ._clause_view import clause_page
+
+    if html is not None:
+        html.write_text(clause_page(result), encoding="utf-8")
+    if out is None:
+        return
+    out.write_text(annotated_yaml(result), encoding="utf-8")
+    if rewritten is not None and rewritten.rewrite.pairs:
+        values = rewritten.rewrite.model_dump(mode="json", exclude_defaults=True)
+        text = dump_value({"format": rewritten.rewrite.format} | values)
+        out.with_suffix(".rewrite.yaml").write_text(text, encoding="utf-8")
+
+
+def _write_campaign(
+    path: Path, result: BaseSimSpec, points: int, decomposition: str, agents: Sequence[str]
+) -> None:
+    """Write the campaign, and print what the text lacks to be scored."""
+    from bench.documents import dump_value
+
+    unrated = _unrated(result.simspec, decomposition)
+    manifests = [_from_folder(manifest, path.parent) for manifest in agents]
+    document = _campaign(result, points, decomposition, manifests)
+    path.write_text(dump_value(document), encoding="utf-8")
+    for fault in unrated:
+        print(f"cannot be scored yet: {fault}", file=sys.stderr)
 
 
 def _description(text: str | None, file: Path | None) -> str:
@@ -177,20 +192,29 @@ def _description(text: str | None, file: Path | None) -> str:
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
 
 
-def _stored(path: Path) -> Rewrite:
+def _read(
+    description: str,
+    words: Vocabulary,
+    answers: Sequence[int],
+    llm: str | None,
+    llm_url: str | None,
+    rewrite: Path | None,
+) -> tuple[BaseSimSpec, RewrittenResult | None]:
+    """The reading of a text, and what a model has made of it where one is asked."""
     from bench.documents import load_document
-    from bench.instance_analysis import Rewrite
+    from bench.errors import Fault, SetupError
+    from bench.instance_analysis import ModelEndpoint, Rewrite, read_prose, rewrite_prose
 
-    return load_document(path, Rewrite)
-
-
-def _rewritten(
-    description: str, words: Vocabulary, model: str, url: str | None, answers: Sequence[int]
-) -> RewrittenResult:
-    from bench.instance_analysis import ModelEndpoint, rewrite_prose
-
-    endpoint = ModelEndpoint(model, url, os.environ.get(KEY_VARIABLE))
-    return rewrite_prose(description, words, endpoint, answers=answers)
+    if llm is not None and rewrite is not None:
+        raise SetupError(Fault("prose", "--llm asks a model and --rewrite asks none", "give one of them"))
+    if llm is None and llm_url is not None:
+        raise SetupError(Fault("prose", "--llm-url is the server of a model", "name the model with --llm"))
+    if llm is None:
+        stored = None if rewrite is None else load_document(rewrite, Rewrite)
+        return read_prose(description, words, answers, stored), None
+    endpoint = ModelEndpoint(llm, llm_url, os.environ.get(KEY_VARIABLE))
+    rewritten = rewrite_prose(description, words, endpoint, answers=answers)
+    return rewritten.result, rewritten
 
 
 def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
@@ -201,7 +225,7 @@ def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
         yield f"{rewritten.model} gave no whole rewrite, and the document stands without it: {rewritten.failure}"
     yield f"{rewritten.model} was asked {rewritten.rounds} times and wrote {len(rewritten.rewrite.pairs)} sentences"
     yield from (
-        f"refused from {rewritten.model}: {refusal.quote}: {refusal.why}" for refusal in rewritten.refused
+        f"refused from {rewritten.model}: {refusal.quote!r}: {refusal.why}" for refusal in rewritten.refused
     )
 
 
@@ -245,8 +269,11 @@ def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
     from bench.errors import SetupError
     from bench.scoring import difficulty_of
 
+    from ._scores import rated_decomposition
+
+    tree = rated_decomposition(decomposition)
     try:
-        difficulty_of(_decomposition(decomposition), simspec)
+        difficulty_of(tree, simspec)
     except SetupError as error:
         return error.faults
     return ()
@@ -303,13 +330,13 @@ def _campaign_description(base_simspec: BaseSimSpec) -> str:
     return "\n".join([base_simspec.prose.strip(), *choices, *unread])
 
 
-def _variations(base_simspec: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:
+def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
     """Combinations of the ends of every range and of every level, up to MAX_VARIATIONS."""
     from bench.documents import validate_document
     from bench.realization import Design, situations
 
     if not base_simspec.ranges:
-        yield "unchanged", simspec
+        yield "unchanged", base_simspec.simspec
         return
     factors = _factors(base_simspec.ranges)
     for factor in factors:
@@ -319,18 +346,20 @@ def _variations(base_simspec: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[s
     design = validate_document({"factors": factors}, Design, source="ranges")
     points = design.pairs()[:MAX_VARIATIONS]
     for (point, _), varied in zip(
-        points, situations(simspec, design, [point for point, _ in points]), strict=True
+        points, situations(base_simspec.simspec, design, [point for point, _ in points]), strict=True
     ):
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 
-def _grouped(base_simspec: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator[str]:
+def _grouped(base_simspec: BaseSimSpec, name: str) -> Iterator[str]:
     from bench.scoring import configuration_of, configuration_tension, difficulty_of
 
-    tree = _decomposition(name)
+    from ._scores import rated_decomposition
+
+    tree = rated_decomposition(name)
     configurations: dict[str, list[str]] = {}
     tensions: dict[str, int | None] = {}
-    for variation, varied in _variations(base_simspec, simspec):
+    for variation, varied in _variations(base_simspec):
         rated = difficulty_of(tree, varied)
         key = configuration_of(tree, rated)
         configurations.setdefault(key, []).append(variation)
@@ -338,152 +367,3 @@ def _grouped(base_simspec: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator
     for key, members in configurations.items():
         yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations"
         yield from (f"  {variation}" for variation in members)
-
-
-def _decomposition(name_or_path: str) -> Decomposition:
-    from bench.simspec import FACTORS
-    from decompositions import DecompositionVocabulary, load_decomposition
-
-    return load_decomposition(
-        name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()})
-    )
-
-
-def tension(
-    node: Annotated[
-        str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")
-    ],
-    wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
-    decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
-) -> None:
-    """Show the ranges of the key factors that give a node a tension.
-
-    Example: rebar tension KA-03 4
-
-    Example: rebar tension "bystander classification" 4
-    """
-    from bench.errors import Fault, SetupError
-
-    tree = _decomposition(decomposition)
-    node = _node(tree, node)
-    if tree.policies.factor_rule != "minimum":
-        raise SetupError(
-            Fault(
-                tree.name,
-                "the policy factor_rule: mean lets no range of a single factor decide",
-                "rate a SimSpec with: rebar difficulty",
-            )
-        )
-    rows = list(_factor_ranges(tree, node, wanted))
-    if as_json:
-        print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
-        return
-    # Tension n covers difficulties above 20 (n - 1) up to 20 n.
-    above = f"above {20 * (wanted - 1)} and " if wanted > 1 else ""
-    lines = [
-        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is {above}at most {20 * wanted}:",
-        "every factor is at least as hard as its first value, and one that has a second is no harder than that.",
-        *(f"  {row['factor']} [{row['unit']}]: {_range_text(row, wanted)}" for row in rows),
-    ]
-    console = plain_console()
-    print_lines(console, lines)
-    unreached = [str(row["factor"]) for row in rows if row["from"] is None]
-    if unreached or not any(row["decides"] for row in rows):
-        reason = (
-            f"the tables of {', '.join(unreached)} end before it" if unreached else "no factor rates so low"
-        )
-        print_lines(console, [f"No situation within the tables has this tension: {reason}."])
-        raise typer.Exit(1)
-
-
-def _node(tree: Decomposition, words: str) -> str:
-    """The node with that id, or the only key attribute whose title has all of these words."""
-    from bench.errors import Fault, SetupError
-    from decompositions import Level
-
-    from ._scores import check_node
-
-    if words in tree.nodes or " " not in words.strip():
-        check_node("NODE", tree, words)
-        return words
-    title_words = [word.lower() for word in words.split()]
-    attributes = tree.at_level(Level.KEY_ATTRIBUTE)
-    matches = [
-        node for node in attributes if all(word in tree.nodes[node].title.lower() for word in title_words)
-    ]
-    if len(matches) != 1:
-        choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
-        raise SetupError(
-            Fault(
-                "NODE",
-                f"{len(matches)} key attributes have {words!r} in their title",
-                f"name one; matches: {choices}",
-            )
-        )
-    return matches[0]
-
-
-def _range_text(row: dict[str, Any], wanted: int) -> str:
-    if row["from"] is None:
-        return "its table ends before"
-    # Rounded into the range: what is printed, put into a SimSpec, must give the tension.
-    harder, easier = (ROUND_CEILING, ROUND_FLOOR) if row["rises"] else (ROUND_FLOOR, ROUND_CEILING)
-    begin = f"{'beyond ' if row['from_past'] else ''}{_rounded(row['from'], harder)}"
-    if not row["decides"]:
-        return f"{begin} or harder; no value rates at most {20 * wanted}"
-    if row["to"] is None:
-        return f"{begin} to the table's end"
-    return f"{begin} to {'short of ' if row['to_before'] else ''}{_rounded(row['to'], easier)}"
-
-
-def _rounded(value: float, rounding: str) -> str:
-    # Twelve digits first: 0.2 is no more than 0.2.
-    return f"{float(Context(prec=6, rounding=rounding).create_decimal(f'{value:.12g}')):.6g}"
-
-
-def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
-    """For each key factor, the range in which the node has the tension.
-
-    From the first value on, no table of the factor rates too low; it is None if one ends before. Up to the second, at
-    least one does not rate too high, so that the factor decides; it is None for the table's end.
-    """
-    from bench.scoring import hardest_value, value_for_rating
-
-    tables: dict[str, list[Any]] = {}
-    for leaf in tree.observables_under(node):
-        # In no SimSpec do those about the bench's detections count for another node than themselves (ruling 25).
-        if leaf == node or tree.observables[leaf].subject != "perception":
-            for row in tree.key_factors(leaf):
-                tables.setdefault(row.factor, []).append(row)
-    for factor, rows in tables.items():
-        rises = rows[0].values[-1] > rows[0].values[0]
-        sign = 1.0 if rises else -1.0
-        # Tension 1 begins at the easy end of every table, so nothing has to be exceeded.
-        lows = [
-            value_for_rating(row, 20.0 * (wanted - 1), tree.policies, exceeded=True)
-            if wanted > 1
-            else (row.values[0], False)
-            for row in rows
-        ]
-        low = max((low for low in lows if low), key=lambda low: (sign * low[0], low[1]), default=None)
-        if low is None or None in lows:
-            low = (None, False)
-        highs = [high for row in rows if (high := hardest_value(row, 20.0 * wanted, tree.policies))]
-        to, before = max(
-            highs, key=lambda high: (sign * high[0], not high[1]), default=(-sign * math.inf, True)
-        )
-        is_past = bool(low[1])
-        decides = low[0] is not None and (
-            sign * low[0] < sign * to or (low[0] == to and not is_past and not before)
-        )
-        yield {
-            "factor": factor,
-            "unit": rows[0].unit,
-            "rises": rises,
-            "from": low[0],
-            "from_past": is_past,
-            "to": to if decides and math.isfinite(to) else None,
-            "to_before": decides and before,
-            "decides": decides,
-        }

@@ -127,6 +127,15 @@ def check_node(option: str, decomposition: Decomposition, node: str) -> None:
         raise SetupError(Fault(option, f"there is no node {node!r} in {decomposition.name}", remedy))
 
 
+def rated_decomposition(named: str, difficulty: Literal["tables", "given"] = "tables") -> Decomposition:
+    """A decomposition by its name or file. Raises SetupError unless it suits the factors that SimSpecs have."""
+    from bench.simspec import FACTORS
+    from decompositions import DecompositionVocabulary, load_decomposition
+
+    units = {name: factor.unit for name, factor in FACTORS.items()}
+    return load_decomposition(named, DecompositionVocabulary(units, difficulty=difficulty))
+
+
 def campaign_report(folder: Path) -> ScoreReport:
     """The score report of a campaign. Nothing is measured again."""
     return _of_campaign(folder, None, reading=True).report(per_run=False)
@@ -338,11 +347,8 @@ def _campaign_decomposition(run: Path) -> str:
 def _of_table(path: Path, named: str) -> ScoreSource:
     from bench.documents import read_text
     from bench.scoring import Sources, read_table, score_external, summary_frame
-    from bench.simspec import FACTORS
-    from decompositions import DecompositionVocabulary, load_decomposition
 
-    units = {name: factor.unit for name, factor in FACTORS.items()}
-    decomposition = load_decomposition(named, DecompositionVocabulary(units, difficulty="given"))
+    decomposition = rated_decomposition(named, difficulty="given")
     table = read_table(read_text(path, MAX_TABLE_BYTES), decomposition, str(path))
     scores = score_external(decomposition, table.runs)
     rows = {pair: f"{path}:{line}" for pair, line in table.lines.items()}

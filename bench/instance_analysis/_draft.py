@@ -46,7 +46,7 @@ class Draft:
         self.ranges: list[VariedField] = []
         self._choices: dict[ChoiceKey, Choice] = {}
         self.not_understood: list[UnreadText] = []
-        self.told: dict[ChoiceKey, UnreadText] = {}
+        self.remarks_by_place: dict[ChoiceKey, UnreadText] = {}
         """Passages that are read differently from how they are written."""
         self.faults: list[tuple[Span, Fault]] = []
         self.reading: Span | None = None
@@ -65,11 +65,11 @@ class Draft:
 
     def remark(self, span: Span, why: str) -> None:
         """Record that a passage is read differently from how it is written."""
-        self.told[span, why] = self._passage(span, why)
+        self.remarks_by_place[span, why] = self._passage(span, why)
 
     @property
     def remarks(self) -> list[UnreadText]:
-        return list(self.told.values())
+        return list(self.remarks_by_place.values())
 
     def describe(self) -> None:
         """Set the description: the whole text, which is no statement about any field."""
@@ -168,7 +168,7 @@ class Draft:
         names = {dotted(entry_path) for entry_path in removed}
         for entry_path in removed:
             del self.entries[entry_path]
-        self.ranges = [entry_path for entry_path in self.ranges if not names.intersection(entry_path.paths)]
+        self.ranges = [varied for varied in self.ranges if not names.intersection(varied.paths)]
 
     def document(self, changed: dict[FieldPath, Any] | None = None) -> dict[str, Any]:
         """Plain values of the SimSpec. Lists keep the order in which the text mentions their members."""

@@ -91,8 +91,8 @@ class Reading:
 
     def _answered(self, answers: Sequence[int]) -> Draft:
         """Read with the answers of a person. An answer may raise further choices, which the next one takes."""
-        taken: dict[ChoiceKey, int] = {}
-        draft = self._settled(taken)
+        chosen: dict[ChoiceKey, int] = {}
+        draft = self._settled(chosen)
         for number, answer in enumerate(answers, start=1):
             choice = next((choice for choice in draft.choices if not choice.answered), None)
             if choice is None:
@@ -100,8 +100,8 @@ class Reading:
             if not 1 <= answer <= len(choice.readings):
                 what = f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}."
                 raise SetupError(Fault("--accept", what, "take one of them"))
-            taken[_key(choice)] = answer - 1
-            draft = self._settled(taken)
+            chosen[_key(choice)] = answer - 1
+            draft = self._settled(chosen)
         return draft
 
     def _settled(self, answers: Mapping[ChoiceKey, int]) -> Draft:
@@ -109,17 +109,19 @@ class Reading:
         cuts: list[Cut] = []
         while True:
             draft = self._read(answers, cuts)
-            found = [Cut(self._grown(span), f"{fault.what} ({fault.remedy})") for span, fault in draft.faults]
-            found = found or self._invalid(draft, cuts)
-            if not found:
+            new_cuts = [
+                Cut(self._grown(span), f"{fault.what} ({fault.remedy})") for span, fault in draft.faults
+            ]
+            new_cuts = new_cuts or self._invalid(draft, cuts)
+            if not new_cuts:
                 return draft
-            cuts += found
+            cuts += new_cuts
 
     def _read(self, answers: Mapping[ChoiceKey, int], cuts: Sequence[Cut]) -> Draft:
         draft = Draft(self.text, answers)
         reader = TextReader(draft, self.vocabulary)
-        kept = [segment for segment in self._segments if not _touches(segment.span, cuts)]
-        reader.read_first([statement for segment in kept for statement in segment.statements])
+        segments = [segment for segment in self._segments if not _touches(segment.span, cuts)]
+        reader.read_first([statement for segment in segments for statement in segment.statements])
         for number, sentence in enumerate(self._sentences):
             reader.scene.sentence = number
             for segment in sentence:
@@ -220,7 +222,7 @@ class Reading:
                 status=_status(segment, account, alone=id(segment) not in beside),
                 sentence=segment.sentence,
                 fields=tuple(account.fields),
-                notes=tuple(dict.fromkeys([*notes, *account.told])),
+                notes=tuple(dict.fromkeys([*notes, *account.remarks])),
             )
 
 
@@ -231,7 +233,7 @@ class _Account:
     fields: list[str] = field(default_factory=list)
     unread: list[UnreadText] = field(default_factory=list)
     choices: list[Choice] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
 def _accounts(draft: Draft, spans: Sequence[Span]) -> list[_Account]:
@@ -255,11 +257,11 @@ def _passages(draft: Draft) -> Iterator[tuple[Span, str, object]]:
         if entry.span is not None and path != ("description",):
             yield entry.span, "fields", dotted(path)
         elif entry.span is None and entry.note and entry.beside is not None:
-            yield entry.beside, "told", f"{dotted(path)} = {entry.value}: {entry.note}"
+            yield entry.beside, "remarks", f"{dotted(path)} = {entry.value}: {entry.note}"
     for unread in draft.not_understood:
         yield Span(unread.start, unread.end), "unread", unread
     yield from ((Span(choice.start, choice.end), "choices", choice) for choice in draft.choices)
-    yield from ((Span(remark.start, remark.end), "told", remark.why) for remark in draft.remarks)
+    yield from ((Span(remark.start, remark.end), "remarks", remark.why) for remark in draft.remarks)
 
 
 def _status(segment: Segment, account: _Account, *, alone: bool) -> ClauseStatus:
@@ -269,15 +271,15 @@ def _status(segment: Segment, account: _Account, *, alone: bool) -> ClauseStatus
         return "choice"
     if segment.mode != "controlled" or not alone:
         return "check"
-    return "default" if account.told else "understood"
+    return "default" if account.remarks else "understood"
 
 
 def _touches(span: Span, cuts: Sequence[Cut]) -> Cut | None:
     return next((cut for cut in cuts if _overlap(cut.span, span)), None)
 
 
-def _overlap(one: Span, other: Span) -> bool:
-    return one.start < other.end and other.start < one.end
+def _overlap(first: Span, second: Span) -> bool:
+    return first.start < second.end and second.start < first.end
 
 
 def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span]:

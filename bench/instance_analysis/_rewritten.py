@@ -23,7 +23,7 @@ def rewrite_prose(
     check_text(text)
     provider = endpoint.provider
     answer = ask_for_rewrite(text, page(fields=False), vocabulary, endpoint)
-    refused = [UnreadText(quote=quote, start=0, end=0, why=why) for quote, why in answer.judged.faults]
+    refused = [UnreadText(quote=quote, start=0, end=0, why=why) for quote, why in answer.judgement.faults]
     return RewrittenResult(
         result=read_prose(text, vocabulary, answers, answer.rewrite),
         rewrite=answer.rewrite,

@@ -61,6 +61,17 @@ def test_answers_become_a_simspec_and_a_picture(
     assert len(circles) == 4
 
 
+def test_an_interview_that_ends_early_says_what_was_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-D after two answers: the sentences so far are the start of the next interview."""
+    answered(monkeypatch, *ANSWERS[:2])
+    assert run(["new", "--out", str(tmp_path / "scene.yaml")]) != 0
+    text = "The area is 600 by 400 m. A radar vehicle at (120, -40)."
+    assert f"give --from-prose what was said: {text}" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_prose_fills_in_what_it_says_and_its_choices_are_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

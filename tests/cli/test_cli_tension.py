@@ -14,7 +14,8 @@ import pytest
 import yaml
 
 from bench.cli._app import run
-from bench.cli._prose import _decomposition, _factor_ranges, _range_text
+from bench.cli._scores import rated_decomposition
+from bench.cli._tension import _factor_ranges, _range_text
 from bench.scoring import difficulty_of, difficulty_of_values, tension_of
 from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition, KeyFactor, Level
@@ -69,7 +70,7 @@ class Range:
 
 @cache
 def tree_of(name: str) -> Decomposition:
-    return _decomposition(name)
+    return rated_decomposition(name)
 
 
 def tables(tree: Decomposition, node: str | None = None) -> dict[str, list[KeyFactor]]:

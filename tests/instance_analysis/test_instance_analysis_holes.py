@@ -74,6 +74,38 @@ def test_the_target_is_one_that_the_text_has_named() -> None:
     assert groups(result.simspec) == [("van", 2)]
 
 
+@pytest.mark.parametrize(
+    ("text", "remark"),
+    [
+        ("Five civilians. Two civilians walk at 1 m/s.", "read as others than civilian"),
+        ("Three to five cars. Four cars are parked.", "read as others than car"),
+        ("Two houses. The house is 40 m from home.", "read as all of house"),
+        ("Five civilians. Two of them walk at 1 m/s.", ""),
+        ("Two civilians. Five civilians walk at 1 m/s.", ""),
+        ("Two civilians. Two civilians walk at 1 m/s.", ""),
+        ("Two houses. The houses are 40 m from home.", ""),
+        ("A house. The house is 40 m from home.", ""),
+    ],
+)
+def test_a_number_that_may_be_meant_otherwise_is_told(text: str, remark: str) -> None:
+    """Two civilians after five may be two of the five; `the house` of two houses may be one of them."""
+    result = read(text)
+    remarks = [item.why for item in result.remarks if item.why.startswith("read as")]
+    assert len(remarks) == bool(remark)
+    assert all(why.startswith(remark) for why in remarks)
+    assert result.clauses[-1].status == ("default" if remark else result.clauses[-1].status)
+
+
+def test_a_number_is_not_lost_to_a_density() -> None:
+    """Six civilians are six, whatever is said of their density; without a number the density holds."""
+    result = read("A house. Six civilians at a density of 120 per km2.")
+    assert not result.complete
+    assert all(group.density_per_km2 is None for group in result.simspec.actors)
+    result = read("Civilians at a density of 120 per km2.")
+    assert result.complete
+    assert result.simspec.actors[0].density_per_km2 == 120
+
+
 def test_a_ban_near_people_is_a_rule_whose_distance_is_asked() -> None:
     """And never its opposite."""
     result = read("A radar. Without marking it near civilians.")

@@ -197,6 +197,28 @@ def test_a_clause_to_be_checked_says_that_it_sets_nothing(status: ClauseStatus, 
     assert field_summary(clause, {}) == shown
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--llm", "m", "--rewrite", "r.yaml"], "--llm asks a model and --rewrite asks none"),
+        (["--llm-url", "http://localhost:1"], "--llm-url is the server of a model"),
+        (["--campaign", "c.yaml", "--decomposition", "nowhere"], "there is no decomposition 'nowhere'"),
+    ],
+)
+def test_options_that_would_go_unheeded_are_refused(
+    options: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Nothing is written then: a campaign without a decomposition could not be run."""
+    monkeypatch.chdir(tmp_path)
+    assert run(["prose", "A truck.", *options]) == 2
+    assert told in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ranges_become_a_campaign_that_can_be_realized(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -268,6 +268,32 @@ def test_what_is_assumed_is_a_choice() -> None:
     assert any("100 m away" in passage.quote for passage in other.not_understood)
 
 
+def test_lines_of_a_rewrite_are_none_of_the_document(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Line ends in what a model writes make no keys, no comments and no lines of the terminal."""
+    forged = "\nname: forged\r# certain\u2028# certain"
+    text = "A vehicle. A helicopter. Ten wombats. Fly at 80 m."
+    rewrite = tmp_path / "forged.yaml"
+    entries = [
+        {"quotes": ["A vehicle"], "unclear": f"kind{forged}", "readings": ["A car.\nA car.", "A truck."]},
+        {"quotes": ["A helicopter"], "cannot_say": f"none{forged}"},
+        {"quotes": ["Fly at 80 m"], "sentence": "Fly at 80 m.", "taken_to_mean": f"above home{forged}"},
+    ]
+    rewrite.write_text(json.dumps({"format": "rebar.rewrite/1", "pairs": entries}))
+    out = tmp_path / "scene.yaml"
+    assert run(["prose", text, "--rewrite", str(rewrite), "--out", str(out)]) == 0
+    assert [line for line in out.read_text().splitlines() if line.startswith("name")] == ["name: prose"]
+    lines = [*out.read_text().splitlines(), *capsys.readouterr().err.splitlines()]
+    assert not [line for line in lines if line.startswith(("# certain", "A car", "name: forged"))]
+    absent = {"quotes": ["A submarine\n9 clauses: 9 understood"], "sentence": "A car."}
+    with recorded(pairs(absent)) as (url, _):
+        assert run(["prose", text, "--llm", "m", "--llm-url", url]) == 0
+    assert not [
+        line for line in capsys.readouterr().err.splitlines() if line.startswith("9 clauses: 9 understood")
+    ]
+
+
 def test_what_cannot_be_said_is_listed() -> None:
     """With the reason of the model; the sentences that it leaves alone are read by the bench itself."""
     text = "Fly at 80 m. Visibility is 800 m."

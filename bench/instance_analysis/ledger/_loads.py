@@ -18,7 +18,7 @@ KINDS = ("LENGTH", "SPEED", "TIME", "ANGLE", "AREA", "ENERGY", "PERCENT")
 _PREPOSITIONS = frozenset(["over", "under", "above", "below", "beyond", "within"])
 """Words that are bounds before a number alone."""
 HARD = frozenset(["negation", "condition", "share", "alternative", "lower", "upper", "quantifier"])
-"""Loads that may turn around what stands beside them: nothing of a sentence is read while one of them is not."""
+"""Loads that a rewrite must quote, and that a sentence has as often as its words."""
 
 
 class Concepts(Document):
@@ -121,13 +121,13 @@ class TextLoads:
             yield from ((Number("LENGTH", side, self._parser.span(at, end)), end) for side in sides)
 
     def _quantity_at(self, at: int) -> Iterator[tuple[Number, int]]:
-        read = [pair for kind in KINDS for pair in self._parser.quantities(kind, at)]
+        quantities = [pair for kind in KINDS for pair in self._parser.quantities(kind, at)]
         if at == 0 or self.words[at - 1] != "the":
             # `the two trucks` are known: their number is told before.
-            read += self._parser.counts(at)
-        if not read:
+            quantities += self._parser.counts(at)
+        if not quantities:
             return
-        quantity, end = max(read, key=lambda item: item[1])
+        quantity, end = max(quantities, key=lambda item: item[1])
         for value in dict.fromkeys((quantity.low, quantity.high)):
             if quantity.kind != "COUNT" or value != 1.0:
                 # `a radar` is one radar: a single one is no number that a sentence could lose.
@@ -151,7 +151,7 @@ class TextLoads:
         return ""
 
     def _loads(self) -> Iterator[Load]:
-        taken: set[int] = set()
+        covered: set[int] = set()
         tables = sorted(
             ((kind, len(word.split()), word) for kind, words in concepts().loads.items() for word in words),
             key=lambda item: -item[1],
@@ -159,8 +159,8 @@ class TextLoads:
         for at in range(len(self.words)):
             for kind, length, word in tables:
                 run = self.words[at : at + length]
-                if at not in taken and len(run) == length and _fits(run, word.split()):
-                    taken |= set(range(at, at + length))
+                if at not in covered and len(run) == length and _fits(run, word.split()):
+                    covered |= set(range(at, at + length))
                     if not self._is_idle(kind, run, at + length):
                         yield Load(kind, " ".join(run), self._parser.span(at, at + length))
                     break
@@ -174,15 +174,15 @@ class TextLoads:
 
     def nouns(self) -> list[tuple[tuple[str, ...], str]]:
         """Every noun of the vocabulary with the entries that it may be, in order."""
-        found: list[tuple[tuple[str, ...], str]] = []
+        nouns: list[tuple[tuple[str, ...], str]] = []
         at = 0
         while at < len(self.words):
             match = next(iter(self._vocabulary.longest("noun", self.words, at)), None)
             if match is not None:
                 entries = (match[0],) if isinstance(match[0], str) else tuple(match[0])
-                found.append((entries, " ".join(self.words[at : match[1]])))
+                nouns.append((entries, " ".join(self.words[at : match[1]])))
             at = at + 1 if match is None else match[1]
-        return found
+        return nouns
 
     def things(self) -> list[tuple[str, str]]:
         """Every entry that a noun of the text may be, with its exact asset, in order."""
@@ -191,15 +191,15 @@ class TextLoads:
 
     def direction(self, at: int) -> float | None:
         """The direction of the compass at a token, where that is none of a longer word before it."""
-        found = self._vocabulary.longest("directions", self.words, at)
-        return float(found[0][0]) if found else None
+        entries = self._vocabulary.longest("directions", self.words, at)
+        return float(entries[0][0]) if entries else None
 
     def table(self, name: str) -> list[object]:
         """The values of a table of the vocabulary for the words of the text, in order."""
         return [
-            found[0][0]
+            entries[0][0]
             for at in range(len(self.words))
-            if (found := self._vocabulary.longest(name, self.words, at))
+            if (entries := self._vocabulary.longest(name, self.words, at))
         ]
 
 

@@ -46,16 +46,16 @@ def faults_of(pair: Pair) -> list[str]:
 
 def _numbers(pair: Pair) -> Iterator[str]:
     """The same numbers in the same order, each with the thing that it counts."""
-    left = list(pair.words.numbers)
+    unmatched = list(pair.words.numbers)
     matched: list[tuple[Number, Number]] = []
     for number in pair.sentence.numbers:
-        same = _same_number(number, left)
+        same = _same_number(number, unmatched)
         if same is None:
             yield f"the number {_shown(number)} is not in the words"
         else:
-            left.remove(same)
+            unmatched.remove(same)
             matched.append((same, number))
-    yield from (f"the number {_shown(number)} of the words is lost" for number in left)
+    yield from (f"the number {_shown(number)} of the words is lost" for number in unmatched)
     yield from _misplaced(matched)
 
 
@@ -151,9 +151,12 @@ def _weather(pair: Pair) -> Iterator[str]:
         words = [word for word in concepts().topics[name] if word.startswith(name)]
         if pair.words.has(words) and not pair.sentence.has(concepts().topics[name]):
             yield f"the {name} of the words is lost"
-    said, written = set(pair.words.table("intensities")) - {0}, set(pair.sentence.table("intensities")) - {0}
+    of_words, of_sentence = (
+        set(pair.words.table("intensities")) - {0},
+        set(pair.sentence.table("intensities")) - {0},
+    )
     if (
-        pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and said != written
+        pair.words.has(["rain*", "fog*", "wind*", "mist*", "dust*"]) and of_words != of_sentence
     ) and not pair.assumes:
         yield "the strength of the weather is another one"
 
@@ -167,23 +170,23 @@ def _compass(pair: Pair) -> Iterator[str]:
 
 def _directions(text: TextLoads) -> list[float]:
     """Directions in degrees. A letter behind a number is a unit, and one in brackets a part of coordinates."""
-    read: list[float] = []
+    directions: list[float] = []
     for at in range(len(text.words)):
         letter = len(text.words[at]) < 2 and (at == 0 or text.tokens[at - 1].kind == "number")
-        if not letter and (found := text.direction(at)) is not None:
-            read.append(found)
-    return read
+        if not letter and (direction := text.direction(at)) is not None:
+            directions.append(direction)
+    return directions
 
 
 def _things(pair: Pair) -> Iterator[str]:
     """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
-    said: dict[str, set[str]] = {}
+    of_words: dict[str, set[str]] = {}
     for entry, asset in pair.words.things():
-        said.setdefault(entry, set()).add(asset)
+        of_words.setdefault(entry, set()).add(asset)
     for entry, asset in pair.sentence.things():
-        if entry not in said:
+        if entry not in of_words:
             yield from _not_named(entry, pair)
-        elif asset not in {*said[entry], pair.vocabulary.assets[entry].asset}:
+        elif asset not in {*of_words[entry], pair.vocabulary.assets[entry].asset}:
             # A noun of the same entry that says more than the words: a woman is not any person.
             yield f"the words do not say {asset!r}"
     # `box` is a crate, and the area of interest.
@@ -192,8 +195,8 @@ def _things(pair: Pair) -> Iterator[str]:
 
 
 def _lost_things(pair: Pair) -> Iterator[str]:
-    written = {entry for entry, _ in pair.sentence.things()}
-    lost = [noun for nouns, noun in pair.words.nouns() if written.isdisjoint(nouns)]
+    named = {entry for entry, _ in pair.sentence.things()}
+    lost = [noun for nouns, noun in pair.words.nouns() if named.isdisjoint(nouns)]
     yield from (f"{noun!r} of the words is lost" for noun in lost)
 
 
@@ -217,17 +220,17 @@ def _not_named(entry: str, pair: Pair) -> Iterator[str]:
 
 def _roles(pair: Pair) -> Iterator[str]:
     """The same roles, but where the asset has the role by itself."""
-    said, written = set(pair.words.table("role")), set(_written_roles(pair))
+    of_words, of_sentence = set(pair.words.table("role")), set(_written_roles(pair))
     if pair.words.has(["link", "comms", "contact", "connection", "gps", "lost link"]):
         # `the link is lost` tells of nobody.
-        said -= {Role.SOUGHT}
+        of_words -= {Role.SOUGHT}
     natural = {pair.vocabulary.role(entry) for entry, _ in pair.sentence.things()}
     searched = pair.words.has(concepts().topics["role"])
-    for role in written - said - natural:
+    for role in of_sentence - of_words - natural:
         if not pair.assumes and not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
             yield f"the words do not say {role}"
     called = any("role" in part.form.topic for part in pair.parts)
-    yield from (f"{role} of the words is lost" for role in said - written - natural if not called)
+    yield from (f"{role} of the words is lost" for role in of_words - of_sentence - natural if not called)
 
 
 def _written_roles(pair: Pair) -> Iterator[Role]:

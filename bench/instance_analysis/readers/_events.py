@@ -83,7 +83,11 @@ class EventReader:
         if kind == "resume" and self._silent:
             kind = "resume_reporting"
         self._silent = kind == "stop_reporting" or (self._silent and kind not in ("resume_reporting",))
-        report = self._on(self._scene.one(part.first("group")), part.span) if part.first("group") else None
+        report = (
+            self._on(self._scene.single_group(part.first("group")), part.span)
+            if part.first("group")
+            else None
+        )
         # Orders have ids, because an agent answers them by id; failures and outages are plain lists.
         key = f"{kind.replace('_', '-')}-{self._next('orders') + 1}"
         base: FieldPath = ("orders", key)
@@ -106,7 +110,7 @@ class EventReader:
 
     def _target(self, phrase: NounPhrase | None) -> str:
         if phrase is not None:
-            return self._scene.one(phrase)
+            return self._scene.single_group(phrase)
         targets = self._scene.targets()
         if len(targets) != 1:
             raise NotReadError("it is about a report on a group, and the text does not say which")
@@ -116,7 +120,7 @@ class EventReader:
 
     def intelligence(self, part: Part) -> None:
         """Read a report on a group: how old, how accurate, when it comes in."""
-        group = self._scene.one(part.first("group"))
+        group = self._scene.single_group(part.first("group"))
         if self._scene.role(group) is Role.CLUTTER:
             raise NotReadError("intelligence is about adversaries, the sought or bystanders")
         stated = [(name, slot) for slot, name in REPORTED.items() if part.first(slot) is not None]

@@ -61,7 +61,12 @@ class TextReader:
     def _attempt(self, span: Span, read: Callable[[], None]) -> bool:
         """Read something in whole or not at all, and list it in that case."""
         draft = self.draft
-        before = (dict(draft.entries), list(draft.ranges), list(draft.statements), dict(draft.told))
+        before = (
+            dict(draft.entries),
+            list(draft.ranges),
+            list(draft.statements),
+            dict(draft.remarks_by_place),
+        )
         acknowledged = len(draft.acknowledged)
         known, families, subject = (
             len(self.scene.groups),
@@ -72,7 +77,7 @@ class TextReader:
         try:
             read()
         except NotReadError as error:
-            draft.entries, draft.ranges, draft.statements, draft.told = before
+            draft.entries, draft.ranges, draft.statements, draft.remarks_by_place = before
             del draft.acknowledged[acknowledged:]
             self.scene.families, self.scene.subject = families, subject
             for group in list(self.scene.groups)[known:]:

@@ -125,7 +125,7 @@ class Scene:
         chosen = self.draft.ask(phrase.span, question, [*known, "no, another one"])
         return known[chosen : chosen + 1]
 
-    def one(self, phrase: NounPhrase) -> str:
+    def single_group(self, phrase: NounPhrase) -> str:
         """The single group that a phrase names."""
         groups = self.named_once(phrase)
         if len(groups) != 1:
@@ -155,6 +155,7 @@ class Scene:
         if phrase.none:
             self._note_absent(phrase)
             return []
+        self._note_repeated(phrase)
         return [self._new(phrase)]
 
     def _known(self, phrase: NounPhrase) -> list[str]:
@@ -183,7 +184,10 @@ class Scene:
             if not fitting:
                 raise NotReadError(f"the text names no group of {phrase.count.low:g} before")
             known = fitting
-        return self._chosen(known, phrase.span)
+        chosen = self._chosen(known, phrase.span)
+        if phrase.count is None and not phrase.plural and self.groups[chosen[0]].plural:
+            self.draft.remark(phrase.span, f"read as all of {', '.join(chosen)}, which are several")
+        return chosen
 
     def _chosen(self, groups: list[str], span: Span, why: str = "it is nobody") -> list[str]:
         """One of some groups, or all of them; a family is one."""
@@ -247,6 +251,20 @@ class Scene:
         """`no civilians`: true of a text that names none; of one that does it is a contradiction."""
         self.draft.acknowledge(phrase.span)
         self.absent |= dict.fromkeys(phrase.entries, phrase.span)
+
+    def _note_repeated(self, phrase: NounPhrase) -> None:
+        """`Five civilians. Two civilians walk`: they are others, although many who write so mean two of the five."""
+        if phrase.count is None or not phrase.count.single:
+            return
+        larger = [
+            group
+            for group in self._known(phrase)
+            if (count := self.count(group)) is None or count > phrase.count.low
+        ]
+        if larger:
+            self.draft.remark(
+                phrase.span, f"read as others than {', '.join(larger)}: `of them` would mean some of those"
+            )
 
     def _new(self, phrase: NounPhrase) -> str:
         entry, asset = self._kind(phrase)
@@ -316,7 +334,10 @@ class Scene:
             self.draft.vary(path, count.low, count.high, span, unit=None, integer=True)
 
     def put_density(self, group: str, count: Quantity, per_km2: float, span: Span) -> None:
-        """Set the density of a group in the place of its number."""
+        """Set the density of a group in the place of its number. Raises NotReadError where the text states a number."""
+        stated = self.draft.entries.get(("actors", group, "count"))
+        if stated is not None and stated.span is not None:
+            raise NotReadError(f"{group} has a number already: state the number or the density")
         self.draft.forget(("actors", group, "count"))
         self.groups[group].plural = True
         path: FieldPath = ("actors", group, "density_per_km2")

@@ -67,7 +67,7 @@ class SettingsReader:
 
     def escort(self, part: Part) -> None:
         """Read whom the drone escorts, how near it stays, and how early it warns."""
-        group = self._scene.one(part.first("group"))
+        group = self._scene.single_group(part.first("group"))
         if self._scene.asset(group) in IMMOVABLE or self._scene.role(group) in (Role.ADVERSARY, Role.SOUGHT):
             raise NotReadError("an escort is of one group that moves and is no target")
         base: FieldPath = ("mission", "escort")

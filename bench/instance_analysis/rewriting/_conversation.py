@@ -158,12 +158,12 @@ async def _run(
     door: ModelConnection,
     gate: _TrafficFilter,
     messages: list[ModelMessage],
-    told: tuple[str, str],
+    texts: tuple[str, str],
     judge: Judge,
     output: NativeOutput[Rewrite] | PromptedOutput[Rewrite],
 ) -> Conversation:
     # Output tools need a model trained for tools; a schema stands in the prompt as well, which every model understands.
-    brief, question = told
+    brief, question = texts
     agent = Agent(
         model,
         name="prose",
@@ -250,8 +250,8 @@ def _failure(
             return SetupError(
                 Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url")
             )
-        told = error.body.get("message") if isinstance(error.body, dict) else None
-        return LinkLost(f"{what}: {str(told).splitlines()[0][:200]}" if told else what)
+        message = error.body.get("message") if isinstance(error.body, dict) else None
+        return LinkLost(f"{what}: {str(message).splitlines()[0][:200]}" if message else what)
     if isinstance(error, ModelAPIError):
         return LinkLost(f"{door.description} does not answer: {_first_line(error)}")
     return LinkLost(f"{door.description} answers in another form than it should: {_first_line(error)}")
@@ -293,9 +293,11 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
         return infer_provider(name)
     # Not every provider takes a client; those that do not keep their own, and lose the limit on the answer's
     # size.
-    known = infer_provider_class(name)
-    takes_client = name not in OTHER_CLIENTS and "http_client" in inspect.signature(known.__init__).parameters
-    return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
+    provider_class = infer_provider_class(name)
+    takes_client = (
+        name not in OTHER_CLIENTS and "http_client" in inspect.signature(provider_class.__init__).parameters
+    )
+    return provider_class(http_client=client) if takes_client else provider_class()  # type: ignore[call-arg]
 
 
 class _TrafficFilter:
@@ -339,10 +341,10 @@ class _Bounded(httpx2.AsyncByteStream):
         self._gate = gate
 
     async def __aiter__(self) -> AsyncIterator[bytes]:
-        read = 0
+        size_bytes = 0
         async for chunk in self._stream:
-            read += len(chunk)
-            if read > MAX_ANSWER_BYTES:
+            size_bytes += len(chunk)
+            if size_bytes > MAX_ANSWER_BYTES:
                 self._gate.too_large()
             yield chunk
 

@@ -13,7 +13,7 @@ from bench.errors import LinkLost
 
 from .._result import BaseSimSpec, UnreadText
 from ..language._vocabulary import Vocabulary
-from ._rewrite import Judged, Rewrite, RewriteJudge
+from ._rewrite import Judgement, Rewrite, RewriteJudge
 
 MAX_ROUNDS = 3
 BRIEF = """\
@@ -84,7 +84,7 @@ class Answer:
     """The best rewrite of a conversation, and what became of it."""
 
     rewrite: Rewrite
-    judged: Judged
+    judgement: Judgement
     rounds: int
     failure: str
 
@@ -95,19 +95,19 @@ def ask_for_rewrite(text: str, page: str, vocabulary: Vocabulary, endpoint: Endp
     Whatever the model answers, or if nothing comes, there is an answer: then with an empty rewrite, and the reason.
     """
     judge = RewriteJudge(text, vocabulary)
-    best: list[tuple[Rewrite, Judged]] = []
+    best: list[tuple[Rewrite, Judgement]] = []
 
-    def told(rewrite: Rewrite) -> str:
-        judged = judge.judge(rewrite)
-        if not best or len(judged.faults) < len(best[0][1].faults):
-            best[:] = [(rewrite, judged)]
-        return judged.told
+    def report(rewrite: Rewrite) -> str:
+        judgement = judge.judge(rewrite)
+        if not best or len(judgement.faults) < len(best[0][1].faults):
+            best[:] = [(rewrite, judgement)]
+        return judgement.report
 
     failure, rounds = "", 0
     try:
-        conversation = endpoint.ask(BRIEF + page, text, told)
+        conversation = endpoint.ask(BRIEF + page, text, report)
         rounds, failure = conversation.rounds, conversation.why
     except LinkLost as error:
         failure = str(error)
-    rewrite, judged = best[0] if best else (Rewrite(pairs=()), judge.judge(Rewrite(pairs=())))
-    return Answer(rewrite, judged, rounds, failure)
+    rewrite, judgement = best[0] if best else (Rewrite(pairs=()), judge.judge(Rewrite(pairs=())))
+    return Answer(rewrite, judgement, rounds, failure)

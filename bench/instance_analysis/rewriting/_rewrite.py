@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from bench.documents import Document
 
@@ -25,6 +25,8 @@ from ._segments import FreeReader, Segment
 MAX_PAIRS = 300
 """A model may repeat itself without end. Chosen, not measured."""
 Text = Annotated[str, Field(max_length=2000)]
+# A line end in it would begin a line of the SimSpec's file, or a line of the terminal.
+Line = Annotated[Text, AfterValidator(lambda text: " ".join(text.split()))]
 UNQUOTED = "no sentence of the rewrite stands for it"
 FAINT = frozenset(
     ["the", "and", "with", "that", "this", "there", "then", "also", "please", "from", "have", "will"]
@@ -39,14 +41,14 @@ class Rewritten(Document):
     quotes: Annotated[
         tuple[Text, ...], Field(description="Words of the text, letter by letter.", min_length=1)
     ]
-    sentence: Annotated[Text, Field(description="One or more sentences of the page.")] = ""
+    sentence: Annotated[Line, Field(description="One or more sentences of the page.")] = ""
     taken_to_mean: Annotated[
-        Text, Field(description="What the sentence assumes that the words leave open.")
+        Line, Field(description="What the sentence assumes that the words leave open.")
     ] = ""
-    cannot_say: Annotated[Text, Field(description="What the page has no sentence for.")] = ""
-    unclear: Annotated[Text, Field(description="What the words leave open.")] = ""
+    cannot_say: Annotated[Line, Field(description="What the page has no sentence for.")] = ""
+    unclear: Annotated[Line, Field(description="What the words leave open.")] = ""
     readings: Annotated[
-        tuple[Text, ...], Field(description="A sentence of the page for each thing that they may mean.")
+        tuple[Line, ...], Field(description="A sentence of the page for each thing that they may mean.")
     ] = ()
 
 
@@ -58,7 +60,7 @@ class Rewrite(Document):
 
 
 @dataclass(slots=True)
-class Judged:
+class Judgement:
     """What the judge makes of a rewrite: the segments that hold, and what is wrong with the others."""
 
     segments: list[Segment] = field(default_factory=list)
@@ -67,7 +69,7 @@ class Judged:
     quoted: list[Span] = field(default_factory=list)
 
     @property
-    def told(self) -> str:
+    def report(self) -> str:
         """The faults as a model is to read them."""
         return "\n".join(f"{quote!r}: {why}" for quote, why in self.faults)
 
@@ -80,27 +82,27 @@ class RewriteJudge:
         self._free = FreeReader(text, vocabulary)
         self._loads = TextLoads(text, vocabulary)
 
-    def judge(self, rewrite: Rewrite) -> Judged:
+    def judge(self, rewrite: Rewrite) -> Judgement:
         """The segments of a rewrite that hold, and the faults of the rest and of what it leaves out."""
-        judged = Judged()
+        judgement = Judgement()
         earlier: list[str] = []
         for pair in rewrite.pairs[:MAX_PAIRS]:
-            spans = self._places(pair.quotes, judged.quoted)
+            spans = self._places(pair.quotes, judgement.quoted)
             if spans is None:
-                judged.faults.append(
+                judgement.faults.append(
                     ("; ".join(pair.quotes)[:200], "the quote is not in the text, or is quoted twice")
                 )
                 continue
-            judged.quoted += spans
+            judgement.quoted += spans
             segment, why = self._segment(pair, spans, earlier)
-            judged.segments.append(segment)
+            judgement.segments.append(segment)
             if why:
-                judged.faults.append((self._text[spans[0].start : spans[-1].end][:200], why))
+                judgement.faults.append((self._text[spans[0].start : spans[-1].end][:200], why))
             earlier += [entry for entry in self._entries(segment) if entry not in earlier]
-        judged.faults += [
-            (self._text[span.start : span.end], UNQUOTED) for span in self._unquoted_loads(judged.quoted)
+        judgement.faults += [
+            (self._text[span.start : span.end], UNQUOTED) for span in self._unquoted_loads(judgement.quoted)
         ]
-        return judged
+        return judgement
 
     def _entries(self, segment: Segment) -> list[str]:
         if segment.mode == "unread":
@@ -126,8 +128,8 @@ class RewriteJudge:
     def _tells_again(self, span: Span, taken: Sequence[Span]) -> bool:
         """Whether a number or a word that changes its clause is in another quote already."""
         spans = [*(number.span for number in self._loads.numbers), *(load.span for load in self._loads.loads)]
-        told = [part for part in spans if _within(part, span)]
-        return any(_within(part, other) for part in told for other in taken) or any(
+        parts = [part for part in spans if _within(part, span)]
+        return any(_within(part, other) for part in parts for other in taken) or any(
             span == other for other in taken
         )
 
@@ -155,15 +157,15 @@ class RewriteJudge:
         options: list[tuple[str, tuple[Statement, ...]]] = []
         why = "it has no reading"
         for sentence in sentences:
-            statements = self._free.parsed(sentence, span) or []
-            why = self._wrong(words, sentence, statements, earlier, bool(assumes))
+            statements = self._free.statements_of(sentence, span) or []
+            why = self._fault_of(words, sentence, statements, earlier, bool(assumes))
             options += [] if why else [(sentence, tuple(statements))]
         if not options:
             return Segment(span, "unread", why=why), why
-        sentence, held = options[0]
-        return Segment(span, "rewritten", held, sentence, assumes=assumes, options=tuple(options[1:])), ""
+        sentence, first = options[0]
+        return Segment(span, "rewritten", first, sentence, assumes=assumes, options=tuple(options[1:])), ""
 
-    def _wrong(
+    def _fault_of(
         self,
         words: TextLoads,
         sentence: str,
@@ -181,26 +183,26 @@ class RewriteJudge:
 
     # The whole text.
 
-    def sentences(self, judged: Judged) -> list[list[Segment]]:
+    def sentences(self, judgement: Judgement) -> list[list[Segment]]:
         """The segments of each sentence of the text. One that has no quote is read as it would be without a rewrite."""
-        return [self._of_sentence(sentence, judged) for sentence in sentences_of(self._text)]
+        return [self._of_sentence(sentence, judgement) for sentence in sentences_of(self._text)]
 
-    def _of_sentence(self, sentence: Sentence, judged: Judged) -> list[Segment]:
-        inside = [segment for segment in judged.segments if _begins_in(segment.span, sentence.span)]
+    def _of_sentence(self, sentence: Sentence, judgement: Judgement) -> list[Segment]:
+        segments = [segment for segment in judgement.segments if _begins_in(segment.span, sentence.span)]
         quoted = [
             span
-            for span in judged.quoted
+            for span in judgement.quoted
             if span.start < sentence.span.end and sentence.span.start < span.end
         ]
         if not quoted:
-            return self._free.of_sentence(sentence)
+            return self._free.segments_of(sentence)
         runs = _uncovered(sentence, quoted)
-        left = [
+        gaps = [
             Segment(span, "unread", why=UNQUOTED)
             for span in runs
             if _tells(self._text[span.start : span.end])
         ]
-        return sorted([*inside, *left], key=lambda segment: segment.span.start)
+        return sorted([*segments, *gaps], key=lambda segment: segment.span.start)
 
 
 def _begins_in(span: Span, whole: Span) -> bool:

@@ -1,7 +1,7 @@
-"""Divides a text into segments that are read together: sentences of the controlled language, free clauses, and what is left.
+"""Divides a text into segments that are read together: sentences of the controlled language, free clauses, and gaps.
 
 A free clause is read where soft words are the only difference, or where a pattern of the phrase book gives a sentence
-for it that the ledger lets pass. What is left of a sentence is listed; where it holds a condition, nothing of the
+for it that the ledger lets pass. The gaps of a sentence are listed; where one holds a condition, nothing of the
 sentence is read.
 """
 
@@ -48,11 +48,11 @@ class Segment:
 
 
 @dataclass(slots=True)
-class _Found:
-    """The segments of one sentence, and the tokens that none of them holds."""
+class _Division:
+    """The segments of one sentence, and the runs of tokens between them."""
 
     segments: list[Segment] = field(default_factory=list)
-    left: list[list[Token]] = field(default_factory=list)
+    gaps: list[list[Token]] = field(default_factory=list)
 
 
 class PhraseBook:
@@ -78,7 +78,9 @@ class PhraseBook:
         self, pattern: Pattern, sentence: str, parser: SlotParser, at: int
     ) -> Iterator[tuple[str, int]]:
         for end, captures in pattern.matches(parser, at):
-            words = {capture.name: _joined(parser.words[capture.begin : capture.end]) for capture in captures}
+            words = {
+                capture.name: _text_of(parser.words[capture.begin : capture.end]) for capture in captures
+            }
             if end > at and all(f"{{{name}}}" in sentence for name in words):
                 yield sentence.format(**words), end
 
@@ -93,7 +95,7 @@ def _end_of_breaks(tokens: Sequence[Token], at: int) -> int:
     return next((index for index in range(at, len(tokens)) if tokens[index].text not in BREAKS), len(tokens))
 
 
-def _joined(words: Sequence[str]) -> str:
+def _text_of(words: Sequence[str]) -> str:
     """Tokens as text that is divided into the same tokens again."""
     return " ".join(words).replace("( ", "(").replace(" )", ")").replace(" ,", ",").replace("- ", "-")
 
@@ -111,7 +113,7 @@ def shipped_phrases() -> dict[str, str]:
 
 
 class FreeReader:
-    """Divides a text into segments. `loads` keeps what the ledger knows of the text."""
+    """Divides a text into segments."""
 
     def __init__(self, text: str, vocabulary: Vocabulary) -> None:
         self._text, self._vocabulary = text, vocabulary
@@ -120,9 +122,9 @@ class FreeReader:
     def segments(self) -> Iterator[list[Segment]]:
         """The segments of each sentence of the text, in order."""
         for sentence in sentences_of(self._text):
-            yield self.of_sentence(sentence)
+            yield self.segments_of(sentence)
 
-    def of_sentence(self, sentence: Sentence) -> list[Segment]:
+    def segments_of(self, sentence: Sentence) -> list[Segment]:
         """The segments of a sentence."""
         if sentence.question:
             return [Segment(sentence.span, "unread", why="a question describes nothing")]
@@ -141,24 +143,26 @@ class FreeReader:
         tokens = self._without_soft(sentence.tokens)
         if not tokens:
             return [Segment(sentence.span, "unread", why="it is none of the sentences that are read")]
-        found = self._clauses(tokens)
-        left = [TextLoads(" ".join(token.text for token in run), self._vocabulary) for run in found.left]
-        hard = next((load for loads in left for load in loads.loads if load.kind in REACHING), None)
-        if hard is not None and found.segments:
-            why = f"{hard.text!r} is not read, and may turn around what stands beside it"
+        division = self._clauses(tokens)
+        gap_loads = [
+            TextLoads(" ".join(token.text for token in run), self._vocabulary) for run in division.gaps
+        ]
+        reaching = next((load for loads in gap_loads for load in loads.loads if load.kind in REACHING), None)
+        if reaching is not None and division.segments:
+            why = f"{reaching.text!r} is not read, and may turn around what stands beside it"
             return [Segment(sentence.span, "unread", why=why)]
         unread = [
             Segment(
                 run[0].span.joined(run[-1].span), "unread", why="it is none of the sentences that are read"
             )
-            for run in found.left
+            for run in division.gaps
         ]
-        return sorted([*found.segments, *unread], key=lambda segment: segment.span.start)
+        return sorted([*division.segments, *unread], key=lambda segment: segment.span.start)
 
     def _without_soft(self, tokens: Sequence[Token]) -> list[Token]:
         """The tokens without soft words and quotation marks."""
         words = [token.text for token in tokens]
-        kept: list[Token] = []
+        hard: list[Token] = []
         at = 0
         while at < len(tokens):
             soft = self._vocabulary.longest("soft", words, at)
@@ -166,36 +170,36 @@ class FreeReader:
                 at = soft[0][1]
                 continue
             if words[at] not in ('"', "“", "”", "*"):
-                kept.append(tokens[at])
+                hard.append(tokens[at])
             at += 1
-        return kept
+        return hard
 
-    def _clauses(self, tokens: list[Token]) -> _Found:
-        """The longest statements from each break of a sentence on, and what is left between them."""
-        found, parser = _Found(), Parser(tokens, self._vocabulary, free=True)
+    def _clauses(self, tokens: list[Token]) -> _Division:
+        """The longest clause from each break of a sentence on, and the gaps between them."""
+        division, parser = _Division(), Parser(tokens, self._vocabulary, free=True)
         at = 0
         run: list[Token] = []
         while at < len(tokens):
-            segment, end = self._longest(parser, at)
+            segment, end = self._longest_clause(parser, at)
             stop = _end_of_breaks(tokens, end if segment is not None else _next_break(tokens, at + 1))
             if segment is None:
                 run += tokens[at:stop]
             else:
-                found.segments.append(segment)
+                division.segments.append(segment)
             if run and (segment is not None or stop >= len(tokens)):
-                found.left.append(run)
+                division.gaps.append(run)
                 run = []
             at = stop
-        return found
+        return division
 
-    def _longest(self, parser: Parser, at: int) -> tuple[Segment | None, int]:
+    def _longest_clause(self, parser: Parser, at: int) -> tuple[Segment | None, int]:
         """The longest clause that begins at a token and ends at a break."""
         for statement in parser.statements(at):
             if self._ends(parser, statement.end):
                 return Segment(statement.span, "free", (statement,)), statement.end
         for sentence, end in sorted(self._book.sentences(parser, at), key=lambda item: -item[1]):
             span = parser.span(at, end)
-            statements = self.parsed(sentence, span) if self._ends(parser, end) else None
+            statements = self.statements_of(sentence, span) if self._ends(parser, end) else None
             if statements and not self.faults(span, sentence, statements):
                 return Segment(span, "rewritten", tuple(statements), sentence), end
         return None, at
@@ -203,15 +207,15 @@ class FreeReader:
     def _ends(self, parser: Parser, end: int) -> bool:
         return end == len(parser.tokens) or parser.word(end) in BREAKS
 
-    def parsed(self, sentence: str, span: Span) -> list[Statement] | None:
+    def statements_of(self, sentence: str, span: Span) -> list[Statement] | None:
         """The statements of one or more sentences of the controlled language that stand for a passage of the text."""
         statements: list[Statement] = []
-        for part in sentences_of(sentence):
-            tokens = tokens_of(sentence[part.span.start : part.span.end], span)
-            read = Parser(tokens, self._vocabulary).whole() if len(tokens) <= MAX_SENTENCE_TOKENS else None
-            if read is None or part.question:
+        for sentence_part in sentences_of(sentence):
+            tokens = tokens_of(sentence[sentence_part.span.start : sentence_part.span.end], span)
+            parts = Parser(tokens, self._vocabulary).whole() if len(tokens) <= MAX_SENTENCE_TOKENS else None
+            if parts is None or sentence_part.question:
                 return None
-            statements += read
+            statements += parts
         return statements
 
     def faults(self, span: Span, sentence: str, statements: Sequence[Statement]) -> list[str]:

@@ -1,0 +1,163 @@
+"""The command that turns a tension into ranges of the key factors."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ._tables import plain_console, print_lines
+
+if TYPE_CHECKING:
+    from decompositions import Decomposition, KeyFactor, Policies
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this module."""
+    app.command()(tension)
+
+
+def tension(
+    node: Annotated[
+        str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")
+    ],
+    wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
+    decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
+) -> None:
+    """Show the ranges of the key factors that give a node a tension.
+
+    Example: rebar tension KA-03 4
+
+    Example: rebar tension "bystander classification" 4
+    """
+    from bench.errors import Fault, SetupError
+
+    from ._scores import rated_decomposition
+
+    tree = rated_decomposition(decomposition)
+    node = _node(tree, node)
+    if tree.policies.factor_rule != "minimum":
+        raise SetupError(
+            Fault(
+                tree.name,
+                "the policy factor_rule: mean lets no range of a single factor decide",
+                "rate a SimSpec with: rebar difficulty",
+            )
+        )
+    rows = list(_factor_ranges(tree, node, wanted))
+    if as_json:
+        print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
+        return
+    # Tension n covers difficulties above 20 (n - 1) up to 20 n.
+    above = f"above {20 * (wanted - 1)} and " if wanted > 1 else ""
+    lines = [
+        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is {above}at most {20 * wanted}:",
+        "every factor is at least as hard as its first value, and one that has a second is no harder than that.",
+        *(f"  {row['factor']} [{row['unit']}]: {_range_text(row, wanted)}" for row in rows),
+    ]
+    console = plain_console()
+    print_lines(console, lines)
+    unreached = [str(row["factor"]) for row in rows if row["from"] is None]
+    if unreached or not any(row["decides"] for row in rows):
+        reason = (
+            f"the tables of {', '.join(unreached)} end before it" if unreached else "no factor rates so low"
+        )
+        print_lines(console, [f"No situation within the tables has this tension: {reason}."])
+        raise typer.Exit(1)
+
+
+def _node(tree: Decomposition, words: str) -> str:
+    """The node with that id, or the only key attribute whose title has all of these words."""
+    from bench.errors import Fault, SetupError
+    from decompositions import Level
+
+    from ._scores import check_node
+
+    if words in tree.nodes or " " not in words.strip():
+        check_node("NODE", tree, words)
+        return words
+    title_words = [word.lower() for word in words.split()]
+    attributes = tree.at_level(Level.KEY_ATTRIBUTE)
+    matches = [
+        node for node in attributes if all(word in tree.nodes[node].title.lower() for word in title_words)
+    ]
+    if len(matches) != 1:
+        choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
+        raise SetupError(
+            Fault(
+                "NODE",
+                f"{len(matches)} key attributes have {words!r} in their title",
+                f"name one; matches: {choices}",
+            )
+        )
+    return matches[0]
+
+
+def _range_text(row: dict[str, Any], wanted: int) -> str:
+    if row["from"] is None:
+        return "its table ends before"
+    # Rounded into the range: what is printed, put into a SimSpec, must give the tension.
+    harder, easier = (ROUND_CEILING, ROUND_FLOOR) if row["rises"] else (ROUND_FLOOR, ROUND_CEILING)
+    begin = f"{'beyond ' if row['from_past'] else ''}{_rounded(row['from'], harder)}"
+    if not row["decides"]:
+        return f"{begin} or harder; no value rates at most {20 * wanted}"
+    if row["to"] is None:
+        return f"{begin} to the table's end"
+    return f"{begin} to {'short of ' if row['to_before'] else ''}{_rounded(row['to'], easier)}"
+
+
+def _rounded(value: float, rounding: str) -> str:
+    # Twelve digits first: 0.2 is no more than 0.2.
+    return f"{float(Context(prec=6, rounding=rounding).create_decimal(f'{value:.12g}')):.6g}"
+
+
+def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
+    """For each key factor, the range in which the node has the tension.
+
+    From the first value on, no table of the factor rates too low; it is None if one ends before. Up to the second, at
+    least one does not rate too high, so that the factor decides; it is None for the table's end.
+    """
+    tables: dict[str, list[KeyFactor]] = {}
+    for leaf in tree.observables_under(node):
+        # In no SimSpec do those about the bench's detections count for another node than themselves (ruling 25).
+        if leaf == node or tree.observables[leaf].subject != "perception":
+            for row in tree.key_factors(leaf):
+                tables.setdefault(row.factor, []).append(row)
+    for factor, rows in tables.items():
+        yield {"factor": factor, "unit": rows[0].unit, **_range_of(rows, wanted, tree.policies)}
+
+
+def _range_of(rows: Sequence[KeyFactor], wanted: int, policies: Policies) -> dict[str, Any]:
+    """The ends of one factor's range in its tables, and whether the factor decides."""
+    from bench.scoring import hardest_value, value_for_rating
+
+    rises = rows[0].values[-1] > rows[0].values[0]
+    sign = 1.0 if rises else -1.0
+    # Tension 1 begins at the easy end of every table, so nothing has to be exceeded.
+    lows = [
+        value_for_rating(row, 20.0 * (wanted - 1), policies, exceeded=True)
+        if wanted > 1
+        else (row.values[0], False)
+        for row in rows
+    ]
+    reached = [low for low in lows if low is not None]
+    begin: tuple[float | None, bool] = (None, False)
+    if len(reached) == len(lows):
+        begin = max(reached, key=lambda low: (sign * low[0], low[1]))
+    highs = [high for row in rows if (high := hardest_value(row, 20.0 * wanted, policies))]
+    to, before = max(highs, key=lambda high: (sign * high[0], not high[1]), default=(-sign * math.inf, True))
+    value, is_past = begin
+    decides = value is not None and (sign * value < sign * to or (value == to and not is_past and not before))
+    return {
+        "rises": rises,
+        "from": value,
+        "from_past": is_past,
+        "to": to if decides and math.isfinite(to) else None,
+        "to_before": decides and before,
+        "decides": decides,
+    }
