@@ -38,6 +38,8 @@ CONDITIONS = (
     "(fog > 1",
     "fog > 1 failed",
     "intelligence > 1",
+    "(" * 40 + "fog > 1" + ")" * 40,
+    "(" * 41 + "fog > 1" + ")" * 41,
 )
 SCRIPT = """
 <script>

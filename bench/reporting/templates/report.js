@@ -56,6 +56,7 @@
     }
     tokens.push(["end", "its end"]);
     let next = 0;
+    let depth = 0;
     const take = (token) => {
       const [kind, here] = tokens[next];
       if ((kind !== "word" && kind !== "sign") || here !== token) return false;
@@ -96,13 +97,20 @@
         return a === null || b === null ? null : compare(a, b);
       };
     };
+    const nested = (part) => {
+      if (depth === 40) throw new Error("is nested deeper than 40");
+      depth += 1;
+      const inner = part();
+      depth -= 1;
+      return inner;
+    };
     const negation = () => {
       if (take("not")) {
-        const inner = negation();
+        const inner = nested(negation);
         return (row) => { const truth = inner(row); return truth === null ? null : !truth; };
       }
       if (!take("(")) return comparison();
-      const inner = either();
+      const inner = nested(either);
       if (!take(")")) throw new Error(`lacks a ) before ${tokens[next][1]}`);
       return inner;
     };
