@@ -254,8 +254,8 @@ def test_requirements_have_the_numbers_of_each_agent(folder: Path) -> None:
 
 def test_no_text_of_an_agent_becomes_a_formula() -> None:
     """A spreadsheet computes what begins like one; numbers, negative ones too, stay numbers."""
-    reasons = ["=1+1", "+x", "@x", "-x", "\t=1", "-3.5", "plain", "a=b"]
+    reasons = ["=1+1", "+x", "@x", "-x", "\t=1", "-1+x", "-3.5", "plain", "a=b"]
     text = csv_text(pl.DataFrame({"reason": reasons, "x": [-1.0] * len(reasons)}))
     read = [row["reason"] for row in csv.DictReader(io.StringIO(text))]
-    assert read == ["'=1+1", "'+x", "'@x", "'-x", "'\t=1", "-3.5", "plain", "a=b"]
+    assert read == ["'=1+1", "'+x", "'@x", "'-x", "'\t=1", "'-1+x", "-3.5", "plain", "a=b"]
     assert {row["x"] for row in csv.DictReader(io.StringIO(text))} == {"-1.0"}
