@@ -46,7 +46,10 @@ def csv_text(table: pl.DataFrame) -> str:
     """The table as CSV. A text that a spreadsheet would take for a formula gets an apostrophe before it: some are an agent's."""
     texts = pl.col(pl.String)
     return table.with_columns(
-        pl.when(texts.str.contains(r"^([=+@\t\r]|-[^0-9.])")).then("'" + texts).otherwise(texts).name.keep()
+        pl.when(texts.str.contains(r"^[=+@\t\r-]") & ~texts.str.contains(r"^-[0-9.]+$"))
+        .then("'" + texts)
+        .otherwise(texts)
+        .name.keep()
     ).write_csv()
 
 

@@ -34,6 +34,10 @@ _COMPARISONS: dict[str, Callable[[pl.Expr, pl.Expr], pl.Expr]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+# Chosen as for formulas of factors: no person writes deeper ones, and Python allows some hundred.
+MAX_DEPTH = 40
+# Of a condition, in the error that quotes it.
+MAX_QUOTED_CHARACTERS = 120
 _CONSTANTS = {"true": True, "false": False, "none": None}
 
 
@@ -55,11 +59,12 @@ class _Condition:
     def __init__(self, table: pl.DataFrame, text: str, option: str) -> None:
         self.columns: list[str] = []
         self._schema, self._text, self._option = table.schema, text, option
+        self._depth = 0
         tokens, place = [], 0
         while text[place:].strip():
             token = _TOKEN.match(text, place)
             if token is None:
-                raise self._fault(f"cannot be read from {text[place:].strip()!r} on")
+                raise self._fault(f"cannot be read from {_quoted(text[place:].strip())} on")
             tokens.append((str(token.lastgroup), token[0].strip()))
             place = token.end()
         self._tokens = [("end", "its end"), *reversed(tokens)]
@@ -85,13 +90,21 @@ class _Condition:
 
     def _negation(self) -> pl.Expr:
         if self._take("not"):
-            return ~self._negation()
+            return ~self._nested(self._negation)
         if self._take("("):
-            condition = self._either()
+            condition = self._nested(self._either)
             if not self._take(")"):
                 raise self._fault(f"lacks a ) before {self._tokens[-1][1]}")
             return condition
         return self._comparison()
+
+    def _nested(self, part: Callable[[], pl.Expr]) -> pl.Expr:
+        if self._depth == MAX_DEPTH:
+            raise self._fault(f"is nested deeper than {MAX_DEPTH}", "leave out brackets")
+        self._depth += 1
+        condition = part()
+        self._depth -= 1
+        return condition
 
     def _comparison(self) -> pl.Expr:
         left, left_kind = self._value()
@@ -147,4 +160,8 @@ class _Condition:
         return False
 
     def _fault(self, what: str, remedy: str = "for example: KA-18.passed == false and fog > 3") -> SetupError:
-        return SetupError(Fault(f"{self._option} {self._text!r}", what, remedy))
+        return SetupError(Fault(f"{self._option} {_quoted(self._text)}", what, remedy))
+
+
+def _quoted(text: str) -> str:
+    return repr(text if len(text) <= MAX_QUOTED_CHARACTERS else f"{text[:MAX_QUOTED_CHARACTERS]}...")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import polars as pl
-import pytest
+from chromium import dom_of, needs_chromium, with_script
 from made_campaign import Made, make_campaign
 
 from bench.contracts import Outcome
@@ -19,8 +17,7 @@ from bench.reporting import load_report_data, matching, render_report, runs_tabl
 from bench.reporting._html import json_script_text
 from bench.reporting._runs_table import runs_document
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+pytestmark = needs_chromium
 CONDITIONS = (
     "KA-18.passed == false and fog > 1",
     "not KA-18.passed == false",
@@ -38,9 +35,10 @@ CONDITIONS = (
     "(fog > 1",
     "fog > 1 failed",
     "intelligence > 1",
+    "(" * 40 + "fog > 1" + ")" * 40,
+    "(" * 41 + "fog > 1" + ")" * 41,
 )
 SCRIPT = """
-<script>
 window.addEventListener("error", (event) => { document.body.dataset.error = event.message; });
 window.addEventListener("load", () => {
   const input = document.getElementById("where"), says = document.getElementById("where-says");
@@ -55,44 +53,30 @@ window.addEventListener("load", () => {
   const sorted = [];
   if (control) for (const _ of [1, 2]) { control.click(); sorted.push(rows().length && [...view.querySelectorAll("tr[data-row]")].map((row) => Number(row.cells[head.cellIndex].textContent))); }
   view.querySelector("tr[data-row]").click();
-  const before = performance.now();
+  const first = rows();
   view.scrollTop = view.scrollHeight;
   view.dispatchEvent(new Event("scroll"));
+  const scrolled = rows();
+  const button = view.querySelectorAll("tr[data-row] button")[5];
+  button.focus({ preventScroll: true });
+  view.dispatchEvent(new Event("scroll"));
+  const focused = document.activeElement.textContent === button.textContent && document.activeElement !== button;
+  window.dispatchEvent(new Event("beforeprint"));
+  const printed = rows();
+  window.dispatchEvent(new Event("afterprint"));
+  const again = rows().join() === scrolled.join();
   document.body.dataset.states = JSON.stringify({
-    states, sorted, detail: document.getElementById("run-detail").textContent, last: rows().at(-1), drawn: rows().length,
-    height: view.scrollHeight, scroll_ms: performance.now() - before,
+    states, sorted, detail: document.getElementById("run-detail").textContent, last: scrolled.at(-1),
+    drawn: scrolled.length, first, focused, printed, again,
+    height: view.scrollHeight,
   });
 });
-</script>
 """
 
 
 def browsed(page: str, folder: Path, conditions: tuple[str, ...] = CONDITIONS) -> dict[str, Any]:
     """What a browser shows of the table of runs."""
-    # The page allows no script but its own.
-    page, count = re.subn(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
-    assert count == 1
-    script = SCRIPT.replace("CONDITIONS", json.dumps(conditions))
-    (folder / "browsed.html").write_text(page.replace("</body>", f"{script}</body>"))
-    dom = subprocess.run(
-        [
-            *(
-                str(CHROMIUM),
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--no-first-run",
-                "--disable-sync",
-            ),
-            *("--disable-background-networking", "--disable-component-update", "--window-size=1280,900"),
-            *(f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000"),
-            *("--dump-dom", f"file://{folder / 'browsed.html'}"),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    ).stdout
+    dom = dom_of(with_script(page, SCRIPT.replace("CONDITIONS", json.dumps(conditions))), folder)
     assert "data-error" not in dom[:10_000].split("<body", 1)[-1].split(">")[0]
     states = re.search(r'data-states="([^"]*)"', dom)
     assert states is not None
@@ -141,7 +125,10 @@ def test_the_page_filters_as_the_command_does(tmp_path: Path) -> None:
 
 
 def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
-    """The document holds only the rows in view, its data are small, and the last row comes into view."""
+    """The document holds only the rows in view, its data are small, and the last row comes into view.
+
+    A row keeps the focus while others come into view, and paper has the first rows.
+    """
     data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2)))
     page = render_report(data)
     few = runs_table(data)
@@ -162,3 +149,7 @@ def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
     assert shown["height"] > 10_000 * 30
     assert shown["drawn"] < 100
     assert shown["last"].startswith("q")
+    assert shown["focused"]
+    # As many as the page lists without the script.
+    assert shown["printed"] == shown["first"][: few.height]
+    assert shown["again"]

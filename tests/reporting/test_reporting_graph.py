@@ -6,8 +6,6 @@ import base64
 import hashlib
 import json
 import re
-import shutil
-import subprocess
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from itertools import pairwise
@@ -16,6 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
+from chromium import dom_of, needs_chromium
 from made_campaign import AGENTS, Made, make_campaign
 
 from bench.errors import SetupError
@@ -26,7 +25,6 @@ from decompositions import Decomposition, load_decomposition, shipped_decomposit
 
 SVG = "{http://www.w3.org/2000/svg}"
 NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"' <!--"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -225,38 +223,15 @@ def test_unknown_agent_is_refused(small: Decomposition, data: ReportData) -> Non
         graph_svg(small, data, "nobody")
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+@needs_chromium
 def test_browser_runs_the_script(full: Decomposition, tmp_path: Path) -> None:
     """The script runs under the policy: the node of the address is unfolded, selected and described, others
     are hidden.
     """
-    (tmp_path / "graph.html").write_text(graph_page(full))
     leaf = next(
         name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables
     )
-    dom = subprocess.run(
-        [
-            *(
-                str(CHROMIUM),
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-quic",
-                "--no-first-run",
-                "--disable-sync",
-            ),
-            *(
-                "--disable-background-networking",
-                "--disable-component-update",
-                f"--user-data-dir={tmp_path / 'profile'}",
-            ),
-            *("--dump-dom", f"file://{tmp_path / 'graph.html'}#{leaf}"),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    ).stdout
+    dom = dom_of(graph_page(full), tmp_path, f"#{leaf}")
     items = re.findall(r'<div class="node[^>]*>', dom)
     assert len(items) == len(full.nodes)
     chosen = [item for item in items if 'aria-selected="true"' in item]

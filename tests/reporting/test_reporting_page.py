@@ -280,7 +280,7 @@ def test_campaign_of_bench_errors_has_no_numbers(tmp_path: Path) -> None:
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert len(page.tables["all-runs"]) == 5
     assert "outcome bench error; counts ✗" in page.text
-    assert "4 runs, listed under Outcomes" in page.text
+    assert "4 runs, listed under “Every run”" in page.text
     assert {
         row[3] for row in page.tables["headline"] if len(row) == 10 and row[0] != "Key attribute and agent"
     } == {"not scored"}

@@ -216,13 +216,25 @@ def test_empty_cells_meet_no_comparison() -> None:
         ("KA-18.pased == true", "did you mean KA-18.passed"),
         ("intelligence > 1", "did you mean intelligence_latency_s or intelligence_uncertainty_m"),
         ("__import__('os').system('x') == 1", "cannot be read from"),
+        ("(" * 41 + "fog > 3" + ")" * 41, "is nested deeper than 40"),
+        ("not " * 41 + "fog > 3", "is nested deeper than 40"),
+        ("(" * 20_000, "is nested deeper than 40"),
     ],
 )
 def test_a_condition_that_cannot_be_read_says_why(table: pl.DataFrame, condition: str, words: str) -> None:
     with pytest.raises(SetupError) as refused:
         matching(table, condition, "--where")
     assert words in str(refused.value)
-    assert f"--where {condition!r}" in str(refused.value)
+    assert f"--where {condition[:120]!r}"[:-1] in str(refused.value)
+    assert len(str(refused.value)) < 500
+
+
+def test_nesting_and_length_have_a_bound_that_no_person_meets(table: pl.DataFrame) -> None:
+    """Forty levels, brackets side by side, and a long row of alternatives are read."""
+    fog = len(matching(table, "fog > 1", "--where"))
+    deepest = "(" * 20 + "not not " * 10 + "fog > 1" + ")" * 20
+    for condition in (deepest, " and ".join(["(fog > 1)"] * 60), " or ".join(["fog > 1"] * 2000)):
+        assert len(matching(table, condition, "--where")) == fog > 0
 
 
 def test_requirements_have_the_numbers_of_each_agent(folder: Path) -> None:
@@ -242,8 +254,8 @@ def test_requirements_have_the_numbers_of_each_agent(folder: Path) -> None:
 
 def test_no_text_of_an_agent_becomes_a_formula() -> None:
     """A spreadsheet computes what begins like one; numbers, negative ones too, stay numbers."""
-    reasons = ["=1+1", "+x", "@x", "-x", "\t=1", "-3.5", "plain", "a=b"]
+    reasons = ["=1+1", "+x", "@x", "-x", "\t=1", "-1+x", "-3.5", "plain", "a=b"]
     text = csv_text(pl.DataFrame({"reason": reasons, "x": [-1.0] * len(reasons)}))
     read = [row["reason"] for row in csv.DictReader(io.StringIO(text))]
-    assert read == ["'=1+1", "'+x", "'@x", "'-x", "'\t=1", "-3.5", "plain", "a=b"]
+    assert read == ["'=1+1", "'+x", "'@x", "'-x", "'\t=1", "'-1+x", "-3.5", "plain", "a=b"]
     assert {row["x"] for row in csv.DictReader(io.StringIO(text))} == {"-1.0"}

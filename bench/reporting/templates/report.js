@@ -56,6 +56,7 @@
     }
     tokens.push(["end", "its end"]);
     let next = 0;
+    let depth = 0;
     const take = (token) => {
       const [kind, here] = tokens[next];
       if ((kind !== "word" && kind !== "sign") || here !== token) return false;
@@ -96,13 +97,20 @@
         return a === null || b === null ? null : compare(a, b);
       };
     };
+    const nested = (part) => {
+      if (depth === 40) throw new Error("is nested deeper than 40");
+      depth += 1;
+      const inner = part();
+      depth -= 1;
+      return inner;
+    };
     const negation = () => {
       if (take("not")) {
-        const inner = negation();
+        const inner = nested(negation);
         return (row) => { const truth = inner(row); return truth === null ? null : !truth; };
       }
       if (!take("(")) return comparison();
-      const inner = either();
+      const inner = nested(either);
       if (!take(")")) throw new Error(`lacks a ) before ${tokens[next][1]}`);
       return inner;
     };
@@ -134,8 +142,9 @@
     const says = document.getElementById("where-says");
     const detail = document.getElementById("run-detail");
     const everyRow = Array.from({ length: source.rows }, (_, row) => row);
+    const listed = body.rows.length;
     let rows = everyRow;
-    let sorted = [];
+    let order = null;
     const text = (value) => value === null || value === "" ? "–" : value === true ? "✓" : value === false ? "✗"
       : typeof value === "number" && !Number.isInteger(value) ? value.toFixed(1) : String(value);
     const element = (tag, content = "", ...children) => {
@@ -158,11 +167,14 @@
       return made;
     };
     // Only the rows in view are in the document; two empty rows hold the place of the others.
-    const draw = () => {
-      const first = Math.max(0, Math.floor(view.scrollTop / ROW_PX) - 10);
-      const last = Math.min(rows.length, first + Math.ceil((view.clientHeight || 600) / ROW_PX) + 30);
+    const draw = (printing = false) => {
+      const first = printing ? 0 : Math.max(0, Math.floor(view.scrollTop / ROW_PX) - 10);
+      const last = Math.min(rows.length, printing ? listed : first + Math.ceil((view.clientHeight || 600) / ROW_PX) + 30);
+      // A new row in place of the one that has the focus takes it over, or a keyboard would lose its place.
+      const focused = body.contains(document.activeElement) ? document.activeElement.closest("tr").dataset.row : null;
       const space = (count) => { const made = element("tr"); made.className = "space"; made.style.height = `${count * ROW_PX}px`; return made; };
       body.replaceChildren(space(first), ...rows.slice(first, last).map(line), space(rows.length - last));
+      if (focused !== null) body.querySelector(`tr[data-row="${focused}"] button`)?.focus({ preventScroll: true });
     };
     const choose = () => {
       try {
@@ -175,13 +187,7 @@
         says.classList.add("bad");
         return;
       }
-      for (const [column, up] of sorted) {
-        const order = (a, b) => {
-          const [x, y] = [valueOf(column, a), valueOf(column, b)];
-          return x === y ? 0 : x === null ? 1 : y === null ? -1 : (x < y ? -1 : 1) * (up ? 1 : -1);
-        };
-        rows.sort(order);
-      }
+      if (order) rows.sort(order);
       view.scrollTop = 0;
       draw();
     };
@@ -211,8 +217,10 @@
     document.getElementById("where-form").hidden = false;
     document.getElementById("where-form").addEventListener("submit", (event) => event.preventDefault());
     input.addEventListener("input", choose);
-    view.addEventListener("scroll", draw);
-    window.addEventListener("resize", draw);
+    view.addEventListener("scroll", () => draw());
+    window.addEventListener("resize", () => draw());
+    window.addEventListener("beforeprint", () => draw(true));
+    window.addEventListener("afterprint", () => draw());
     body.addEventListener("click", (event) => {
       const row = event.target.closest("tr[data-row]");
       if (row) open(Number(row.dataset.row));
@@ -224,7 +232,10 @@
         const up = head.getAttribute("aria-sort") !== "ascending";
         heads.forEach((other) => other.removeAttribute("aria-sort"));
         head.setAttribute("aria-sort", up ? "ascending" : "descending");
-        sorted = [[shown[place], up]];
+        order = (a, b) => {
+          const [x, y] = [valueOf(shown[place], a), valueOf(shown[place], b)];
+          return x === y ? 0 : x === null ? 1 : y === null ? -1 : (x < y ? -1 : 1) * (up ? 1 : -1);
+        };
         choose();
       });
       head.replaceChildren(control);

@@ -88,7 +88,7 @@ def disclaimers(data: ReportData) -> list[str]:
     ]
     if lost:
         sentences.append(
-            f"Not counted in any number, because the cause was not the agent: {plural(len(lost), 'run')}, listed under Outcomes."
+            f"Not counted in any number, because the cause was not the agent: {plural(len(lost), 'run')}, listed under “Every run”."
         )
     waiting = [run for run in data.runs if run.outcome is None]
     if waiting:
