@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -14,17 +13,11 @@ from typing import Any, TypeVar
 
 import aiomqtt
 from amqtt.broker import Broker as EmbeddedBroker
+from ports import free_port
 
 PATIENCE_S = 60.0
 """Host seconds until a test gives up; a busy machine may take many of them."""
 T = TypeVar("T")
-
-
-def free_port() -> int:
-    """A TCP port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def until(is_so: Callable[[], bool]) -> None:

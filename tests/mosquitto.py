@@ -15,7 +15,8 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from embedded_broker import free_port, until
+from embedded_broker import until
+from ports import free_port
 
 from agent_adapters.mqtt._broker import PROGRAM_PLACES, Account, _write_passwords
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ports import free_port
 
 SCRIPTS = Path(__file__).parent / "scripts"
 OURS = Path(sys.executable)
@@ -44,12 +45,6 @@ PROGRAMS = {
     "mavproxy": Program("mavproxy_flight.py", "ardupilot", "tcp:127.0.0.1:{}", THEIRS),
     "dronekit": Program("dronekit_flight.py", "ardupilot", "tcp:127.0.0.1:{}", THEIRS),
 }
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager

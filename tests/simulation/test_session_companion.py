@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import socket
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
+from ports import free_port
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import common
 from serial_cable import Cable
@@ -116,15 +114,6 @@ def test_a_companion_on_a_serial_device_flies_and_one_that_is_not_heard_does_not
     assert any("companion" in topic for topic in topics)
     assert not any("desk" in topic for topic in topics)
     assert end.counters["serial_resets"] == 0
-
-
-def free_port() -> int:
-    """Below those that the system gives out by itself, so that nobody has it a moment later."""
-    first = 20_000 + os.getpid() * 7 % 10_000
-    for port in range(first, first + 2000):
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
-            return port
-    pytest.fail("no port is free")
 
 
 def air(folder: Path, text: str = TOKEN, mode: int = 0o600, interface: str = "lo") -> OutsideAir:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import socket
 
+from ports import free_port
+
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.simspec import SimSpec
 from bench.testing import StillVehicle
@@ -13,9 +15,7 @@ def test_an_agent_may_listen_at_every_endpoint_of_the_still_vehicle() -> None:
     """At the port of the plan, and at a free one that any user may bind; each time the same."""
     corners = [{"east_m": east, "north_m": north} for east, north in ((0, 0), (9, 0), (9, 9))]
     spec = SimSpec.model_validate({"name": "still", "world": {"area": {"corners": corners}}})
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        reserved = probe.getsockname()[1]
+    reserved = free_port(socket.SOCK_DGRAM)
     links = (LinkSpec("given", "udp_out", port=reserved), LinkSpec("chosen", "udp_out"))
     vehicle = StillVehicle(VehiclePlan(spec, links))
 

@@ -10,6 +10,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from ports import free_port
 
 from bench.contracts import LinkSpec
 from bench.simulation import StandalonePlan, run_standalone
@@ -25,9 +26,7 @@ def test_the_examples_fly(script: str, package: str) -> None:
     disarmed.
     """
     pytest.importorskip(package)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
     flying = threading.Thread(

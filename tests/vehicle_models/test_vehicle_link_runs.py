@@ -8,6 +8,7 @@ import time
 from contextlib import ExitStack
 
 import pytest
+from ports import free_port
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import simspec
@@ -77,9 +78,7 @@ def test_ten_times_as_fast() -> None:
     """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end
     in its time.
     """
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     stop = threading.Event()
     client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
     flying = threading.Thread(

@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from ports import free_port
 
 from bench.contracts import LinkSpec
 from bench.simulation import StandalonePlan, run_standalone
@@ -47,9 +48,7 @@ def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
     described.
     """
     pytest.importorskip("mavsdk")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
     flying = threading.Thread(

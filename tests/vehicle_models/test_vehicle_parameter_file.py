@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 import pytest
+from ports import free_port
 from vehicle_client import mavlink
 
 from bench.contracts import LinkSpec
@@ -16,14 +17,9 @@ from bench.simulation._parameter_file import ParameterFile
 
 def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
     """Fly shortly while a client sends something; returns what it received."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
-    ):
-        probe.bind(("127.0.0.1", 0))
+    port = free_port(socket.SOCK_DGRAM)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-        probe.close()
         client.connect(("127.0.0.1", port))
         link = LinkSpec("onboard", "udp_in", port=port, streams="none")
         client.setblocking(False)
