@@ -20,6 +20,7 @@ from . import (
     _camera,
     _compare,
     _decomposition,
+    _draw,
     _examples,
     _export,
     _fit_detector,
@@ -83,6 +84,7 @@ for commands in (
     *(
         _camera,
         _graph,
+        _draw,
         _look,
         _prose,
         _tension,

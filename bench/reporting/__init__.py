@@ -8,6 +8,7 @@ print(write_report(Path("out/demo")))
 from __future__ import annotations
 
 from ._campaign_data import ReportData as ReportData
+from ._campaign_data import Run as Run
 from ._campaign_folder import load_report_data as load_report_data
 from ._campaign_folder import require_distinct as require_distinct
 from ._companions import COMPANIONS as COMPANIONS
@@ -25,6 +26,7 @@ from .figures._configuration import configuration_figure as configuration_figure
 from .figures._factor_effects import factor_effects_figure as factor_effects_figure
 from .figures._map import map_figure as map_figure
 from .figures._pairings import pairings_figure as pairings_figure
+from .figures._run_drawing import run_drawing as run_drawing
 from .graph._drawing import graph_page as graph_page
 from .graph._drawing import graph_svg as graph_svg
 from .map._run_choice import choose_runs as choose_runs

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -59,13 +60,34 @@ WITHHELD = ReportKind("withheld mark", "report, withheld mark", "var(--report)",
 REPORT_KINDS = (WITHHELD, MARKED, FORBIDDEN)
 
 
+@contextmanager
+def _shown(plot: Plot, time_s: float) -> Iterator[None]:
+    """From the start: a still drawing."""
+    yield
+
+
 def _kind(report: MapReport) -> ReportKind:
     return FORBIDDEN if report.forbidden else MARKED if report.mark else WITHHELD
 
 
 def map_figure(chart: RunMap, label: str = "") -> Markup:
     """One run from above: east to the right, north up, metres, the same scale on both axes."""
-    plot = _empty_map(chart, label)
+    plot = empty_map([chart], label)
+    draw_ground(plot, chart)
+    _draw_flight(plot, chart)
+    draw_reports(plot, chart)
+    for request in chart.consents.drawn:
+        symbol, colour = CONSENT_MARKERS[request.state]
+        end = "" if request.answered_s is None else f" at {request.answered_s:.1f} s"
+        title = f"consent to mark {request.about} asked at {request.time_s:.1f} s, {request.state}{end}"
+        plot.mark(symbol, (request.east_m, request.north_m), 30, colour, title, fill="none", width=2)
+        plot.explain(symbol, colour, f"consent {request.state}", fill="none")
+    draw_targets(plot, chart)
+    return plot.markup()
+
+
+def draw_ground(plot: Plot, chart: RunMap) -> None:
+    """What lies below the flight: areas, roads, closed ground, intelligence, and who is no target."""
     _outline(plot, chart.area_enu_m, "area of interest", "var(--ink-soft)", 1.2, "6 4")
     for name, points, width_m in chart.roads:
         _outline(plot, points, f"road {name}, {width_m:g} m wide", "var(--road)", 5)
@@ -81,29 +103,24 @@ def map_figure(chart: RunMap, label: str = "") -> Markup:
         _outline(plot, ring, f"intelligence {name}, priority {priority}", "var(--intelligence)", 1.6, "2 3")
     for role in (Role.CLUTTER, Role.BYSTANDER):
         _draw_actors(plot, role, chart)
-    _draw_flight(plot, chart)
-    _draw_reports(plot, chart)
-    for request in chart.consents.drawn:
-        symbol, colour = CONSENT_MARKERS[request.state]
-        end = "" if request.answered_s is None else f" at {request.answered_s:.1f} s"
-        title = f"consent to mark {request.about} asked at {request.time_s:.1f} s, {request.state}{end}"
-        plot.mark(symbol, (request.east_m, request.north_m), 30, colour, title, fill="none", width=2)
-        plot.explain(symbol, colour, f"consent {request.state}", fill="none")
-    # Last, so that a target is not hidden by the report on it.
+
+
+def draw_targets(plot: Plot, chart: RunMap) -> None:
+    """Targets and home. Last, so that a target is not hidden by the report on it."""
     for role in (Role.SOUGHT, Role.ADVERSARY):
         _draw_actors(plot, role, chart)
     plot.mark("star", chart.home_enu_m, 15, "var(--ink)", "home")
     plot.explain("star", "var(--ink)", "home")
-    return plot.markup()
 
 
-def _empty_map(chart: RunMap, label: str) -> Plot:
-    """Room for everything on the map, and the axes."""
+def empty_map(charts: Sequence[RunMap], label: str) -> Plot:
+    """Room for everything on the maps of runs of one scene, and the axes."""
+    scene = charts[0]
     places = [
-        *(*chart.area_enu_m, *chart.geofence_enu_m, chart.home_enu_m),
-        *((east_m, north_m) for _, east_m, north_m, _ in chart.flight),
-        *((report.east_m, report.north_m) for report in chart.reports.drawn),
-        *(place for actor in chart.actors for place in actor.path_enu_m),
+        *(*scene.area_enu_m, *scene.geofence_enu_m, scene.home_enu_m),
+        *((east_m, north_m) for chart in charts for _, east_m, north_m, _ in chart.flight),
+        *((report.east_m, report.north_m) for chart in charts for report in chart.reports.drawn),
+        *(place for actor in scene.actors for place in actor.path_enu_m),
     ]
     (west, east), (south, north) = (
         (min(values) - 15.0, max(values) + 15.0) for values in zip(*places, strict=True)
@@ -181,30 +198,44 @@ def labelled_reports(chart: RunMap) -> list[MapReport]:
     return labelled
 
 
-def _draw_reports(plot: Plot, chart: RunMap) -> None:
-    """Every drawn report as a cross; rings and ringed bystanders for `ringed_reports`, labels for `labelled_reports`."""
+def draw_reports(
+    plot: Plot,
+    chart: RunMap,
+    since: Callable[[Plot, float], AbstractContextManager[None]] = _shown,
+    *,
+    below: bool = False,
+) -> None:
+    """Every drawn report as a cross; rings and ringed bystanders for `ringed_reports`, labels for `labelled_reports`.
+
+    What is drawn about a report is drawn inside `since(plot, time_s)`; labels stand `below` or above the cross.
+    """
     ringed = ringed_reports(chart.reports.drawn)
     for kind in REPORT_KINDS:
         for report in ringed:
             if _kind(report) is not kind:
                 continue
-            ring = _circle(*report.target_enu_m, chart.no_mark_within_m)
-            plot.line(ring, kind.colour, width=1.2, dash=kind.ring_dash)
-            for place in report.bystanders_enu_m:
-                title = f"bystander within {chart.no_mark_within_m:g} m at {report.time_s:.1f} s"
-                plot.mark("circle", place, 13, kind.colour, title, fill="none", width=2)
+            with since(plot, report.time_s):
+                ring = _circle(*report.target_enu_m, chart.no_mark_within_m)
+                plot.line(ring, kind.colour, width=1.2, dash=kind.ring_dash)
+                for place in report.bystanders_enu_m:
+                    title = f"bystander within {chart.no_mark_within_m:g} m at {report.time_s:.1f} s"
+                    plot.mark("circle", place, 13, kind.colour, title, fill="none", width=2)
     for kind in REPORT_KINDS:
         for report in chart.reports.drawn:
             if _kind(report) is kind:
                 title = f"{kind.verdict} at {report.time_s:.1f} s, confidence {report.confidence:.2f}"
                 place = (report.east_m, report.north_m)
-                plot.mark("x", place, 19, kind.colour, title, fill=kind.fill, width=1.5)
+                with since(plot, report.time_s):
+                    plot.mark("x", place, 19, kind.colour, title, fill=kind.fill, width=1.5)
                 plot.explain("x", kind.colour, kind.legend, fill=kind.fill)
+    title_px, rule_px = (24.0, 37.0) if below else (-28.0, -15.0)
     for report in labelled_reports(chart):
         colour, east_m, north_m = _kind(report).colour, report.east_m, report.north_m
-        plot.text(east_m, north_m, f"{_kind(report).verdict}, {report.time_s:.0f} s", colour, dy_px=-28)
-        if report.forbidden:
-            plot.text(east_m, north_m, "too near a bystander", colour, dy_px=-15)
+        with since(plot, report.time_s):
+            text = f"{_kind(report).verdict}, {report.time_s:.0f} s"
+            plot.text(east_m, north_m, text, colour, dy_px=title_px)
+            if report.forbidden:
+                plot.text(east_m, north_m, "too near a bystander", colour, dy_px=rule_px)
 
 
 def _outline(

@@ -178,6 +178,21 @@ class Plot:
             + (f'<ul class="key small">{key}</ul>' if key else "")
         )
 
+    def file(self, style: str) -> str:
+        """The drawing as a file of its own, on paper of its own, with its key in two columns below."""
+        rows = -(-len(self.legend) // 2)
+        height = self.height + 18 * rows + 8
+        key = "".join(
+            f'<g transform="translate({12 + self.width / 2 * (place // rows):g} {self.height + 18 * (place % rows):g})">'
+            f'{shape}<text x="30" y="12" fill="var(--ink)">{escape(visible(text))}</text></g>'
+            for place, (shape, text) in enumerate(self.legend)
+        )
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {_px(height)}" role="img">'
+            f"<title>{escape(visible(self.label))}</title><style>{style}</style>"
+            f'<rect width="100%" height="100%" fill="var(--paper)"/>{"".join(self.parts)}{key}</svg>\n'
+        )
+
     def _add(self, kind: str, attributes: str, title: str) -> None:
         end = f"><title>{escape(visible(title))}</title></{kind}>" if title else "/>"
         self.parts.append(f"<{kind} {attributes}{end}")
