@@ -21,7 +21,7 @@ from scipy import optimize, stats
 from bench.arrays import Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
-from ._firth import DistinctRows, maximize
+from ._firth import DistinctRows, maximize, probability
 from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 
 FIRTH = "Firth's penalised likelihood"
@@ -279,26 +279,33 @@ def fit_logistic(
     """Fit y (0 or 1) to the columns of x by maximum likelihood, with errors by cluster where clusters have
     several rows; by Firth's penalised likelihood where there is no maximum, with this `design_effect`.
     """
-    if not is_separated:
-        # Imported here because it takes a second, which only a regression should pay.
-        from statsmodels.discrete.discrete_model import Logit
-
-        points = int(clusters.max()) + 1
-        clustered = points < len(y)
-        options = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if clustered else {}
-        fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **options)
-        has_covariance = (
-            bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
-        )
-        if fit.mle_retvals["converged"] and has_covariance:
-            method, residual_df = (
-                (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if clustered else (LIKELIHOOD, np.inf)
-            )
-            return LikelihoodFit(method, fit.params, fit.cov_params(), residual_df)
     free = np.ones(x.shape[1], dtype=bool)
     rows = DistinctRows.of(y, x)
+    if not is_separated:
+        # Without its penalty the penalised likelihood is the likelihood.
+        beta, _ = maximize(rows, np.zeros(x.shape[1]), free, design_effect=0.0)
+        fit = _with_covariance(beta, y, x, clusters)
+        if np.isfinite(fit.covariance).all() and np.diag(fit.covariance).min() > 0.0:
+            return fit
     beta, likelihood = maximize(rows, np.zeros(x.shape[1]), free, design_effect)
     return FirthFit(FIRTH, beta, likelihood, rows, design_effect)
+
+
+def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: NDArray[np.int64]) -> LikelihoodFit:
+    """The inverse of the information or, where clusters have several rows, the sandwich by cluster with the usual correction
+    for few clusters (Cameron, A. C. and Miller, D. L. (2015), "A practitioner's guide to cluster-robust inference",
+    Journal of Human Resources 50, 317-372, equation 11 and the factor below it).
+    """
+    chance = probability(x @ beta)
+    bread = np.linalg.pinv((x * (chance * (1 - chance))[:, None]).T @ x, hermitian=True)
+    points, (runs, columns) = int(clusters.max()) + 1, x.shape
+    if points == runs:
+        return LikelihoodFit(LIKELIHOOD, beta, bread, np.inf)
+    slopes = np.zeros((points, columns))
+    np.add.at(slopes, clusters, x * (y - chance)[:, None])
+    correction = points / (points - 1) * (runs - 1) / (runs - columns)
+    covariance = correction * bread @ slopes.T @ slopes @ bread
+    return LikelihoodFit(CLUSTERED_LIKELIHOOD, beta, covariance, points - columns)
 
 
 def _treatment_contrasts(factor: FactorColumn) -> Term:

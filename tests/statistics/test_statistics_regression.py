@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import optimize, stats
+from statsmodels.discrete.discrete_model import Logit
 from statsmodels.regression.linear_model import OLS
 
 from bench.arrays import Floats
@@ -17,6 +18,7 @@ from bench.statistics._regression import (
     FIRTH,
     LIKELIHOOD,
     FirthFit,
+    LikelihoodFit,
     fit_logistic,
     separated,
 )
@@ -329,3 +331,23 @@ def test_replicates_add_no_rows_to_a_fit() -> None:
     for row, count, passes in zip(rows.x, rows.count, rows.passes, strict=True):
         same = (points[place] == row).all(axis=1)
         assert (count, passes) == (same.sum(), y[same].sum())
+
+
+@pytest.mark.parametrize("replicates", [1, 3])
+def test_likelihood_fits_and_their_covariances_are_statsmodels(replicates: int) -> None:
+    """On random designs, with independent runs and with errors by design point."""
+    rng = np.random.default_rng(replicates)
+    for _ in range(20):
+        points, columns = int(rng.integers(30, 60)), int(rng.integers(1, 4))
+        x = np.column_stack([np.ones(points), rng.normal(size=(points, columns))]).repeat(replicates, axis=0)
+        y = (rng.random(len(x)) < 1 / (1 + np.exp(-0.7 * x[:, 1]))).astype(float)
+        clusters = np.arange(points).repeat(replicates)
+        if separated(y, x):
+            continue
+        options = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if replicates > 1 else {}
+        expected = Logit(y, x).fit(disp=0, **options)
+        fit = fit_logistic(y, x, clusters, is_separated=False)
+        assert isinstance(fit, LikelihoodFit)
+        np.testing.assert_allclose(fit.beta, expected.params, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(fit.covariance, expected.cov_params(), rtol=1e-5, atol=1e-9)
+        assert fit.method == (CLUSTERED_LIKELIHOOD if replicates > 1 else LIKELIHOOD)
