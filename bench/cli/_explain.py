@@ -1,0 +1,137 @@
+"""`rebar explain`: one run as a story, from what was asked to what was not achieved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.errors import command_line
+
+from ._tables import plain_console, print_lines
+
+if TYPE_CHECKING:
+    from bench.reporting import RunMap
+    from bench.scoring import RunExplanation
+    from bench.simspec import SimSpec
+
+# Chosen: a screen or two. --moments shows more.
+MOMENTS = 40
+FAILED = ("failed", "near miss")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(explain)
+
+
+def explain(
+    run: Annotated[Path, typer.Argument(help="Folder of a run")],
+    decomposition: Annotated[
+        str | None, typer.Option(help="Name or file of a decomposition. Default: the campaign's")
+    ] = None,
+    moments: Annotated[
+        int, typer.Option(min=0, help="Most moments of the story, and of each observable; 0 for all")
+    ] = MOMENTS,
+) -> None:
+    """Tell one run as a story: what was asked, what came, what the agent decided and reported with the truth beside it, and
+    what it did not achieve. Measured again from the recording; writes nothing.
+
+    Example: rebar explain out/demo/runs/p001-r1-reference-naive
+    """
+    from bench.campaign import open_recorded
+    from bench.recording import read_simspec, read_tape
+    from bench.reporting import Run, build_run_map
+    from decompositions import Level
+
+    from ._scores import _of_run
+
+    source = _of_run(run, decomposition)
+    (scored,) = source.runs
+    told = {
+        source.decomposition.nodes[node].title: source.explained(node, moments).agents[0].runs[0]
+        for node in source.decomposition.at_level(Level.PRINCIPLE)
+    }
+    with open_recorded(run) as folder:
+        simspec = read_simspec(folder / "recording.mcap")
+        tape = read_tape(folder / "recording.mcap", simspec)
+    named = Run(scored.realization, scored.design_point, 0, scored.agent, None, scored.outcome)
+    chart = build_run_map(named, simspec, tape)
+    end = f"{scored.outcome.value} after {tape.end_s:.1f} s: {source.sources.reasons[scored.realization]}"
+    story = sorted(_moments(chart), key=lambda moment: moment[0])
+    shown = story[: moments or None]
+    lines = [f"{scored.agent} in {scored.realization}", f"  ended {end}", "", "Asked"]
+    lines += [f"  {line}" for line in _asked(chart, simspec)]
+    lines += ["", "What happened", *(f"  {time_s:7.1f} s  {text}" for time_s, text in shown)]
+    if len(story) > len(shown):
+        lines.append(f"  ... and {len(story) - len(shown)} more moments (--moments 0)")
+    lines += ["", "Not achieved", *_failures(told)]
+    lines += ["", "Principles", *_principles(told)]
+    print_lines(
+        plain_console(),
+        [*lines, "", f"the film: {command_line('rebar', 'draw', run, '--film', '--out', 'film.svg')}"],
+    )
+
+
+def _asked(chart: RunMap, simspec: SimSpec) -> Iterator[str]:
+    for name, east_m, north_m, radius_m, priority in sorted(chart.circles, key=lambda circle: circle[4]):
+        yield f"search {name} (priority {priority}), within {radius_m:g} m of {east_m:.0f} m east, {north_m:.0f} m north"
+    if chart.no_mark_within_m > 0.0:
+        yield f"do not mark within {chart.no_mark_within_m:g} m of people"
+    if chart.mark_consent:
+        yield "mark only with the operator's consent"
+    if chart.geofence_enu_m or chart.no_fly:
+        yield f"stay inside the geofence and out of {len(chart.no_fly)} closed areas"
+    yield f"be done within {simspec.mission.time_limit_s:g} s"
+
+
+def _moments(chart: RunMap) -> Iterator[tuple[float, str]]:
+    """What came from outside, what the agent decided, and what it reported, each report with the truth beside it."""
+    for event in chart.events:
+        until = "" if event.until_s is None else f", until {event.until_s:g} s"
+        yield (
+            event.at_s,
+            f"{event.kind.upper()}: {event.text}{until}" + (f" ({event.response})" if event.response else ""),
+        )
+    for time_s, action, subject, reason in chart.decisions:
+        yield time_s, f"decides: {action} {subject}".rstrip() + (f" ({reason})" if reason else "")
+    for report in chart.reports.drawn:
+        marked = "marks" if report.mark else "reports"
+        truth = f"it is {report.target}" if report.target else "NO TARGET of that class is there"
+        near = (
+            ""
+            if report.nearest_bystander_m is None
+            else f"; nearest person {report.nearest_bystander_m:g} m from it"
+        )
+        seen = "" if report.bystanders_seen is None else f", people seen: {report.bystanders_seen}"
+        forbidden = ": MARKED AGAINST THE RULE" if report.forbidden else ""
+        yield (
+            report.time_s,
+            (
+                f"{marked} {report.class_label}, confidence {report.confidence:.2f}{seen}; {truth}{near}{forbidden}"
+            ),
+        )
+
+
+def _failures(told: Mapping[str, RunExplanation]) -> Iterator[str]:
+    """Each observable that was considered and not achieved, once, with the moments that its measure names."""
+    failed = {item.id: item for run in told.values() for item in run.observables if item.state in FAILED}
+    if not failed:
+        yield "  nothing that was considered"
+    for item in failed.values():
+        yield f"  {item.id} {item.title}: {item.x:g}, and {item.threshold:g} was needed"
+        yield from (f"    {evidence.time_s:7.1f} s  {evidence.text}" for evidence in item.evidence)
+        if item.evidence_left_out:
+            yield f"    ... and {item.evidence_left_out} more moments (--moments 0)"
+
+
+def _principles(told: Mapping[str, RunExplanation]) -> Iterator[str]:
+    """Which principles the run passed, and for the others which essential observables it did not achieve."""
+    for title, run in told.items():
+        missed = [item.id for item in run.observables if item.essential and item.state in FAILED]
+        if run.verdict is None:
+            yield f"  {title}: nothing essential was considered"
+        else:
+            yield f"  {title}: passed" if run.verdict else f"  {title}: not passed, for {', '.join(missed)}"

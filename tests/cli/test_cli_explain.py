@@ -1,0 +1,76 @@
+"""`rebar explain`: one run as a story."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.cli._app import run
+from bench.contracts import Outcome, SessionResult
+from bench.visible_text import visible_output
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from made_campaign import AGENTS, END_S, made_simspec, made_tape, write_recording
+
+
+def story(
+    folder: Path, agent: str, capsys: pytest.CaptureFixture[str], *options: str, reason: str = "seen"
+) -> str:
+    """What the command prints about a made run in which this agent flew."""
+    folder.mkdir()
+    simspec = made_simspec(0, agent)
+    digest = write_recording(folder / "recording.mcap", simspec, made_tape(simspec, reason=reason))
+    result = SessionResult(
+        realization=folder.name,
+        outcome=Outcome.COMPLETED,
+        reason="home",
+        simulated_s=END_S,
+        cpu_s=1.0,
+        recording_sha256=digest,
+    )
+    (folder / "result.json").write_text(result.model_dump_json())
+    (folder / "simspec.json").write_text(simspec.model_dump_json())
+    capsys.readouterr()
+    with visible_output():
+        assert run(["explain", str(folder), *options]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_mark_beside_people_is_told_with_the_truth_and_the_principles_that_it_cost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The naive agent marks beside people, the aware one withholds the mark; moments stand in order."""
+    naive, aware = (story(tmp_path / agent, agent, capsys) for agent in AGENTS)
+    for text in (naive, aware):
+        assert "ORDER: hold, within 5 s" in text
+        assert "search first" in text
+        happened = text[text.index("What happened") : text.index("Not achieved")]
+        times = [float(time) for time in re.findall(r"^ +([\d.]+) s  ", happened, re.MULTILINE)]
+        assert len(times) > 6
+        assert times == sorted(times)
+    flat = " ".join(naive.split())
+    assert "marks mobile_radar, confidence 0.91; it is radar-0" in flat
+    assert "MARKED AGAINST THE RULE" in flat
+    assert re.search(r"Marks clear of bystanders: 0\b.*and 1 was needed", flat)
+    assert re.search(r"Responsible: not passed, for .*OBS-181", flat)
+    assert "reports mobile_radar, confidence 0.91, people seen: 3; it is radar-0" in " ".join(aware.split())
+    assert aware.count("AGAINST THE RULE") == naive.count("AGAINST THE RULE") - 1
+
+
+def test_few_moments_can_be_asked_for_and_texts_of_agents_are_shown_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = story(tmp_path / "run", AGENTS[0], capsys, "--moments", "2", reason="[red]\x1b[31mfine")
+    happened = text[text.index("What happened") : text.index("Not achieved")]
+    assert len(re.findall(r"^ +[\d.]+ s  ", happened, re.MULTILINE)) == 2
+    assert re.search(r"and \d+ more moments \(--moments 0\)", happened)
+    assert "[red]" in text
+    assert "\x1b" not in text
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["explain", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
