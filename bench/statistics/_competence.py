@@ -7,18 +7,16 @@ Silverman (1955), Annals of Mathematical Statistics 26(4), 641-647.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike
 from scipy import stats
 
 from bench.arrays import Bools, Counts, Floats
 
+from . import DIFFICULTY_DECIMALS
 from ._intervals import CONFIDENCE_LEVEL
-from ._rounding import DIFFICULTY_DECIMALS
 from ._shuffles import MIN_DESIGN_POINTS
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
@@ -179,30 +177,6 @@ def failures_rise(counted: TrialCounts) -> Bools:
     error = np.sqrt(np.maximum(spread, 1e-12) * count / np.maximum(count - 1.0, 1.0))
     quantile = stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2.0, np.maximum(count - 2.0, 1.0))
     return np.asarray((count >= MIN_DESIGN_POINTS) & (trend > quantile * error), dtype=np.bool_)
-
-
-def competence_of(
-    difficulty: ArrayLike,
-    passed: ArrayLike,
-    design_points: Sequence[str] | None = None,
-    share: tuple[int, int] = (1, 2),
-) -> tuple[float, float, bool]:
-    """Value, lower bound and `at least` of one list of trials; without design points each trial is a design
-    point.
-    """
-    difficulties = np.asarray(difficulty, dtype=np.float64)
-    names = (
-        list(design_points)
-        if design_points is not None
-        else [str(number) for number in range(difficulties.size)]
-    )
-    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    points = np.array([numbers[name] for name in names], dtype=np.int64)
-    trials = Trials(
-        np.zeros(difficulties.size, dtype=np.int64), difficulties, np.asarray(passed, dtype=np.bool_), points
-    )
-    result = competence(count_trials(trials, 1), share)
-    return float(result.value[0]), float(result.low[0]), bool(result.at_least[0])
 
 
 def _millionths(difficulty: Floats) -> Counts:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from bench.arrays import Floats
@@ -107,7 +107,7 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
     return CurveState.FITTED
 
 
-def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
+def _information(design: Floats, beta: Floats) -> Floats:
     chance = probability(design @ beta)
     return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design, dtype=np.float64)
 

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
+
+from bench.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +120,7 @@ def cliffs_delta(
     return DifferenceEstimate(delta, max(-1.0, float(low)), min(1.0, float(high)))
 
 
-def _wins(values: NDArray[np.float64], opponents: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wins(values: Floats, opponents: Floats) -> Floats:
     """For each value the share of `others` below it minus the share above it."""
     ordered = np.sort(opponents)
     below, not_above = np.searchsorted(ordered, values, "left"), np.searchsorted(ordered, values, "right")

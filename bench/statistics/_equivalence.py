@@ -12,8 +12,9 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
+
+from bench.arrays import Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._terms import FactorColumn, design_matrix, terms_of
@@ -74,7 +75,7 @@ def difference_bounds(
     return bounds
 
 
-def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
+def _contrasts(factor: FactorColumn) -> Floats:
     """Contrasts as (differences, degrees of freedom): every two levels, or the two ends of a straight
     line.
     """

@@ -12,13 +12,12 @@ and profile intervals.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from bench.arrays import Floats
+from bench.arrays import Counts, Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._firth import DistinctRows, maximize
@@ -121,12 +120,12 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     included = [(factor, _treatment_contrasts(factor)) for factor in varying if factor.name in carried]
     empty = Logistic(len(y), passes, "none", (), (), left_out)
     if passes in (0, len(y)):
-        return _without_fit(empty, "every run passed" if passes else "no run passed")
+        return replace(empty, note="every run passed" if passes else "no run passed")
     if not included:
-        return _without_fit(empty, "no factor varies")
+        return replace(empty, note="no factor varies")
     x, places = design_matrix([term for _, term in included], len(y))
     if count <= x.shape[1]:
-        return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
+        return replace(empty, note=f"{count} design points are too few for {x.shape[1]} parameters")
     fit = fit_logistic(y, x, cluster_codes(points), is_separated=separated(y, x))
     tests = tuple(
         FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name))
@@ -274,7 +273,7 @@ class FirthFit:
 
 
 def fit_logistic(
-    y: Floats, x: Floats, clusters: NDArray[np.int64], *, is_separated: bool, design_effect: float = 1.0
+    y: Floats, x: Floats, clusters: Counts, *, is_separated: bool, design_effect: float = 1.0
 ) -> LikelihoodFit | FirthFit:
     """Fit y (0 or 1) to the columns of x by maximum likelihood, with errors by cluster where clusters have
     several rows; by Firth's penalised likelihood where there is no maximum, with this `design_effect`.
@@ -337,11 +336,7 @@ def _remarks(fit: LikelihoodFit | FirthFit, y: Floats, x: Floats, points: int) -
     return remarks
 
 
-def _without_fit(empty: Logistic, note: str) -> Logistic:
-    return Logistic(empty.n, empty.passed, empty.method, (), (), empty.left_out, note)
-
-
-def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
+def _slope_p(x: Floats, y: Floats, clusters: Counts) -> float | None:
     count = int(clusters.max()) + 1
     lines = np.column_stack([np.ones(len(x)), x])
     if count < 4:
@@ -359,7 +354,7 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
     return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
 
 
-def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
+def _linearity_test(x: Floats, y: Floats, clusters: Counts) -> tuple[str, float | None]:
     # Over means of design points: runs of one design point share its random part, which would look like a
     # bend.
     sizes = np.bincount(clusters)

@@ -38,12 +38,7 @@ def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> t
     probability. (Where they do not, the lower end may lie above the upper one.)
     """
     ok = np.asarray(passed, dtype=np.float64)
-    passes = np.cumsum(ok, axis=-1)
-    fails = np.cumsum(1.0 - ok, axis=-1)
-    limit = special.betaln(1.0 + passes, 1.0 + fails) + np.log(1.0 - level)
-    best = passes / np.maximum(passes + fails, 1.0)
-    low = np.where(passes > 0, _bisected_bound(passes, fails, limit, np.zeros_like(best), best), 0.0)
-    high = np.where(fails > 0, _bisected_bound(passes, fails, limit, np.ones_like(best), best), 1.0)
+    low, high = pass_rate_bounds(np.cumsum(ok, axis=-1), np.arange(1.0, ok.shape[-1] + 1.0), level)
     return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
 
 
