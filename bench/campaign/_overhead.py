@@ -45,12 +45,8 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
         remedy = f"name another folder, or fidelity: {noted}"
-        raise SetupError(
-            Fault(
-                "fidelity",
-                f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}",
-                remedy,
-            )
+        raise SetupError.of(
+            "fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy
         )
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)

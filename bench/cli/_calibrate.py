@@ -26,11 +26,6 @@ MAX_ODDS_RATIO = 1000.0
 SEPARATED = "* separated: Firth's penalised likelihood, a design point counts as one run"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(calibrate)
-
-
 def calibrate(
     campaigns: Annotated[
         list[Path] | None, typer.Argument(help="Folders of campaigns over one decomposition, to test")
@@ -124,7 +119,7 @@ def _load(scale: Path, folder: Path) -> DifficultyScale:
 
     document = load_report_data(folder).document
     if document is None:
-        raise SetupError(Fault(str(folder), "has no readable decomposition", "`rebar score` it over one"))
+        raise SetupError.of(folder, "has no readable decomposition", "`rebar score` it over one")
     return load_scale(scale, document)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
@@ -25,7 +25,6 @@ from ._missing_runs import (
     print_missing_in,
     print_rewritten,
 )
-from ._option_groups import grouped
 from ._run_request import CampaignChanges, IsolationOption, RunRequest
 
 if TYPE_CHECKING:
@@ -34,12 +33,6 @@ if TYPE_CHECKING:
 
 
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (demo, grouped(run), retry, merge, realize, report):
-        app.command()(command)
-
-
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the campaign")] = Path("out/demo"),
     workers: Workers = None,
@@ -204,7 +197,7 @@ def _report_elsewhere(folder: Path, out: Path) -> None:
     from bench.reporting import write_report
 
     if os.path.lexists(out):
-        raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
+        raise SetupError.of(out, "already exists and is not overwritten", "name another file")
     missing = print_missing_in([folder])
     # Nothing is scored again here, so the tables must be those that the bench wrote; a runner is still writing them.
     running = any(report is not None and report.running for report in missing)
@@ -231,7 +224,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     campaign = request.changes.load(path)
     if request.sessions.recordings is not None and campaign.keep is not None:
         what = "and keep in the campaign file both say what becomes of recordings"
-        raise SetupError(Fault("--recordings", what, "give one of them"))
+        raise SetupError.of("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
     informed = () if request.as_json else given_the_truth(campaign)
     folder = request.folder(campaign.name)

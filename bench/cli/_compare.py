@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from bench.reporting import Comparison
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(compare)
-
-
 def compare(
     campaigns: Annotated[list[Path], typer.Argument(help="Folder of a campaign, or folders of two")],
     agents: Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
@@ -18,15 +18,6 @@ if TYPE_CHECKING:
 
     from bench.scoring import NodeFloor, Panel
     from decompositions import Decomposition
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command group."""
-    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-    group.command()(check)
-    # Without a second command the group would vanish, and `check` with it.
-    group.callback(help="Check decompositions.")(lambda: None)
-    app.add_typer(group, name="decomposition")
 
 
 def check(
@@ -76,12 +67,10 @@ def check(
         if measured.decomposition.digest != decomposition.digest:
             measured = read_runs(floor, name)
         if not measured.floor_runs:
-            raise SetupError(
-                Fault(str(floor), "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
-            )
+            raise SetupError.of(floor, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
         nodes = worst_first(measured.floors())
     if order and not panel:
-        raise SetupError(Fault("--order", "compares agents of a panel", "add --panel DIR"))
+        raise SetupError.of("--order", "compares agents of a panel", "add --panel DIR")
     shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
@@ -142,7 +131,7 @@ def _panel(
         if measured.decomposition.digest != decomposition.digest:
             what = f"its runs were measured with another decomposition than {name}"
             remedy = f"measure them again: rebar score {folder} --decomposition {name}"
-            raise SetupError(Fault(str(folder), what, remedy))
+            raise SetupError.of(folder, what, remedy)
         # Folders may use the same ids for other scenes.
         ids = [
             pl.format(f"{number}-{{}}", column).alias(column) for column in ("realization", "design_point")
@@ -153,7 +142,7 @@ def _panel(
     try:
         return panel_of(pl.concat(tested), pl.concat(null), oracle, order)
     except ValueError as error:
-        raise SetupError(Fault("--order", str(error), "name two of these")) from error
+        raise SetupError.of("--order", str(error), "name two of these") from error
 
 
 def _print_panel(panel: Panel, decomposition: Decomposition) -> None:

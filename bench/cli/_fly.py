@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.contracts import LinkSpec
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, MAX_LATITUDE_DEG
-
-from ._option_groups import grouped
 
 if TYPE_CHECKING:
     from bench.simspec import BoardAutopilot
@@ -27,11 +25,6 @@ KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
     "udpin": "udp_in",
     "tcpin": "tcp_in",
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(grouped(fly))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,23 +76,21 @@ class FlyOptions:
     def check(self) -> None:
         """Raises SetupError for options that cannot be, or not together."""
         if self.autopilot not in ("px4", "ardupilot"):
-            raise SetupError(
-                Fault("--autopilot", f"unknown autopilot {self.autopilot!r}", "give px4 or ardupilot")
+            raise SetupError.of(
+                "--autopilot", f"unknown autopilot {self.autopilot!r}", "give px4 or ardupilot"
             )
         outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            raise SetupError(
-                Fault(
-                    "--speed",
-                    f"another computer keeps real time, and {self.speed:g} is not",
-                    f"leave it out with {option}",
-                )
+            raise SetupError.of(
+                "--speed",
+                f"another computer keeps real time, and {self.speed:g} is not",
+                f"leave it out with {option}",
             )
         if self.firmware and self.board:
-            raise SetupError(Fault("--board", "a board brings its own firmware", "leave out --firmware"))
+            raise SetupError.of("--board", "a board brings its own firmware", "leave out --firmware")
         if (self.firmware or self.board) and self.params is not None:
-            raise SetupError(
-                Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
+            raise SetupError.of(
+                "--params", "a real autopilot keeps its parameters itself", "leave out --params"
             )
 
     def links(self) -> list[LinkSpec]:
@@ -156,8 +147,8 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     try:
         latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
     except ValueError:
-        raise SetupError(
-            Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")
+        raise SetupError.of(
+            "--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0"
         ) from None
     if not (
         abs(latitude) <= MAX_LATITUDE_DEG
@@ -165,13 +156,11 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
         and -400 <= altitude <= 5000
         and 0 <= heading < 360
     ):
-        raise SetupError(
-            Fault(
-                "--home",
-                f"{text!r} is out of range",
-                f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
-                "heading 0 to 360",
-            )
+        raise SetupError.of(
+            "--home",
+            f"{text!r} is out of range",
+            f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
+            "heading 0 to 360",
         )
     return latitude, longitude, altitude, heading
 
@@ -179,7 +168,7 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
 def signed(links: Sequence[LinkSpec], key: str, unsigned: str) -> list[LinkSpec]:
     """The links with a signing key. `unsigned` is `accept` or `require`."""
     if unsigned not in ("accept", "require"):
-        raise SetupError(Fault("--signing", f"unknown policy {unsigned!r}", "give accept or require"))
+        raise SetupError.of("--signing", f"unknown policy {unsigned!r}", "give accept or require")
     policy: Literal["accept", "require"] = "accept" if unsigned == "accept" else "require"
     return [replace(link, signing_key=key, signing=policy) for link in links]
 
@@ -191,16 +180,12 @@ def parse_link(text: str, index: int) -> LinkSpec:
         return LinkSpec(name=f"link{index}", kind="serial", path=rest)
     host, _, port = rest.rpartition(":")
     if ":" in host:
-        raise SetupError(
-            Fault("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
-        )
+        raise SetupError.of("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise SetupError(
-            Fault(
-                "--mavlink",
-                f"{text!r} is not a link",
-                "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
-            )
+        raise SetupError.of(
+            "--mavlink",
+            f"{text!r} is not a link",
+            "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
         )
     return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))
 
@@ -218,7 +203,7 @@ def parse_board(text: str, autopilot: str = "px4") -> BoardAutopilot:
 
     if autopilot != "px4":
         what = f"{autopilot} has no hardware-in-the-loop mode that takes sensors from outside"
-        raise SetupError(Fault("--board", what, "fly a PX4 board"))
+        raise SetupError.of("--board", what, "fly a PX4 board")
     path, baud = parse_device(text, "--board")
     return validate_document({"kind": "px4", "device": path, "baud": baud}, BoardAutopilot, source="--board")
 
@@ -232,11 +217,7 @@ def parse_device(text: str, option: str) -> tuple[str, int]:
     if not (colon and baud.isdigit()) or Path(text).exists():
         path, baud = text, str(DEFAULT_BAUD)
     if not path or int(baud) <= 0:
-        raise SetupError(
-            Fault(
-                option,
-                f"{text!r} is no device",
-                "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600",
-            )
+        raise SetupError.of(
+            option, f"{text!r} is no device", "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600"
         )
     return path, int(baud)

@@ -46,11 +46,6 @@ class MachineCheck:
     text: str
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(doctor)
-
-
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
     firmware: Annotated[

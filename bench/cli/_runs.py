@@ -7,19 +7,13 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError, command_line
+from bench.errors import SetupError, command_line
 
 from ._missing_runs import exit_if_incomplete, print_missing_in
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a campaign")]
 NOT_MET_EXIT_CODE = 1
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(runs)
-    app.command()(check)
 
 
 def runs(
@@ -39,7 +33,7 @@ def runs(
     from bench.reporting import csv_text, load_report_data, matching, runs_table, words_of
 
     if as_csv and as_json:
-        raise SetupError(Fault("--csv", "cannot be given together with --json", "give either"))
+        raise SetupError.of("--csv", "cannot be given together with --json", "give either")
     table = runs_table(load_report_data(folder))
     chosen = table if where is None else matching(table, where, "--where")
     if as_csv:
@@ -91,7 +85,7 @@ def check(
         raise SetupError(faults)
     table = requirements_table(load_report_data(folder))
     if table.is_empty():
-        raise SetupError(Fault(str(folder), "has no agent with scores", "run the campaign first"))
+        raise SetupError.of(folder, "has no agent with scores", "run the campaign first")
     is_met = True
     for requirement in require:
         met = set(matching(table, requirement, "--require")["agent"])

@@ -38,11 +38,6 @@ if TYPE_CHECKING:
 MAX_TABLE_BYTES = 2 * 1024**3
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(score)
-
-
 def score(
     runs: Annotated[list[Path] | None, typer.Argument(help="Folders of runs or of campaigns")] = None,
     decomposition: Annotated[
@@ -124,7 +119,7 @@ def check_node(option: str, decomposition: Decomposition, node: str) -> None:
         similar = difflib.get_close_matches(node, decomposition.nodes, n=3)
         attributes = ", ".join(decomposition.key_attributes)
         remedy = f"did you mean {' or '.join(similar)}?" if similar else f"key attributes: {attributes}"
-        raise SetupError(Fault(option, f"there is no node {node!r} in {decomposition.name}", remedy))
+        raise SetupError.of(option, f"there is no node {node!r} in {decomposition.name}", remedy)
 
 
 def rated_decomposition(named: str, difficulty: Literal["tables", "given"] = "tables") -> Decomposition:
@@ -225,21 +220,17 @@ def _score_sources(
 
     if table is not None:
         if runs:
-            raise SetupError(Fault("--observations", "cannot be given together with folders", "give either"))
+            raise SetupError.of("--observations", "cannot be given together with folders", "give either")
         if decomposition is None:
-            raise SetupError(
-                Fault(
-                    "--observations", "a table does not name its decomposition", "give --decomposition FILE"
-                )
+            raise SetupError.of(
+                "--observations", "a table does not name its decomposition", "give --decomposition FILE"
             )
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError(
-            Fault(
-                "score",
-                "there is nothing to score",
-                "name the folder of a run or of a campaign, or give --observations",
-            )
+        raise SetupError.of(
+            "score",
+            "there is nothing to score",
+            "name the folder of a run or of a campaign, or give --observations",
         )
     faults = [
         Fault(str(path), "is a file", f"name the folder that holds it: {path.parent}")

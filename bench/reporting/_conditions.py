@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import polars as pl
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 _TOKEN = re.compile(
     r"""\s*(?:(?P<sign>==|!=|<=|>=|<|>|\(|\))|(?P<text>"[^"]*"|'[^']*')|(?P<number>-?\d+(?:\.\d+)?(?:[eE]-?\d+)?)(?![\w.-])"""
@@ -160,7 +160,7 @@ class _Condition:
         return False
 
     def _fault(self, what: str, remedy: str = "for example: KA-18.passed == false and fog > 3") -> SetupError:
-        return SetupError(Fault(f"{self._option} {_quoted(self._text)}", what, remedy))
+        return SetupError.of(f"{self._option} {_quoted(self._text)}", what, remedy)
 
 
 def _quoted(text: str) -> str:

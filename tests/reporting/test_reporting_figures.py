@@ -13,6 +13,7 @@ import made_campaign
 import numpy as np
 import polars as pl
 import pytest
+from competence_trials import competence_of
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 from rich.console import Console
 
@@ -36,7 +37,6 @@ from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import NodeTrials, trials_of
 from bench.reporting.text._node_sentences import curve_remark, node_sentences
 from bench.scoring import NodeFloor, summary_frame
-from bench.statistics import Trials, competence, count_trials
 
 
 def titles_of(figure: str) -> list[str]:
@@ -461,9 +461,7 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
     passed.
     """
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
-    every_run, one_group = np.arange(30), np.zeros(30, dtype=np.int64)
-    reached = competence(count_trials(Trials(one_group, difficulty, passed, every_run), 1), (9, 10))
-    value, low, at_least = float(reached.value[0]), float(reached.low[0]), bool(reached.at_least[0])
+    value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0
     tally = replace(
         data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": ReportedCompetence(value, low, at_least)}

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from competence_trials import competence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.contracts import Observation, Outcome
 from bench.scoring import Difficulty, ScoredRun, difficulty_of_values, score_table, summary_frame
-from bench.statistics import competence_of
 from decompositions import Decomposition, load_decomposition
 
 HALF, NINE_TENTHS = (1, 2), (9, 10)

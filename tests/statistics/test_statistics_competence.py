@@ -8,9 +8,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from competence_trials import competence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike
 
 from bench.statistics import (
     Direction,
@@ -34,24 +34,12 @@ shares = st.sampled_from([HALF, NINE_TENTHS])
 
 
 def competence_from(trial_list: list[Trial], share: tuple[int, int]) -> tuple[float, float, bool]:
-    """Value, lower bound and `at least` of one list of trials."""
-    points = sorted({point for _, _, point in trial_list})
-    counted = Trials(
-        np.zeros(len(trial_list), dtype=np.int64),
-        np.array([d for d, _, _ in trial_list], dtype=np.float64),
-        np.array([ok for _, ok, _ in trial_list], dtype=np.bool_),
-        np.array([points.index(point) for _, _, point in trial_list], dtype=np.int64),
+    return competence_of(
+        [d for d, _, _ in trial_list],
+        [ok for _, ok, _ in trial_list],
+        [point for _, _, point in trial_list],
+        share,
     )
-    result = competence(count_trials(counted, 1), share)
-    return float(result.value[0]), float(result.low[0]), bool(result.at_least[0])
-
-
-def competence_of(
-    hard: ArrayLike, passed: ArrayLike, share: tuple[int, int] = HALF
-) -> tuple[float, float, bool]:
-    """The same where each trial is a design point."""
-    rows = enumerate(zip(np.asarray(hard), np.asarray(passed), strict=True))
-    return competence_from([(float(d), bool(ok), f"{number:04d}") for number, (d, ok) in rows], share)
 
 
 def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from competence_trials import competence_of
 
 from bench.statistics import CurveState, difficulty_response
 from bench.statistics._curve import _dispersion
@@ -101,6 +102,7 @@ def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:
     before, after = difficulty_response(hard, ok), difficulty_response(hard, worse)
     assert before.half_at is not None
     assert after.half_at is not None
+    assert competence_of(hard, worse)[0] <= competence_of(hard, ok)[0]
     assert np.diff(after.probability)[50] > np.diff(before.probability)[50]
 
 

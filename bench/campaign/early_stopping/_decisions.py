@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome, SessionResult
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from .._document import Stopping
 from ..storage._journal import JournalEntry
@@ -38,7 +38,7 @@ def check_stopping(stopping: Stopping, decomposition: Decomposition) -> None:
     """Raises SetupError if the decomposition has no such node."""
     if stopping.node not in decomposition.nodes:
         remedy = f"name a node of the decomposition {decomposition.name}"
-        raise SetupError(Fault("stopping.node", f"there is no node {stopping.node!r}", remedy))
+        raise SetupError.of("stopping.node", f"there is no node {stopping.node!r}", remedy)
 
 
 def is_after_stop(entry: JournalEntry, stops: Mapping[PointKey, int]) -> bool:

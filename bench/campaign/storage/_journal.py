@@ -28,7 +28,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from bench.contracts import Outcome, SessionResult
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.realization import RealizationPlan
 from bench.temporary_folders import temporary_folder
 
@@ -451,9 +451,7 @@ def _damaged(path: Path, what: str) -> SetupError:
         f"restore it from a copy, or move {path.name}* away and run again: it is made anew, with the results in runs/ "
         f"that {EVIDENCE} knows"
     )
-    return SetupError(
-        Fault(str(path), f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
-    )
+    return SetupError.of(path, f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
 
 
 def _now() -> str:

@@ -157,12 +157,10 @@ def manifest_differences(path: Path) -> list[Fault]:
             )
         ]
     if manifest is None:
-        raise SetupError(
-            Fault(
-                str(file),
-                "cannot be read: it is missing or holds no manifest",
-                "only a complete campaign has a manifest: run the campaign to its end",
-            )
+        raise SetupError.of(
+            file,
+            "cannot be read: it is missing or holds no manifest",
+            "only a complete campaign has a manifest: run the campaign to its end",
         )
     listed = manifest.files | manifest.host_files
     present = set(_listed_files(path))

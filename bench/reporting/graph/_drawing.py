@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from markupsafe import Markup
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from decompositions import Decomposition, KeyFactor, Level
 
 from .._campaign_data import ReportData, Tally
@@ -203,17 +203,11 @@ def _agent(data: ReportData | None, agent: str | None) -> str:
     if data is None:
         return ""
     if agent is not None and agent not in data.agents:
-        raise SetupError(
-            Fault(
-                "--agent",
-                f"{agent!r} did not fly in {data.name}",
-                f"agents: {', '.join(data.agents) or 'none'}",
-            )
+        raise SetupError.of(
+            "--agent", f"{agent!r} did not fly in {data.name}", f"agents: {', '.join(data.agents) or 'none'}"
         )
     if not data.agents:
-        raise SetupError(
-            Fault("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
-        )
+        raise SetupError.of("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
     return agent or data.agents[0]
 
 
