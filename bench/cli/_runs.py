@@ -30,7 +30,7 @@ def runs(
 
     Example: rebar runs out/demo --where 'outcome != "completed"' --csv
     """
-    from bench.reporting import csv_text, load_report_data, matching, runs_table, words_of
+    from bench.reporting import csv_text, load_report_data, matching, plural, runs_table, words_of
 
     if as_csv and as_json:
         raise SetupError.of("--csv", "cannot be given together with --json", "give either")
@@ -52,7 +52,7 @@ def runs(
     console = plain_console()
     if len(chosen):
         console.print(shown)
-    print_lines(console, [f"{len(chosen)} of {len(table)} runs"])
+    print_lines(console, [f"{len(chosen)} of {plural(len(table), 'run')}"])
     if len(chosen) and (path := chosen["recording"][0]):
         console.print(f"why: {command_line('rebar', 'score', (folder / path).parent)}", soft_wrap=True)
 

@@ -48,3 +48,4 @@ from .statistics._pairings import pair_agents as pair_agents
 from .text._comparison import ComparisonCells as ComparisonCells
 from .text._comparison import comparison_cells as comparison_cells
 from .text._comparison import unpaired_cells as unpaired_cells
+from .text._format import plural as plural

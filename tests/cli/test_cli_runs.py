@@ -56,6 +56,27 @@ def test_runs_are_listed_by_a_condition(flown: Path, capsys: pytest.CaptureFixtu
     assert run(["runs", str(flown), "--csv", "--json"]) == 2
 
 
+@pytest.mark.parametrize("word", ["or", "and"])
+def test_a_condition_of_thousands_of_comparisons_is_answered(
+    flown: Path, capsys: pytest.CaptureFixture[str], word: str
+) -> None:
+    """A script may name each run by itself; two thousand comparisons in one expression took minutes."""
+    condition = f" {word} ".join(["(fog > 1)"] * 3000)
+    assert run(["runs", str(flown), "--where", condition]) == 0
+    assert "2 of 6 runs" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("part", ["(", "not "])
+def test_a_condition_with_thousands_of_brackets_is_refused(
+    flown: Path, capsys: pytest.CaptureFixture[str], part: str
+) -> None:
+    """In one line of moderate length, with what to do."""
+    assert run(["runs", str(flown), "--where", part * 5000 + "fog > 1" + ")" * 5000 * (part == "(")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "is nested deeper than 40 (leave out brackets)" in line
+    assert len(line) < 300
+
+
 def test_check_tells_by_its_exit_code(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """0 where all requirements hold for every agent, 1 where one does not, both sides of the boundary."""
     low = min(requirements_table(load_report_data(flown))["responsible.passed.low"])

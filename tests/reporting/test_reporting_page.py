@@ -25,7 +25,7 @@ from made_campaign import AGENTS, STUDY, Made, make_campaign
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
-from bench.reporting import build_run_map, load_report_data, render_report, write_report
+from bench.reporting import _page, build_run_map, load_report_data, render_report, runs_table, write_report
 from bench.reporting._campaign_data import ReportedCompetence
 from bench.reporting._page import _environment
 from bench.scoring import NodeFloor, ScoredRun, score_table, stated_difficulty
@@ -552,3 +552,35 @@ def test_a_table_of_factors_without_a_row_is_a_sentence(rows: int) -> None:
     assert ("<table" in text) == bool(rows)
     assert ("A dash: " in text) == bool(rows)
     assert ("<p>KA-18 of a, 12 considered runs. No run passed.</p>" in text) == (not rows)
+
+
+def test_words_about_a_table_do_not_scroll_with_it(campaign_folder: Path) -> None:
+    """A caption is as wide as its table: a long one inside the scrolling box was cut at 1000 px."""
+    text = page_of(campaign_folder)[1]
+    assert max(map(len, re.findall(r"<caption>(.*?)</caption>", text, re.DOTALL)), default=0) < 120
+    for table in ("headline", "sensor"):
+        source = (
+            Path(made_campaign.__file__).parents[2] / "bench/reporting/templates/report.html.j2"
+        ).read_text()
+        assert re.search(rf'<p [^>]*id="{table}-words">[^<]{{120,}}</p>\n<div class="scroll"><table ', source)
+    assert '<table id="headline" aria-describedby="headline-words">' in text
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_run_is_no_runs(campaign_folder: Path, count: int) -> None:
+    """One run is not sorted, and shares what it is with nobody."""
+    data = load_report_data(campaign_folder)
+    text = Page(render_report(replace(data, runs=data.runs[:count]))).text
+    assert ("2 runs, those first that say most." in text) == (count == 2)
+    assert ("1 run: agent " in text) == (count == 1)
+
+
+def test_the_runs_are_listed_once(
+    campaign_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Page and companions are made of one table: of a large campaign it takes seconds."""
+    tables = []
+    monkeypatch.setattr(_page, "runs_table", lambda data: tables.append(runs_table(data)) or tables[-1])
+    copy = shutil.copytree(campaign_folder, tmp_path / "copy")
+    write_report(copy)
+    assert len(tables) == 1
