@@ -37,8 +37,7 @@ AT_ONCE = 500
 
 
 def check_fidelity(campaign: Campaign, journal: Journal) -> None:
-    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign
-    asks for.
+    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign asks for.
 
     Raises SetupError with every fault.
     """

@@ -1,6 +1,4 @@
-"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner
-itself.
-"""
+"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner itself."""
 
 from __future__ import annotations
 
@@ -132,8 +130,7 @@ async def run_campaign(
     options: RunOptions = _NOTHING_ASKED,
     collaborators: Collaborators = _DEFAULT_COLLABORATORS,
 ) -> CampaignSummary:
-    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was
-    requested.
+    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was requested.
 
     Call it again on the same folder to resume. Sessions are tasks of the running event loop; planning and scoring keep
     the loop busy. Cancelled, it kills the sessions and their agents. Realizations that may have failed because of the host

@@ -226,9 +226,7 @@ class _RatedSituation:
         return [measured.sentence() for measured in hardest[:EXPLAINED_NODES]]
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
-        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each
-        factor.
-        """
+        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
         from bench.scoring import difficulty_increase
 
         document = self.difficulty.as_json()

@@ -43,8 +43,7 @@ _DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdErr
 
 
 class Container:
-    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were
-    written.
+    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were written.
 
     After the pass, `cut` says where the file ends early or is damaged, or is None when it is whole: every checksum that
     it holds, its statistics and its last bytes agree. `complete` says that every message is there even so (a file may

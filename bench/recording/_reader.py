@@ -34,8 +34,7 @@ class RecoveryResult:
 
 
 def read_records(path: Path | str) -> Iterator[Record]:
-    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole
-    chunk.
+    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole chunk.
 
     Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels
     that do not hold CDR of ROS 2 types are passed over.

@@ -182,9 +182,7 @@ class TapeBuilder:
 
 
 class _MotionColumns:
-    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes
-    (3).
-    """
+    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes (3)."""
 
     WIDTH = 11
 
@@ -252,9 +250,7 @@ class _ActorColumns:
         return True
 
     def arrays(self, members: int) -> tuple[Floats, Floats, int]:
-        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another
-        cast.
-        """
+        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another cast."""
         # A pose array has no ids: only its length says whether it is of this cast.
         fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
         times = np.array([self._times[index] for index in fitting], dtype=np.float64)

@@ -1,5 +1,4 @@
-"""The report: what a campaign left on disk, as one HTML file that works offline, and the same scores for the
-terminal.
+"""The report: what a campaign left on disk, as one HTML file that works offline, and the same scores for the terminal.
 
 from bench.reporting import write_report
 print(write_report(Path("out/demo")))

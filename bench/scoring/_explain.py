@@ -1,6 +1,4 @@
-"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded
-evidence.
-"""
+"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded evidence."""
 
 from __future__ import annotations
 
@@ -44,9 +42,7 @@ class Sources:
 
 
 class FactorExplanation(Document):
-    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the
-    difficulty.
-    """
+    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the difficulty."""
 
     factor: str
     value: float

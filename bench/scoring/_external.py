@@ -1,5 +1,4 @@
-"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records
-(docs/rulings.md 19).
+"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
 
 Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are
 reported at once.
@@ -38,9 +37,7 @@ _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": Fa
 
 @dataclass(frozen=True, slots=True)
 class ExternalTable:
-    """The runs of a table in the order of their first rows; `lines` has the line of each (run,
-    observable).
-    """
+    """The runs of a table in the order of their first rows; `lines` has the line of each (run, observable)."""
 
     runs: tuple[ScoredRun, ...]
     lines: Mapping[tuple[str, str], int]
@@ -79,9 +76,7 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
 def score_external(
     decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()
 ) -> pl.DataFrame:
-    """The score table of these runs, with a null difficulty for a node of which no observable has a row in
-    the run.
-    """
+    """The score table of these runs, with a null difficulty for a node of which no observable has a row in the run."""
     return score_table(decomposition, runs, study)
 
 

@@ -1,5 +1,4 @@
-"""Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions,
-no I/O.
+"""Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions, no I/O.
 
 from bench.statistics import claim
 print(claim(passed=14, tried=14))

@@ -43,9 +43,7 @@ def further_passes_for_claim(passed: int, tried: int, share: float, level: float
 
 
 def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENCE_LEVEL) -> str:
-    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share`
-    needs.
-    """
+    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share` needs."""
     _require_counts(passed, tried)
     if tried == 0:
         return f"Nothing was tried, so nothing can be claimed; {_needed_text(further_passes_for_claim(0, 0, share, level), share)}."

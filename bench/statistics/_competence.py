@@ -44,8 +44,7 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class Competence:
-    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays
-    hold.
+    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays hold.
 
     `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0
     where none does. `at_least` is true where it is the highest difficulty tested, so that its end is not
@@ -61,8 +60,7 @@ class Competence:
 
 @dataclass(frozen=True, slots=True)
 class TrialCounts:
-    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest
-    first.
+    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest first.
 
     `alike` counts the design points of each cell that had the same number of trials and passes.
     """
@@ -90,9 +88,7 @@ def count_trials(trials: Trials, groups: int) -> TrialCounts:
 def count_design_points(
     group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int
 ) -> TrialCounts:
-    """The same from the trials and passes of each design point, where a design point has one difficulty in a
-    group.
-    """
+    """The same from the trials and passes of each design point, where a design point has one difficulty in a group."""
     return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 

@@ -1,5 +1,4 @@
-"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside
-competence.
+"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside competence.
 
 As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood,
 which stays finite where passes and failures are separated: Heinze, G. and Schemper, M. (2002), Statistics in
@@ -42,8 +41,7 @@ class CurveState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise
-    band.
+    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise band.
 
     The arrays are empty where there is no curve. `half_at` is the difficulty with a pass probability of one
     half; None where the curve does not fall through one half within the difficulties tested.

@@ -34,8 +34,7 @@ class NodeOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small
-    samples.
+    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small samples.
 
     `p` is the share of shuffles (the data itself included) that diverge at least as much. `band` is the width
     of score bands in points.

@@ -71,9 +71,7 @@ class PairedCounts:
         return DifferenceEstimate(estimate, float(low), float(high))
 
     def _score(self, difference: float) -> float:
-        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference
-        rises.
-        """
+        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference rises."""
         n, b, c = self.pairs, self.only_second, self.only_first
         distance = b - c - n * difference
         if distance == 0.0:
@@ -89,8 +87,7 @@ class PairedCounts:
 def cliffs_delta(
     first: Sequence[float], second: Sequence[float], confidence: float = 0.95
 ) -> DifferenceEstimate | None:
-    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where
-    either is empty.
+    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where either is empty.
 
     It compares two distributions and uses no pairing. The interval stays within [-1, 1]; it is [-1, 1] where
     a side has a single value, and has no width where the sides do not overlap: there the sample sizes tell

@@ -39,9 +39,7 @@ class DistinctRows:
 def maximize(
     rows: DistinctRows, start: Floats, free: Bools, design_effect: float = 1.0
 ) -> tuple[Floats, float]:
-    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
-    halving.
-    """
+    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step halving."""
     beta, value = start.copy(), _penalized_likelihood(rows, start, design_effect)
     for _ in range(200):
         slope, curvature, information = _derivatives(rows, beta, design_effect)

@@ -1,5 +1,4 @@
-"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a
-claim.
+"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a claim.
 
 The power of McNemar's exact test is computed, not approximated: over the number of pairs that differ (binomial), the share of
 outcomes that the exact test rejects. Duffy, S. W. (1984), "Asymptotic and exact power for the McNemar test and its analogue
@@ -67,8 +66,7 @@ def runs_for_half_width(share: float, half_width: float, confidence: float = 0.9
 
 
 def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) -> int | None:
-    """The least number of runs, `failures` of them failed, that support "passes at least this share"
-    (one-sided, exact).
+    """The least number of runs, `failures` of them failed, that support "passes at least this share" (one-sided, exact).
 
     59 for 0.95 without a failure, 93 with one.
     """

@@ -1,5 +1,4 @@
-"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of
-linearity.
+"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of linearity.
 
 Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to
 infinity. This is detected before fitting (a linear programme: Konis, K. (2007), "Linear programming
@@ -41,8 +40,7 @@ MIN_EVENTS_PER_PARAMETER = 5
 
 @dataclass(frozen=True, slots=True)
 class OddsRatio:
-    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 %
-    interval.
+    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 % interval.
 
     A bound or an estimate beyond MAX_ODDS_RATIO is None: runs cannot tell it.
     """
@@ -83,8 +81,7 @@ class Logistic:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of
-    linearity.
+    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of linearity.
 
     `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels
     do not repeat. A small one means that a straight line is not enough. None where the test is not possible,
@@ -164,9 +161,7 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
 
 
 def separated(y: Floats, x: Floats) -> bool:
-    """Whether a combination of columns has every pass on one side and every failure on the other, or on the
-    border.
-    """
+    """Whether a combination of columns has every pass on one side and every failure on the other, or on the border."""
     signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
     solution = optimize.linprog(
         -signed.sum(axis=0),
@@ -180,9 +175,7 @@ def separated(y: Floats, x: Floats) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodFit:
-    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design
-    point.
-    """
+    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design point."""
 
     method: str
     beta: Floats
@@ -204,8 +197,7 @@ class LikelihoodFit:
 
 @dataclass(frozen=True, slots=True)
 class FirthFit:
-    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a
-    normal.
+    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a normal.
 
     A `design_effect` of 1 takes rows as independent; with one of k, k rows count as one.
     """

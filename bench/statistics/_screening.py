@@ -1,6 +1,4 @@
-"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their
-number.
-"""
+"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their number."""
 
 from __future__ import annotations
 

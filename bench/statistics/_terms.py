@@ -192,9 +192,7 @@ class _TermSelection:
         return Terms(tuple(self.carried), tuple(self._out), dict(self._shared))
 
     def _partners(self, candidate: Term) -> list[Term]:
-        """The carried terms that the candidate is aliased with; all of them where no single one is
-        responsible.
-        """
+        """The carried terms that the candidate is aliased with; all of them where no single one is responsible."""
 
         def free(terms: Iterable[Term]) -> int:
             base = _columns_of(self._runs, terms)
@@ -233,8 +231,7 @@ def _rank(columns: Floats) -> int:
 
 @dataclass(frozen=True, slots=True)
 class FactorIndependence:
-    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest
-    Cramér's V.
+    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest Cramér's V.
 
     None where there are no two such factors. 0 means a balanced design; at 1 two factors cannot be told
     apart.
@@ -268,9 +265,7 @@ def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColum
 
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
-    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics,
-    21.9).
-    """
+    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics, 21.9)."""
     table = np.zeros((len(first.levels), len(second.levels)))
     np.add.at(table, (first.codes(), second.codes()), 1.0)
     expected = table.sum(axis=1, keepdims=True) * table.sum(axis=0, keepdims=True) / table.sum()

@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
 # The text is a key of `outcomes` in manifest.json, so it cannot be reworded.
 FLOWN_AFTER_STOP = "flown past the stop"
-"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass
-rate.
-"""
+"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass rate."""
 
 
 PointKey = tuple[str, str]
@@ -74,8 +72,7 @@ class EarlyStop:
 
 @dataclass(slots=True)
 class _Replicates:
-    """The replicates of one design point and agent: realizations in order, and whether those with a result
-    passed.
+    """The replicates of one design point and agent: realizations in order, and whether those with a result passed.
 
     `passed` has None for a result that is no trial of the studied node.
     """
@@ -151,8 +148,7 @@ class StoppingDecisions:
         return [name for name in later if name not in replicates.passed and name not in replicates.not_needed]
 
     def needed_again(self, key: PointKey) -> list[str]:
-        """Realizations remembered as not needed, if all replicates before them have a result and do not stop
-        the point.
+        """Realizations remembered as not needed, if all replicates before them have a result and do not stop the point.
 
         That happens when replicates or the rule changed since, or when a result before the stop was lost and
         rerun.

@@ -1,6 +1,4 @@
-"""The local executor: worker processes that fly one session after another and are replaced when one is
-lost.
-"""
+"""The local executor: worker processes that fly one session after another and are replaced when one is lost."""
 
 from __future__ import annotations
 

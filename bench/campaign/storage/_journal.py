@@ -1,5 +1,4 @@
-"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any
-moment.
+"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any moment.
 
 Tables:
 
@@ -104,9 +103,7 @@ class JournalEntry:
 
 @dataclass(frozen=True, slots=True)
 class PlannedRealization:
-    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in
-    simspecs/.
-    """
+    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in simspecs/."""
 
     plan: RealizationPlan
     intent_sha256: str
@@ -254,9 +251,7 @@ class Journal:
         return dict(self._database.execute("SELECT realization, sha256 FROM recordings").fetchall())
 
     def set_stops(self, stops: Mapping[tuple[str, str], int]) -> None:
-        """Note the last replicate that counts, by design point and agent, in place of all that was noted
-        before.
-        """
+        """Note the last replicate that counts, by design point and agent, in place of all that was noted before."""
         with self._change():
             self._database.execute("DELETE FROM stops")
             rows = [(*key, replicate) for key, replicate in sorted(stops.items())]

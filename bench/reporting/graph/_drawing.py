@@ -54,9 +54,7 @@ NUMBER_CHARACTERS = 7
 
 @dataclass(frozen=True, slots=True)
 class NodeColour:
-    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands
-    for.
-    """
+    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands for."""
 
     step: str
     text: str
@@ -304,9 +302,7 @@ def _table(row: KeyFactor) -> dict[str, Any]:
 
 
 def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
-    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign
-    has.
-    """
+    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign has."""
     trials = trials_of(data.scores)
     return {
         agent: {
