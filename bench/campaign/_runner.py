@@ -36,7 +36,8 @@ from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import Completeness, noted_completeness, parse_accepted_outcomes
 from .storage._completeness import accept as accept_outcomes
 from .storage._folder import CampaignFolder, open_lock
-from .storage._journal import Journal, open_journal
+from .storage._journal import Journal
+from .storage._journal_file import open_journal
 from .storage._manifest import write_manifest
 from .storage._pause import is_paused, take_retry_request
 from .storage._recovery import parse_rerun_outcomes, reconcile, reset_for_rerun

@@ -83,15 +83,20 @@ class _Replicates:
 
 
 class StoppingDecisions:
-    """The stopping rule of a campaign applied to the results that are known so far."""
+    """The stopping rule of a campaign, None for none, applied to the results that are known so far.
+
+    Only `entries` can be stopped: whatever else the campaign holds is passed over.
+    """
 
     def __init__(
-        self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[JournalEntry]
+        self, stopping: Stopping | None, decomposition: Decomposition, entries: Iterable[JournalEntry]
     ) -> None:
-        self._rule = _rule(stopping)
-        self._thresholds = _thresholds(decomposition, stopping.node)
         self._points: dict[PointKey, _Replicates] = {}
         self._keys: dict[str, PointKey] = {}
+        if stopping is None:
+            return
+        self._rule = _rule(stopping)
+        self._thresholds = _thresholds(decomposition, stopping.node)
         for entry in entries:
             self._keys[entry.id] = key = (entry.design_point, entry.agent)
             self._points.setdefault(key, _Replicates([])).order.append((entry.replicate, entry.id))
@@ -99,17 +104,19 @@ class StoppingDecisions:
             replicates.order.sort()
 
     @property
-    def keys(self) -> Iterable[PointKey]:
-        """Every design point and agent."""
-        return self._points.keys()
+    def keys(self) -> list[PointKey]:
+        """Every design point and agent; empty without a stopping rule."""
+        return list(self._points)
 
-    def key(self, realization: str) -> PointKey:
-        """Design point and agent of a realization."""
-        return self._keys[realization]
+    def key(self, realization: str) -> PointKey | None:
+        """Design point and agent of a realization; None for one that cannot be stopped."""
+        return self._keys.get(realization)
 
     def record(self, result: SessionResult) -> None:
         """Take up a result. A realization with the outcome SETTLED is remembered as not needed."""
-        replicates = self._points[self._keys[result.realization]]
+        if (key := self.key(result.realization)) is None:
+            return
+        replicates = self._points[key]
         if result.outcome is Outcome.SETTLED:
             replicates.not_needed.add(result.realization)
         else:
@@ -118,9 +125,9 @@ class StoppingDecisions:
 
     def forget(self, realization: str) -> None:
         """Drop the result of a realization."""
-        replicates = self._points[self._keys[realization]]
-        replicates.passed.pop(realization, None)
-        replicates.not_needed.discard(realization)
+        if (key := self.key(realization)) is not None:
+            self._points[key].passed.pop(realization, None)
+            self._points[key].not_needed.discard(realization)
 
     def early_stop(self, key: PointKey) -> EarlyStop | None:
         """Where this design point stops early, None while its pass rate is undecided."""
@@ -164,15 +171,12 @@ class StoppingDecisions:
         return [name for _, name in replicates.order if name in replicates.not_needed]
 
     def may_start(self, realization: str) -> bool:
-        """Whether no earlier replicate of its design point is remembered as not needed.
-
-        Those are decided first.
-        """
-        replicates = self._points[self._keys[realization]]
-        position = next(
-            position for position, (_, name) in enumerate(replicates.order) if name == realization
-        )
-        return not any(name in replicates.not_needed for _, name in replicates.order[:position])
+        """Whether no earlier replicate of its design point is remembered as not needed: those are decided first."""
+        if (key := self.key(realization)) is None:
+            return True
+        replicates = self._points[key]
+        names = [name for _, name in replicates.order]
+        return replicates.not_needed.isdisjoint(names[: names.index(realization)])
 
 
 def _rule(stopping: Stopping) -> StoppingRule:

@@ -20,7 +20,8 @@ from ..storage._folder import (
     campaign_of,
     realization_in,
 )
-from ..storage._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
+from ..storage._journal import Journal, JournalEntry, RealizationState
+from ..storage._journal_file import open_journal_to_read
 from ..storage._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ..storage._recovery import is_unnoted
 from ..storage._results import read_result

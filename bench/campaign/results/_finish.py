@@ -45,7 +45,8 @@ from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._files import FileDigests, write_whole
 from ..storage._folder import RECORDING, CampaignFolder, existing_campaign, is_campaign, open_lock
-from ..storage._journal import JournalEntry, open_journal
+from ..storage._journal import JournalEntry
+from ..storage._journal_file import open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import write_result
 from ._campaign_results import CampaignResults

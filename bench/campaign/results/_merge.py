@@ -21,7 +21,8 @@ from ..storage._dropped import dropped_recording
 from ..storage._files import digest_of
 from ..storage._firmware_ends import add_firmware_ends, firmware_ends
 from ..storage._folder import RESULT, CampaignFolder, open_lock
-from ..storage._journal import Journal, JournalEntry, open_journal, open_journal_to_read
+from ..storage._journal import Journal, JournalEntry
+from ..storage._journal_file import open_journal, open_journal_to_read
 from ..storage._manifest import Manifest, read_manifest
 from ..storage._results import read_result
 from ._finish import read_campaign_folder

@@ -17,7 +17,7 @@ from ._completeness import Completeness
 from ._evidence_log import EvidenceLog
 from ._files import FileDigests, digest_of, is_deleted_over_nfs, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
-from ._journal import settled_journal_sha256
+from ._journal_file import settled_journal_sha256
 from ._pause import PAUSE, RETRY
 
 JOURNAL = "journal.sqlite"
