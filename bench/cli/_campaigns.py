@@ -28,7 +28,7 @@ from ._missing_runs import (
 from ._run_request import CampaignChanges, IsolationOption, RunRequest
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, FinishedCampaign, OpenExecutor
+    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign, OpenExecutor
     from decompositions import Decomposition
 
 
@@ -217,7 +217,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
         run_campaign_sync,
     )
 
-    from ._campaign_end import CampaignEnd, given_the_truth, show_scores
+    from ._campaign_end import CampaignEnd
     from ._progress import open_progress
     from ._scores import campaign_report
 
@@ -226,7 +226,6 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
         what = "and keep in the campaign file both say what becomes of recordings"
         raise SetupError.of("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
-    informed = () if request.as_json else given_the_truth(campaign)
     folder = request.folder(campaign.name)
     end = CampaignEnd()
     with (
@@ -258,9 +257,19 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
                 end.finished.completeness if end.finished else None,
                 campaign_report(folder).model_dump_json(exclude_none=True) if bus and end.finished else None,
             )
+    return _shown_end(campaign, request, summary, end.finished)
+
+
+def _shown_end(
+    campaign: Campaign, request: RunRequest, summary: CampaignSummary, scores: FinishedCampaign | None
+) -> FinishedCampaign:
+    """Print what a run came to. Raises typer.Exit unless the campaign is complete."""
+    from ._campaign_end import given_the_truth, show_scores
+    from ._scores import campaign_report
+
+    folder = summary.folder
     if summary.events_dropped:
         warn(f"{summary.events_dropped} events were not shown or sent in time")
-    scores = end.finished
     if scores is None:
         print(
             f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
@@ -273,7 +282,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     if request.as_json:
         print(campaign_report(folder).model_dump_json(indent=1, ensure_ascii=True))
     else:
-        show_scores(campaign, folder, summary, scores, informed)
+        show_scores(campaign, folder, summary, scores, given_the_truth(campaign))
     if not scores.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
     return scores

@@ -56,19 +56,10 @@ def check(
 
     Example: rebar decomposition check search-and-report --panel out/demo --order reference-naive reference-bystander-aware
     """
-    from bench.campaign import load_measurable_decomposition, read_runs
-    from bench.scoring import worst_first
+    from bench.campaign import load_measurable_decomposition
 
     decomposition = load_measurable_decomposition(name)
-    nodes: list[NodeFloor] = []
-    if floor is not None:
-        # Measured again only with another decomposition than the folder's: that takes a while.
-        measured = read_runs(floor)
-        if measured.decomposition.digest != decomposition.digest:
-            measured = read_runs(floor, name)
-        if not measured.floor_runs:
-            raise SetupError.of(floor, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
-        nodes = worst_first(measured.floors())
+    nodes = None if floor is None else _floor_nodes(decomposition, name, floor)
     if order and not panel:
         raise SetupError.of("--order", "compares agents of a panel", "add --panel DIR")
     shown = _panel(decomposition, name, panel, order) if panel else None
@@ -79,32 +70,49 @@ def check(
             "nodes": len(decomposition.nodes),
             "observables": len(decomposition.observables),
         }
-        if floor is not None:
+        if nodes is not None:
             document["floor"] = [_as_json(node) for node in nodes]
         if shown is not None:
             document["panel"] = shown.model_dump(mode="json")
         print(json.dumps(document, indent=1))
-        _exit_beyond_bounds(shown)
-        return
-    console = plain_console()
-    counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
-    print_lines(console, [f"{decomposition.name}: {counts}, every measure, option and key factor is known"])
-    if floor is not None:
-        titles = {node.id: node.title for node in decomposition.nodes.values()}
-        print("floor, ceiling and discrimination, worst first:")
-        console.print(_table(nodes, titles))
-        flawed = sum(bool(node.flaw) for node in nodes)
-        unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
-        print_lines(
-            console,
-            [
-                f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
-                f"{unknown} were never considered on these scenes"
-            ],
-        )
-    if shown is not None:
-        _print_panel(shown, decomposition)
+    else:
+        counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
+        known = f"{decomposition.name}: {counts}, every measure, option and key factor is known"
+        print_lines(plain_console(), [known])
+        if nodes is not None:
+            _print_floor(nodes, decomposition)
+        if shown is not None:
+            _print_panel(shown, decomposition)
     _exit_beyond_bounds(shown)
+
+
+def _floor_nodes(decomposition: Decomposition, name: str, folder: Path) -> list[NodeFloor]:
+    """Floor and ceiling of every node in a campaign's folder, worst first."""
+    from bench.campaign import read_runs
+    from bench.scoring import worst_first
+
+    # Measured again only with another decomposition than the folder's: that takes a while.
+    measured = read_runs(folder)
+    if measured.decomposition.digest != decomposition.digest:
+        measured = read_runs(folder, name)
+    if not measured.floor_runs:
+        raise SetupError.of(folder, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
+    return worst_first(measured.floors())
+
+
+def _print_floor(nodes: Sequence[NodeFloor], decomposition: Decomposition) -> None:
+    print("floor, ceiling and discrimination, worst first:")
+    titles = {node.id: node.title for node in decomposition.nodes.values()}
+    plain_console().print(_table(nodes, titles))
+    flawed = sum(bool(node.flaw) for node in nodes)
+    unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
+    print_lines(
+        plain_console(),
+        [
+            f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
+            f"{unknown} were never considered on these scenes"
+        ],
+    )
 
 
 def _exit_beyond_bounds(panel: Panel | None) -> None:

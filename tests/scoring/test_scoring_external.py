@@ -1,6 +1,4 @@
-"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at
-once.
-"""
+"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at once."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from typing import Any
 import pytest
 
 from bench.errors import Fault, SetupError
-from bench.scoring import absent_pairs, read_table, score_external, score_run, summary_frame
+from bench.scoring import absent_pairs, read_table, score_run, score_table, summary_frame
 from bench.scoring._external import ExternalTable
 from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
@@ -104,7 +102,7 @@ def test_csv_and_both_kinds_of_json_say_the_same(external: Decomposition) -> Non
     assert [run.realization for run in table.runs] == ["1", "2"]
     second = score_run(external, table.runs[1].difficulty, table.runs[1].observations)
     assert (second["VAB1"].score, second["KA1"].score, second["KA1"].confidence) == (80.0, 50.0, 2 / 3)
-    summary = summary_frame(score_external(external, table.runs), external)
+    summary = summary_frame(score_table(external, table.runs), external)
     row = summary.filter(node="KA1", configuration="all").row(0, named=True)
     assert (row["score_mean"], row["confidence_mean"]) == (40.0, pytest.approx(5 / 6))
 
@@ -131,7 +129,7 @@ def test_a_missing_row_is_not_considered_and_is_counted(external: Decomposition)
     """Absent pairs have neither score nor difficulty; they are shown by number."""
     table = read_table("run,observable,difficulty,x,considered\na,OBS1,30,1,\nb,OBS3,40,,no\n", external)
     assert absent_pairs(external, table.runs) == 4
-    scores = score_external(external, table.runs)
+    scores = score_table(external, table.runs)
     rows = {(row["realization"], row["node"]): row for row in scores.iter_rows(named=True)}
     assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (
         30.0,
@@ -157,7 +155,7 @@ def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
     decomposition = decomposition_of(
         DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given")
     )
-    scores = score_external(
+    scores = score_table(
         decomposition, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", decomposition).runs
     )
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
