@@ -1,6 +1,4 @@
-"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine
-reads.
-"""
+"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine reads."""
 
 from __future__ import annotations
 
@@ -204,9 +202,7 @@ def small_campaign(folder: Path) -> Path:
 
 
 def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was
-    changed.
-    """
+    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was changed."""
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
@@ -344,9 +340,7 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(
 def test_two_faults_in_one_campaign_file_come_at_once(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own
-    line.
-    """
+    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own line."""
     campaign = small_campaign(tmp_path)
     broken = (
         CAMPAIGN.replace("base_file", "base_fiel")
@@ -424,9 +418,7 @@ BAD = {
 def test_bad_situations_are_answered_with_file_field_and_remedy(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and
-    remedy.
-    """
+    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and remedy."""
     document, expected = BAD[name]
     simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
     simspec.write_text(document)

@@ -43,9 +43,7 @@ def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[st
 
 
 def test_two_agents_of_one_campaign(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of
-    the table.
-    """
+    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
     document = printed_json([str(campaign_folder)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
     nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
@@ -144,9 +142,7 @@ def test_one_agent_each_of_two_campaigns(
 
 
 def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path], tmp_path: Path) -> None:
-    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is
-    none.
-    """
+    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is none."""
     other = tmp_path / "renamed"
     shutil.copytree(apart[1], other)
     scores = pl.read_parquet(other / "scores.parquet")

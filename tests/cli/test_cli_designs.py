@@ -44,9 +44,7 @@ def test_dry_run_and_realize_measure_the_design(tmp_path: Path, capsys: pytest.C
 
 
 def test_levels_that_do_not_fit_are_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A formula out of a field's bounds names factor, level, path and bounds; an expression names file and
-    line.
-    """
+    """A formula out of a field's bounds names factor, level, path and bounds; an expression names file and line."""
     campaign = tmp_path / "small.yaml"
     campaign.write_text(CAMPAIGN.replace("fog / 4", "fog * 10"))
     assert run(["run", str(campaign), "--dry-run"]) == 2

@@ -1,6 +1,4 @@
-"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained
-scores.
-"""
+"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained scores."""
 
 from __future__ import annotations
 
@@ -367,9 +365,7 @@ def test_a_printed_document_is_read_back(
 
 
 def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> None:
-    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension
-    begins.
-    """
+    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension begins."""
     document = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
     (node,) = document["nodes"]
     assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
@@ -393,9 +389,7 @@ def without(nodes: list[dict[str, Any]], ids: set[str]) -> list[dict[str, Any]]:
 def test_a_campaign_written_as_a_table_scores_the_same(
     campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last
-    bit.
-    """
+    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last bit."""
     direct = printed(["score", str(campaign), "--json", "--per-run"], capsys)
     rows = [
         {

@@ -1,8 +1,6 @@
 # mypy: disable-error-code="operator, str-bytes-safe"
 # Cells of a data frame may be of any type; the columns used here are numbers.
-"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the
-same.
-"""
+"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the same."""
 
 from __future__ import annotations
 
@@ -37,9 +35,7 @@ VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
 class Page(HTMLParser):
-    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could
-    fetch.
-    """
+    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could fetch."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -104,9 +100,7 @@ def page_of(folder: Path) -> tuple[Page, str]:
 
 @pytest.fixture(scope="module")
 def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be
-    placed.
-    """
+    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be placed."""
     endings = {
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1: </script><script>alert(1)</script>"),
         "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place for group 'close'"),

@@ -1,6 +1,4 @@
-"""Competence in the summary of a score table: at every node, over all configurations, and never raised by a
-failure.
-"""
+"""Competence in the summary of a score table: at every node, over all configurations, and never raised by a failure."""
 
 from __future__ import annotations
 
@@ -82,9 +80,7 @@ def test_failing_never_raises_it_at_any_node(
 def test_the_summary_has_it_for_all_runs_together(
     decomposition: Decomposition, situations: list[Difficulty]
 ) -> None:
-    """One row for each node over all configurations; null in a configuration's own row and where never
-    considered.
-    """
+    """One row for each node over all configurations; null in a configuration's own row and where never considered."""
     xs: dict[str, float | None] = dict.fromkeys(decomposition.observables, 1.0) | {
         "OBS-181": None,
         "OBS-182": None,

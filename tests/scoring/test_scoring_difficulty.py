@@ -1,6 +1,4 @@
-"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve
-configurations.
-"""
+"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve configurations."""
 
 from __future__ import annotations
 
@@ -135,9 +133,7 @@ def test_a_value_that_is_no_number_is_refused() -> None:
 def test_harder_never_rates_lower(
     values: list[int], falling: bool, mapping: str, low: float, more: float
 ) -> None:
-    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings
-    or 0.
-    """
+    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
     row = table(ratings, ordered, mapping=mapping)
@@ -199,9 +195,7 @@ def test_without_bystanders_nothing_about_them_is_exercisable(decomposition: Dec
 
 
 def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
-    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have
-    it.
-    """
+    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
         lowest = min(difficulties.rated(observable) for observable in decomposition.observables_under(node))
@@ -251,9 +245,7 @@ def at(
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
-    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key
-    attributes.
-    """
+    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -264,9 +256,7 @@ def test_the_papers_experiment_has_twelve_difficulty_configurations(decompositio
 
 
 def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decomposition) -> None:
-    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to
-    80).
-    """
+    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -284,9 +274,7 @@ def test_no_factor_at_its_easiest_rules_the_experiment(decomposition: Decomposit
 
 
 def test_configurations_agree_to_six_decimals(decomposition: Decomposition) -> None:
-    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is
-    compared.
-    """
+    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is compared."""
     base = configuration_of(decomposition, at(decomposition, 0.5, 390.1, 259.1))
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-8, 259.1)) == base
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-3, 259.1)) != base
@@ -301,9 +289,7 @@ def test_only_key_attributes_are_studied(decomposition: Decomposition) -> None:
 
 
 def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> None:
-    """The configured mission altitude counts, and where placement put people or what the vehicle is changes
-    nothing.
-    """
+    """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
     spec = SimSpec.model_validate(
         {
             "name": "small",

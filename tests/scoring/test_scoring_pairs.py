@@ -1,5 +1,4 @@
-"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal
-size.
+"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal size.
 
 Rules that pick one of several, or that count each once, look right as long as there is only one. Every test
 here has two.
@@ -48,9 +47,7 @@ RAIN = row("rain_level", [20, 80], [0, 6])
 
 
 def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | None = None) -> Decomposition:
-    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both
-    principles.
-    """
+    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both principles."""
     leaves = [
         {
             "id": name,
@@ -155,9 +152,7 @@ def test_two_factors_that_tie_rule_together() -> None:
 
 @pytest.mark.parametrize("failing", [0, 1])
 def test_the_run_that_fails_is_explained_whichever_it_is(failing: int) -> None:
-    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and
-    recording.
-    """
+    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and recording."""
     runs = [
         flown(
             f"r{number}",
@@ -203,9 +198,7 @@ def test_of_two_children_that_tie_the_first_rules() -> None:
 
 
 def test_design_points_of_unequal_size_weigh_by_their_runs() -> None:
-    """Five runs of one design point and one of another, for two agents: means over runs, intervals over
-    design points.
-    """
+    """Five runs of one design point and one of another, for two agents: means over runs, intervals over design points."""
     shares = {"a": [1.0, 1.0, 1.0, 1.0, 0.0, 0.0], "b": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}
     points = ["big"] * 5 + ["small"]
     runs = [

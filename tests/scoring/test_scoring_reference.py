@@ -71,9 +71,7 @@ class Flown:
 
 
 class Reference:
-    """The rulings 4 to 17 and 25 read aloud, node by node and run by run; it shares nothing with the
-    implementation.
-    """
+    """The rulings 4 to 17 and 25 read aloud, node by node and run by run; it shares nothing with the implementation."""
 
     def __init__(self, decomposition: Decomposition) -> None:
         self.decomposition, self.rules = decomposition, decomposition.policies
@@ -157,9 +155,7 @@ class Reference:
 
 
 def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
-    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the
-    observables.
-    """
+    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the observables."""
     counts = [draw(st.integers(1, most)) for most in (3, 3, 5, 6)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
     layers = []

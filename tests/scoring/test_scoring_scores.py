@@ -1,6 +1,4 @@
-"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force
-reference.
-"""
+"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force reference."""
 
 from __future__ import annotations
 
@@ -116,9 +114,7 @@ def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
 
 
 def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
-    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is
-    2/2.
-    """
+    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is 2/2."""
     document = worked.document.model_dump() | {"policies": {"confidence": "children"}}
     other = decomposition_of(DecompositionDocument.model_validate(document))
     second = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
@@ -128,9 +124,7 @@ def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
 
 
 def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
-    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above
-    it.
-    """
+    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above it."""
     scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": None, "OBS2": 1.0}))
     assert (scores["OBS1"].score, scores["OBS1"].confidence, scores["OBS1"].considered) == (None, None, 0)
     assert (scores["VAB1"].score, scores["VAB1"].confidence) == (80.0, 1.0)
@@ -181,9 +175,7 @@ def test_failed_is_not_not_considered(worked: Decomposition) -> None:
 def test_credit_and_near_misses(
     x: float, tau: float, partial: bool, near_miss: float | None, d: float, score: float | None, achieved: int
 ) -> None:
-    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is
-    clipped.
-    """
+    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is clipped."""
     scores = score_run(
         node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observations_of({"O": x})
     )
@@ -207,9 +199,7 @@ def test_credit_points_are_a_policy() -> None:
 
 
 def test_what_cannot_be_scored_is_refused(worked: Decomposition) -> None:
-    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs
-    upstream.
-    """
+    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
     with pytest.raises(ValueError, match="OBS9"):
         score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS9": 1.0}))
     with pytest.raises(ValueError, match="two observations of OBS1"):
@@ -267,9 +257,7 @@ def brute_force(
 
 @st.composite
 def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[str, float | None]]:
-    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some
-    absent.
-    """
+    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some absent."""
     grid = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
     counts = [draw(st.integers(1, max_count)) for max_count in (3, 4, 6, 8)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
@@ -305,9 +293,7 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
 def test_scores_are_those_of_a_brute_force_reference(
     situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
 ) -> None:
-    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the
-    same.
-    """
+    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the same."""
     decomposition, difficulties, xs = situation
     scores = score_run(decomposition, difficulties, observations_of(xs))
     for name, expected in brute_force(decomposition, difficulties, xs).items():

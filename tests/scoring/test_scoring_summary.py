@@ -155,9 +155,7 @@ def test_pooled_counts_are_a_policy(decomposition: Decomposition) -> None:
 
 
 def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
-    """Every row of the table equals the run scored alone, with null for what there is not; x stands at
-    observables.
-    """
+    """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
     summary = hard(decomposition)
     xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
     table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
@@ -177,9 +175,7 @@ def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> Non
 
 
 def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposition) -> None:
-    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent
-    counts.
-    """
+    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
     summary = hard(decomposition)
     runs = [
         run("a", summary, everything(decomposition)),
@@ -251,9 +247,7 @@ def test_nothing_flown_is_an_empty_table(decomposition: Decomposition) -> None:
 
 
 def test_a_realization_counts_once(decomposition: Decomposition) -> None:
-    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to
-    mend.
-    """
+    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
     summary = hard(decomposition)
     with pytest.raises(ValueError, match="'a' appears twice"):
         score_table(decomposition, [run("a", summary, {}), run("a", summary, {})])
@@ -262,9 +256,7 @@ def test_a_realization_counts_once(decomposition: Decomposition) -> None:
 
 
 def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
-    """What a campaign writes to disk and reads back is the same table, and sums up the same without the
-    decomposition.
-    """
+    """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
     from io import BytesIO
 
     table = score_table(
@@ -355,9 +347,7 @@ def test_the_exact_interval_covers_at_least_95_percent(n: int) -> None:
 
 
 def test_runs_that_hang_together_are_worth_fewer() -> None:
-    """Replicates that agree within their design point count about as one each; independent ones nearly
-    all.
-    """
+    """Replicates that agree within their design point count about as one each; independent ones nearly all."""
     alike = effective_size(
         0.5, 30, 10, 10 * 1.5**2
     )  # ten points of three equal runs, half of them all passes
