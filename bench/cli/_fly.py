@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +31,7 @@ KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
 class FlyOptions:
     """The options of `rebar fly`."""
 
-    autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4"
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Kind of flight controller")] = "px4"
     vehicle: Annotated[
         str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")
     ] = DEFAULT_VEHICLE
@@ -54,9 +54,10 @@ class FlyOptions:
     speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0"
     signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = ""
-    signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = (
-        "require"
-    )
+    signing: Annotated[
+        Literal["require", "accept"],
+        typer.Option(help="With require, unsigned messages are ignored"),
+    ] = "require"
     params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None
     camera: Annotated[
         bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")
@@ -75,10 +76,6 @@ class FlyOptions:
 
     def check(self) -> None:
         """Raises SetupError for options that cannot be, or not together."""
-        if self.autopilot not in ("px4", "ardupilot"):
-            raise SetupError.of(
-                "--autopilot", f"unknown autopilot {self.autopilot!r}", "give px4 or ardupilot"
-            )
         outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
             raise SetupError.of(
@@ -101,7 +98,10 @@ class FlyOptions:
         links += [parse_serial(text, len(links) + index) for index, text in enumerate(self.serial or ())]
         if self.interface:
             links += interface_links(self.autopilot, self.interface)
-        return signed(links or DEFAULT_LINKS[self.autopilot], self.signing_key, self.signing)
+        return [
+            replace(link, signing_key=self.signing_key, signing=self.signing)
+            for link in links or DEFAULT_LINKS[self.autopilot]
+        ]
 
 
 def fly(options: FlyOptions) -> None:
@@ -163,14 +163,6 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
             "heading 0 to 360",
         )
     return latitude, longitude, altitude, heading
-
-
-def signed(links: Sequence[LinkSpec], key: str, unsigned: str) -> list[LinkSpec]:
-    """The links with a signing key. `unsigned` is `accept` or `require`."""
-    if unsigned not in ("accept", "require"):
-        raise SetupError.of("--signing", f"unknown policy {unsigned!r}", "give accept or require")
-    policy: Literal["accept", "require"] = "accept" if unsigned == "accept" else "require"
-    return [replace(link, signing_key=key, signing=policy) for link in links]
 
 
 def parse_link(text: str, index: int) -> LinkSpec:

@@ -24,7 +24,7 @@ from bench.contracts import (
     probes_of,
 )
 from bench.documents import open_file, parse_text, read_text
-from bench.errors import SetupError, command_line
+from bench.errors import Fault, SetupError, command_line
 from bench.scoring import (
     EXCLUDED_OUTCOMES,
     NodeFloor,
@@ -344,6 +344,18 @@ def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:
     except (OSError, ValueError):
         notes.append("manifest.json is damaged: digests and versions are not on record.")
         return {}
+
+
+def load_scored(folders: Sequence[Path]) -> list[ReportData]:
+    """Read campaign folders. Raises SetupError for each that holds no campaign or no scores."""
+    data = [load_report_data(folder) for folder in folders]
+    if faults := [
+        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
+        for folder, campaign in zip(folders, data, strict=True)
+        if not campaign.scores.height
+    ]:
+        raise SetupError(faults)
+    return data
 
 
 def require_distinct(folders: Sequence[Path]) -> None:

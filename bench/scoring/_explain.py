@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Literal
 
 import polars as pl
@@ -372,12 +372,5 @@ def _consideration(
 
 def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
     return tuple(
-        FactorExplanation(
-            factor=row.factor,
-            value=row.value,
-            unit=row.unit,
-            rating=row.rating,
-            ruling=row.factor in rated.ruled_by,
-        )
-        for row in rated.ratings
+        FactorExplanation(**asdict(row), ruling=row.factor in rated.ruled_by) for row in rated.ratings
     )

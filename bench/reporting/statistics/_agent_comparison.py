@@ -12,13 +12,13 @@ from typing import Any
 
 import polars as pl
 
-from bench.errors import Fault, SetupError, command_line
+from bench.errors import Fault, SetupError
 from bench.scoring import EXCLUDED_OUTCOMES
 from bench.simspec import SimSpec
 from bench.statistics import NodeComparison, UnpairedNodeComparison, compare_nodes, compare_unpaired_nodes
 
 from .._campaign_data import ReportData
-from .._campaign_folder import load_report_data
+from .._campaign_folder import load_scored
 from ._sensor import perception_in_short
 
 
@@ -134,18 +134,10 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
         raise SetupError.of(
             "compare", "two sides are compared", "name one folder or two, and two agents or none"
         )
-    data = [load_report_data(folder) for folder in folders]
-    if faults := [
-        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
-        for folder, campaign in zip(folders, data, strict=True)
-        if not campaign.scores.height
-    ]:
-        raise SetupError(faults)
+    data = load_scored(folders)
     # One folder is both sides: its first and its last entry are the same.
-    places, known_agents = (
-        [(folders[0], data[0]), (folders[-1], data[-1])],
-        [_agents(data[0]), _agents(data[-1])],
-    )
+    places = [(folders[0], data[0]), (folders[-1], data[-1])]
+    known_agents = [_agents(campaign) for _, campaign in places]
     chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
         Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(flown)}")
@@ -244,15 +236,13 @@ def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
         }
         if shared:
             sides = ((first, tuple(shared.values())), (second, tuple(shared)))
-            return SharedScenes(
-                shared,
-                _descriptions(sides, lambda spec: perception_in_short(spec.perception))
-                if ignored == _PERCEPTION
-                else None,
-                _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
-                if ignored == _AUTOPILOT
-                else None,
-            )
+            if ignored == _PERCEPTION:
+                perceptions = _descriptions(sides, lambda spec: perception_in_short(spec.perception))
+                return SharedScenes(shared, perceptions=perceptions)
+            if ignored == _AUTOPILOT:
+                autopilots = _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
+                return SharedScenes(shared, autopilots=autopilots)
+            return SharedScenes(shared)
     return SharedScenes({})
 
 

@@ -7,7 +7,7 @@ considered observable under the node is achieved.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from bench.statistics import DifficultySlope, ScaleProof, difficulty_slope, prov
 from decompositions import Decomposition, Level
 
 from .._campaign_data import ReportData
-from .._campaign_folder import load_report_data, require_distinct
+from .._campaign_folder import load_scored, require_distinct
 from ._agent_comparison import scene_digest
 
 
@@ -100,7 +100,7 @@ def calibrate(
     for which nothing can be checked.
     """
     source = _Source.of(folders)
-    flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
+    flown = source.flown().agents
     source = source.of_agents(chosen := _chosen_agents(source, agents))
     scale = scale or shipped_scale(source.decomposition)
     if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
@@ -199,8 +199,7 @@ class _Source:
     @classmethod
     def of(cls, folders: Sequence[Path]) -> _Source:
         require_distinct(folders)
-        data = [load_report_data(folder) for folder in folders]
-        _require_scores(folders, data)
+        data = load_scored(folders)
         _require_one_decomposition(folders, data)
         frames: list[pl.DataFrame] = []
         simspecs: dict[str, SimSpec] = {}
@@ -307,7 +306,7 @@ def _slope(trials: pl.DataFrame) -> DifficultySlope:
 
 
 def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
-    flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
+    flown = source.flown().agents
     faults = [
         Fault("--agent", f"{agent!r} has no considered run here", f"agents: {', '.join(flown)}")
         for agent in agents
@@ -328,16 +327,6 @@ def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
             "add folders of other agents over the same decomposition",
         )
     return chosen
-
-
-def _require_scores(folders: Iterable[Path], data: Iterable[ReportData]) -> None:
-    faults = [
-        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
-        for folder, campaign in zip(folders, data, strict=True)
-        if not campaign.scores.height
-    ]
-    if faults:
-        raise SetupError(faults)
 
 
 def _require_one_decomposition(folders: Sequence[Path], data: Sequence[ReportData]) -> None:
