@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from io import StringIO
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.reporting import load_report_data, requirements_table
@@ -47,8 +47,7 @@ def test_runs_are_listed_by_a_condition(flown: Path, capsys: pytest.CaptureFixtu
     table = pl.read_csv(StringIO(capsys.readouterr().out))
     assert table["fog_level"].to_list() == [2.0, 2.0]
     assert table.columns == pl.read_csv(flown / "runs.csv").columns
-    assert run(["runs", str(flown), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == 6
+    assert len(json_of(["runs", str(flown), "--json"], capsys)) == 6
     assert run(["runs", str(flown), "--where", "fog > 9"]) == 0
     assert "0 of 6 runs" in capsys.readouterr().out
     assert run(["runs", str(flown), "--where", "fog >"]) == 2

@@ -10,8 +10,9 @@ import pytest
 from competence_trials import competence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import observed
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.scoring import Difficulty, ScoredRun, difficulty_of_values, score_table, summary_frame
 from decompositions import Decomposition, load_decomposition
 
@@ -39,10 +40,7 @@ def situations(decomposition: Decomposition) -> list[Difficulty]:
 
 
 def run(name: str, difficulty: Difficulty, xs: dict[str, float | None], point: str) -> ScoredRun:
-    observations = tuple(
-        Observation(observable=observable, considered=x is not None, x=x) for observable, x in xs.items()
-    )
-    return ScoredRun(name, point, 0, "naive", Outcome.COMPLETED, difficulty, observations)
+    return ScoredRun(name, point, 0, "naive", Outcome.COMPLETED, difficulty, observed(xs))
 
 
 def whole(decomposition: Decomposition, runs: list[ScoredRun]) -> pl.DataFrame:

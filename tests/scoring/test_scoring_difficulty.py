@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import factor_row, leaf, made_decomposition
 
 from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
@@ -34,7 +35,6 @@ from bench.scoring import (
 from bench.simspec import FACTORS, PerceptionSource, SimSpec
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
     DecompositionVocabulary,
     KeyFactor,
     Policies,
@@ -50,14 +50,7 @@ PROXIMITY_M = (229.9, 259.1, 362.4)
 
 
 def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
-    row = {
-        "factor": "fog_level",
-        "unit": "level",
-        "ratings": ratings,
-        "values": values,
-        "reason": "For the test.",
-    }
-    return KeyFactor.model_validate(row | changes)
+    return KeyFactor.model_validate(factor_row("fog_level", ratings, values, **changes))
 
 
 @pytest.fixture(scope="module")
@@ -329,51 +322,18 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
     assert difficulty_of(decomposition, realized) == difficulties
 
 
-ORDERS: dict[str, Any] = {
-    "factor": "orders",
-    "unit": "1",
-    "ratings": [20, 100],
-    "values": [1, 9],
-    "absent": 0,
-    "reason": "One order is the least.",
-}
-FOG: dict[str, Any] = {
-    "factor": "fog_level",
-    "unit": "level",
-    "ratings": [10, 100],
-    "values": [0, 9],
-    "reason": "The whole scale.",
-}
+ORDERS = factor_row("orders", [20, 100], [1, 9], "1", absent=0)
+FOG = factor_row("fog_level", [10, 100], [0, 9])
 
 
 def with_orders() -> Decomposition:
     """KA-1 has an observable about orders, one about fog and one about the detector; KA-2 only about orders."""
     leaves = {"O-ORDER": ([ORDERS, FOG], "agent"), "O-FOG": ([FOG], "agent"), "O-SEEN": ([FOG], "perception")}
     under = {"KA-1": ["O-ORDER", "O-FOG", "O-SEEN"], "KA-2": ["O-ORDER"], "KA-3": ["O-SEEN"]}
-    titled = {"title": "t", "asks": "?"}
-    return decomposition_of(
-        DecompositionDocument.model_validate(
-            {
-                "format": "rebar.decomposition/1",
-                "name": "orders",
-                "title": "Orders",
-                "key_attributes": [{"id": ka, "children": [f"V-{ka}"], **titled} for ka in under],
-                "vabs": [{"id": f"V-{ka}", "children": below, **titled} for ka, below in under.items()],
-                "observables": [
-                    {
-                        "id": leaf,
-                        "measure": "m",
-                        "threshold": 0.5,
-                        "threshold_reason": "Half.",
-                        "considered": "Always.",
-                        "key_factors": rows,
-                        "subject": subject,
-                        **titled,
-                    }
-                    for leaf, (rows, subject) in leaves.items()
-                ],
-            }
-        )
+    return made_decomposition(
+        [leaf(name, *rows, subject=subject) for name, (rows, subject) in leaves.items()],
+        {f"V-{ka}": below for ka, below in under.items()},
+        {ka: [f"V-{ka}"] for ka in under},
     )
 
 

@@ -10,8 +10,9 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import WORKED, factor_row, leaf, observed, worked_decomposition
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     SCORE_COLUMNS,
@@ -34,7 +35,6 @@ from bench.statistics import (
 )
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
     Policies,
     decomposition_of,
     load_decomposition,
@@ -59,8 +59,7 @@ def hard(decomposition: Decomposition, concealment: float = 0.5, density: float 
 
 
 def run(name: str, summary: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
-    observations = tuple(Observation(observable=row, considered=x is not None, x=x) for row, x in xs.items())
-    scored = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observations)
+    scored = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observed(xs))
     return replace(scored, **changes)  # type: ignore[arg-type]
 
 
@@ -78,41 +77,9 @@ def line(
 
 def worked() -> tuple[Decomposition, list[ScoredRun]]:
     """The paper's two runs: observables of 30, 80 and 50 by one table, OBS1 failing in the second."""
-    leaves = []
-    for name, rating in (("OBS1", 30.0), ("OBS2", 80.0), ("OBS3", 50.0)):
-        row = {
-            "factor": "fog_level",
-            "unit": "level",
-            "ratings": [rating, 100],
-            "values": [1, 2],
-            "reason": "Given.",
-        }
-        leaves.append(
-            {
-                "id": name,
-                "title": name,
-                "asks": "?",
-                "measure": "m",
-                "threshold": 0.5,
-                "threshold_reason": "Given.",
-                "considered": "Always.",
-                "key_factors": [row],
-            }
-        )
-    inner = [("VAB1", ["OBS1", "OBS2"]), ("VAB2", ["OBS3"])]
-    decomposition = decomposition_of(
-        DecompositionDocument.model_validate(
-            {
-                "format": "rebar.decomposition/1",
-                "name": "worked",
-                "title": "Worked",
-                "key_attributes": [{"id": "KA1", "title": "KA1", "asks": "?", "children": ["VAB1", "VAB2"]}],
-                "vabs": [
-                    {"id": name, "title": name, "asks": "?", "children": children} for name, children in inner
-                ],
-                "observables": leaves,
-            }
-        )
+    decomposition = worked_decomposition(
+        [leaf(name, factor_row("fog_level", [rating, 100], [1, 2])) for name, rating in WORKED.items()],
+        given=False,
     )
     summary = difficulty_of_values(decomposition, {"fog_level": 1.0})
     passed = everything(decomposition)

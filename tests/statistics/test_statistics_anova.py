@@ -33,64 +33,11 @@ def crossed(
 
 def test_a_published_two_way_table_comes_out() -> None:
     """R's own example `warpbreaks` by wool and tension: sums of squares, F and p as R prints them."""
-    breaks = [
-        26,
-        30,
-        54,
-        25,
-        70,
-        52,
-        51,
-        26,
-        67,
-        18,
-        21,
-        29,
-        17,
-        12,
-        18,
-        35,
-        30,
-        36,
-        36,
-        21,
-        24,
-        18,
-        10,
-        43,
-        28,
-        15,
-        26,
-    ]
-    breaks += [
-        27,
-        14,
-        29,
-        19,
-        29,
-        31,
-        41,
-        20,
-        44,
-        42,
-        26,
-        19,
-        16,
-        39,
-        28,
-        21,
-        39,
-        29,
-        20,
-        21,
-        24,
-        17,
-        13,
-        15,
-        15,
-        16,
-        28,
-    ]
+    text = (
+        "26 30 54 25 70 52 51 26 67 18 21 29 17 12 18 35 30 36 36 21 24 18 10 43 28 15 26 "
+        "27 14 29 19 29 31 41 20 44 42 26 19 16 39 28 21 39 29 20 21 24 17 13 15 15 16 28"
+    )
+    breaks = [int(word) for word in text.split()]
     factors = factor_columns(
         [{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)]
     )
