@@ -55,6 +55,11 @@ class SetupError(RebarError):
             self.faults += (Fault("", f"{more} more faults", "correct these first"),)
         super().__init__("\n".join(map(str, self.faults)))
 
+    @classmethod
+    def of(cls, where: str | Path, what: str, remedy: str = "") -> SetupError:
+        """The error of a single fault."""
+        return cls(Fault(str(where), what, remedy))
+
 
 def command_line(*words: str | Path) -> str:
     """A command to be copied into a shell: quoted, and no path begins with a dash, as options do."""

@@ -106,7 +106,7 @@ if TYPE_CHECKING:
     from .storage._journal import Journal as Journal
     from .storage._journal import JournalEntry as JournalEntry
     from .storage._journal import RealizationState as RealizationState
-    from .storage._journal import open_journal as open_journal
+    from .storage._journal_file import open_journal as open_journal
     from .storage._manifest import Manifest as Manifest
     from .storage._pause import pause_campaign as pause_campaign
     from .storage._pause import request_retry as request_retry

@@ -51,8 +51,7 @@ class CampaignBudgets(Document):
 
 
 class Stopping(Document):
-    """When a design point stops early: once the pass rate of a node is certain to be above or below a
-    threshold.
+    """When a design point stops early: once the pass rate of a node is certain to be above or below a threshold.
 
     Decided after every replicate, for each agent separately, by an interval that holds for all these
     decisions together.
@@ -327,8 +326,7 @@ class Campaign(Document):
 
     @property
     def bases(self) -> Bases:
-        """The base SimSpec, or those of all situations by name, with the campaign's budgets and
-        pace.
+        """The base SimSpec, or those of all situations by name, with the campaign's budgets and pace.
 
         Only for a campaign from `load_campaign`.
         """
@@ -373,8 +371,7 @@ def with_floor(campaign: Campaign) -> Campaign:
 
 
 def load_campaign(path: Path | str) -> Campaign:
-    """Read a campaign. Relative paths in it are relative to its own folder, and base_file is replaced by its
-    content.
+    """Read a campaign. Relative paths in it are relative to its own folder, and base_file is replaced by its content.
 
     Raises SetupError with every fault: file, line, field, remedy.
     """

@@ -37,20 +37,15 @@ AT_ONCE = 500
 
 
 def check_fidelity(campaign: Campaign, journal: Journal) -> None:
-    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign
-    asks for.
+    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign asks for.
 
     Raises SetupError with every fault.
     """
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
         remedy = f"name another folder, or fidelity: {noted}"
-        raise SetupError(
-            Fault(
-                "fidelity",
-                f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}",
-                remedy,
-            )
+        raise SetupError.of(
+            "fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy
         )
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)

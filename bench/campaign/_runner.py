@@ -1,6 +1,4 @@
-"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner
-itself.
-"""
+"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner itself."""
 
 from __future__ import annotations
 
@@ -38,7 +36,8 @@ from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import Completeness, noted_completeness, parse_accepted_outcomes
 from .storage._completeness import accept as accept_outcomes
 from .storage._folder import CampaignFolder, open_lock
-from .storage._journal import Journal, open_journal
+from .storage._journal import Journal
+from .storage._journal_file import open_journal
 from .storage._manifest import write_manifest
 from .storage._pause import is_paused, take_retry_request
 from .storage._recovery import parse_rerun_outcomes, reconcile, reset_for_rerun
@@ -132,8 +131,7 @@ async def run_campaign(
     options: RunOptions = _NOTHING_ASKED,
     collaborators: Collaborators = _DEFAULT_COLLABORATORS,
 ) -> CampaignSummary:
-    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was
-    requested.
+    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was requested.
 
     Call it again on the same folder to resume. Sessions are tasks of the running event loop; planning and scoring keep
     the loop busy. Cancelled, it kills the sessions and their agents. Realizations that may have failed because of the host

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import MutableMapping
+
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 def main() -> None:
@@ -17,7 +20,6 @@ def main() -> None:
     from bench.visible_text import visible_output
 
     from ._app import run
-    from ._proxies import exempt_loopback
 
     exempt_loopback(os.environ)
     with visible_output():
@@ -38,3 +40,20 @@ def _restart_in_utf8() -> None:
     if sys.stdout is not None:
         os.environ.setdefault("PYTHONIOENCODING", sys.stdout.encoding)
     os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
+
+
+def exempt_loopback(environment: MutableMapping[str, str]) -> None:
+    """Add this machine to the hosts that are reached without a proxy: no proxy leads back to it. Workers inherit it.
+
+    Many libraries ask the environment for proxies: for object stores, for MQTT, for language models.
+    """
+    if not any(name.lower().endswith("_proxy") for name in environment):
+        return
+    stated = environment.get("no_proxy") or environment.get("NO_PROXY", "")
+    # Alone it exempts every host; in a list, not for all libraries.
+    if stated.strip() == "*":
+        return
+    hosts = [host.strip() for host in stated.split(",") if host.strip()]
+    hosts += [host for host in LOOPBACK if host not in hosts]
+    # Libraries differ in which spelling they look for first.
+    environment["no_proxy"] = environment["NO_PROXY"] = ",".join(hosts)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError, command_line
+from bench.errors import SetupError, command_line
 
 from ._examples import shipped
 from ._run_request import IsolationOption, Pace
@@ -51,11 +51,6 @@ agent = typer.Typer(
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.add_typer(agent)
-
-
 @agent.callback()
 def options() -> None:
     """Begin an agent, and check one."""
@@ -74,13 +69,11 @@ def new(
     """
     name = folder.resolve().name
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,63}", name):
-        raise SetupError(
-            Fault(
-                str(folder), "its name is no agent's", "use lower-case letters, digits and hyphens: scout-2"
-            )
+        raise SetupError.of(
+            folder, "its name is no agent's", "use lower-case letters, digits and hyphens: scout-2"
         )
     if os.path.lexists(folder):
-        raise SetupError(Fault(str(folder), "this path exists", "give a folder that is to be made"))
+        raise SetupError.of(folder, "this path exists", "give a folder that is to be made")
     manifest, program, client = _FILES[language]
     texts = {file: shipped(f"examples/tick/{file}").read_text(encoding="utf-8") for file in (program, client)}
     text = shipped(f"examples/tick/{manifest}").read_text(encoding="utf-8")

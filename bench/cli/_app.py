@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, RebarError, SetupError
+from bench.errors import RebarError, SetupError
 
 from . import (
     _agent,
@@ -43,6 +43,7 @@ from . import (
 )
 from . import _campaigns as _campaigns
 from ._fault_paths import path_fault
+from ._option_groups import grouped
 
 app = typer.Typer(
     name="rebar",
@@ -81,29 +82,37 @@ def options(
     """Options of the command itself."""
 
 
-for commands in (
-    *(_campaigns, _verification, _status, _sessions, _scores, _runs, _compare, _calibrate, _decomposition),
+# In the order of `rebar --help`.
+for command in (
+    *(_campaigns.demo, grouped(_campaigns.run), _campaigns.retry, _campaigns.merge, _campaigns.realize),
     *(
-        _camera,
-        _graph,
-        _draw,
-        _history,
-        _explain,
-        _look,
-        _prose,
-        _tension,
-        _new,
-        _agent,
-        _fly,
-        _next,
-        _fit_detector,
-        _examples,
-        _reference,
-        _export,
-        _machine,
+        _campaigns.report,
+        _verification.verify,
+        _verification.sign,
+        _status.status,
+        _status.pause,
+        _status.resume,
     ),
+    *(_sessions.simulate, _scores.score, _runs.runs, _runs.check, _compare.compare, _calibrate.calibrate),
+    *(_history.history, _explain.explain, _draw.draw, _graph.graph, _look.schema, _look.difficulty),
 ):
-    commands.register(app)
+    app.command()(command)
+_prose.register(app)
+for command in (
+    *(_tension.tension, _new.new, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
+    *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
+):
+    app.command("next" if command is _next.propose else None)(command)
+for name, summary, command in (
+    ("decomposition", "Check decompositions.", _decomposition.check),
+    ("camera", "Draw what the rendered camera can show.", _camera.sheet),
+):
+    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+    group.command()(command)
+    # Without a second command the group would vanish, and its command with it.
+    group.callback(help=summary)(lambda: None)
+    app.add_typer(group, name=name)
+app.add_typer(_agent.agent)
 
 
 def _check_utf8(name: str) -> None:
@@ -111,7 +120,7 @@ def _check_utf8(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError:
-        raise SetupError(Fault(name, "is not UTF-8", "rename it")) from None
+        raise SetupError.of(name, "is not UTF-8", "rename it") from None
 
 
 def _journal_failed(error: sqlite3.DatabaseError) -> int:

@@ -26,11 +26,6 @@ MAX_ODDS_RATIO = 1000.0
 SEPARATED = "* separated: Firth's penalised likelihood, a design point counts as one run"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(calibrate)
-
-
 def calibrate(
     campaigns: Annotated[
         list[Path] | None, typer.Argument(help="Folders of campaigns over one decomposition, to test")
@@ -68,11 +63,11 @@ def calibrate(
     from bench.reporting import calibrate as calibrate_campaigns
     from bench.reporting import fit_difficulty
 
-    folders, panel = campaigns or [], fit or []
-    _require_valid(folders, panel, agent or [], scale, out)
+    folders, panel, agents = campaigns or [], fit or [], agent or []
+    _require_valid(folders, panel, agents, scale, out)
     fitted = fit_difficulty(panel) if panel else None
     chosen = fitted if scale is None else _load(scale, folders[0])
-    calibration = calibrate_campaigns(folders, agent or (), scale=chosen, seed=seed) if folders else None
+    calibration = calibrate_campaigns(folders, agents, scale=chosen, seed=seed) if folders else None
     result = calibration.scale if calibration else fitted
     if out is not None and result is not None:
         out.write_text(dump_yaml(result), encoding="utf-8")
@@ -86,13 +81,7 @@ def calibrate(
         # NaN is not JSON: other readers would refuse the document.
         print(json.dumps(document, indent=1, allow_nan=False))
     else:
-        console = plain_console()
-        if fitted is not None:
-            print_lines(console, _fit_lines(fitted))
-        if calibration is not None:
-            _show(calibration)
-        if out is not None:
-            print(f"{out}: written")
+        _show(fitted, calibration, out)
     exit_if_incomplete(completeness)
 
 
@@ -124,7 +113,7 @@ def _load(scale: Path, folder: Path) -> DifficultyScale:
 
     document = load_report_data(folder).document
     if document is None:
-        raise SetupError(Fault(str(folder), "has no readable decomposition", "`rebar score` it over one"))
+        raise SetupError.of(folder, "has no readable decomposition", "`rebar score` it over one")
     return load_scale(scale, document)
 
 
@@ -178,7 +167,16 @@ def _fit_lines(scale: DifficultyScale) -> list[str]:
     return lines
 
 
-def _show(calibration: Calibration) -> None:
+def _show(fitted: DifficultyScale | None, calibration: Calibration | None, out: Path | None) -> None:
+    if fitted is not None:
+        print_lines(plain_console(), _fit_lines(fitted))
+    if calibration is not None:
+        _show_tests(calibration)
+    if out is not None:
+        print(f"{out}: written")
+
+
+def _show_tests(calibration: Calibration) -> None:
     console = plain_console()
     print_lines(console, _heading(calibration))
     shown = [node for node in calibration.nodes if node.rated.trials]

@@ -7,20 +7,11 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 SUFFIXES = (".png", ".jpg", ".webp")
 # Small enough for a page of documentation, and labels of 12 pixels can still be read.
 _QUALITY = 50
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command group."""
-    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-    group.command()(sheet)
-    # Without a second command the group would vanish, and `sheet` with it.
-    group.callback(help="Draw what the rendered camera can show.")(lambda: None)
-    app.add_typer(group, name="camera")
 
 
 def sheet(
@@ -34,12 +25,10 @@ def sheet(
     Example: rebar camera sheet --out out/sheet.png
     """
     if out.suffix not in SUFFIXES:
-        raise SetupError(
-            Fault(
-                "--out",
-                f"cannot write pictures as {out.suffix or 'a file without suffix'}",
-                f"use {', '.join(SUFFIXES)}",
-            )
+        raise SetupError.of(
+            "--out",
+            f"cannot write pictures as {out.suffix or 'a file without suffix'}",
+            f"use {', '.join(SUFFIXES)}",
         )
     from bench.contracts import load_plugin
     from bench.simulation import renderer_faults

@@ -97,7 +97,7 @@ def show_scores(
     informed: Sequence[str],
 ) -> None:
     from bench.campaign import CampaignFolder, digest_of
-    from bench.reporting import score_tables
+    from bench.reporting import plural, score_tables
 
     if scores.saw_truth:
         print(f"SAW THE TRUTH: a honeypot was reported in {', '.join(scores.saw_truth)}; see the report")
@@ -112,12 +112,14 @@ def show_scores(
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print_lines(
         console,
-        [f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}"],
+        [
+            f"{plural(summary.total, 'session')} ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}"
+        ],
     )
     if scores.floors:
         flat = [node.id for node in scores.floors.values() if node.flaw]
         print(
-            f"{len(flat)} observables do not discriminate: "
+            f"{plural(len(flat), 'observable does', 'observables do')} not discriminate: "
             + command_line("rebar", "decomposition", "check", Path(campaign.decomposition), "--floor", folder)
         )
     print(f"report: {scores.report}")

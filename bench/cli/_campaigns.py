@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
@@ -25,21 +25,14 @@ from ._missing_runs import (
     print_missing_in,
     print_rewritten,
 )
-from ._option_groups import grouped
 from ._run_request import CampaignChanges, IsolationOption, RunRequest
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, FinishedCampaign, OpenExecutor
+    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign, OpenExecutor
     from decompositions import Decomposition
 
 
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (demo, grouped(run), retry, merge, realize, report):
-        app.command()(command)
-
-
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the campaign")] = Path("out/demo"),
     workers: Workers = None,
@@ -204,7 +197,7 @@ def _report_elsewhere(folder: Path, out: Path) -> None:
     from bench.reporting import write_report
 
     if os.path.lexists(out):
-        raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
+        raise SetupError.of(out, "already exists and is not overwritten", "name another file")
     missing = print_missing_in([folder])
     # Nothing is scored again here, so the tables must be those that the bench wrote; a runner is still writing them.
     running = any(report is not None and report.running for report in missing)
@@ -224,16 +217,15 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
         run_campaign_sync,
     )
 
-    from ._campaign_end import CampaignEnd, given_the_truth, show_scores
+    from ._campaign_end import CampaignEnd
     from ._progress import open_progress
     from ._scores import campaign_report
 
     campaign = request.changes.load(path)
     if request.sessions.recordings is not None and campaign.keep is not None:
         what = "and keep in the campaign file both say what becomes of recordings"
-        raise SetupError(Fault("--recordings", what, "give one of them"))
+        raise SetupError.of("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
-    informed = () if request.as_json else given_the_truth(campaign)
     folder = request.folder(campaign.name)
     end = CampaignEnd()
     with (
@@ -265,9 +257,19 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
                 end.finished.completeness if end.finished else None,
                 campaign_report(folder).model_dump_json(exclude_none=True) if bus and end.finished else None,
             )
+    return _shown_end(campaign, request, summary, end.finished)
+
+
+def _shown_end(
+    campaign: Campaign, request: RunRequest, summary: CampaignSummary, scores: FinishedCampaign | None
+) -> FinishedCampaign:
+    """Print what a run came to. Raises typer.Exit unless the campaign is complete."""
+    from ._campaign_end import given_the_truth, show_scores
+    from ._scores import campaign_report
+
+    folder = summary.folder
     if summary.events_dropped:
         warn(f"{summary.events_dropped} events were not shown or sent in time")
-    scores = end.finished
     if scores is None:
         print(
             f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
@@ -280,7 +282,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     if request.as_json:
         print(campaign_report(folder).model_dump_json(indent=1, ensure_ascii=True))
     else:
-        show_scores(campaign, folder, summary, scores, informed)
+        show_scores(campaign, folder, summary, scores, given_the_truth(campaign))
     if not scores.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
     return scores

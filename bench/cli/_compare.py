@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from bench.reporting import Comparison
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(compare)
-
-
 def compare(
     campaigns: Annotated[list[Path], typer.Argument(help="Folder of a campaign, or folders of two")],
     agents: Annotated[
@@ -72,13 +67,14 @@ def compare(
 
 
 def _show(comparison: Comparison) -> None:
+    from bench.reporting import plural
+
     console = plain_console()
-    count = f"{comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
     rates, divergences = _tables(comparison)
     print_lines(
         console,
         [
-            f"{comparison.first} and {comparison.second} on {count}",
+            f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
             "passed in %, second minus first in points, p of McNemar's test:",
         ],
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
@@ -18,15 +18,6 @@ if TYPE_CHECKING:
 
     from bench.scoring import NodeFloor, Panel
     from decompositions import Decomposition
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command group."""
-    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-    group.command()(check)
-    # Without a second command the group would vanish, and `check` with it.
-    group.callback(help="Check decompositions.")(lambda: None)
-    app.add_typer(group, name="decomposition")
 
 
 def check(
@@ -65,23 +56,12 @@ def check(
 
     Example: rebar decomposition check search-and-report --panel out/demo --order reference-naive reference-bystander-aware
     """
-    from bench.campaign import load_measurable_decomposition, read_runs
-    from bench.scoring import worst_first
+    from bench.campaign import load_measurable_decomposition
 
     decomposition = load_measurable_decomposition(name)
-    nodes: list[NodeFloor] = []
-    if floor is not None:
-        # Measured again only with another decomposition than the folder's: that takes a while.
-        measured = read_runs(floor)
-        if measured.decomposition.digest != decomposition.digest:
-            measured = read_runs(floor, name)
-        if not measured.floor_runs:
-            raise SetupError(
-                Fault(str(floor), "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
-            )
-        nodes = worst_first(measured.floors())
+    nodes = None if floor is None else _floor_nodes(decomposition, name, floor)
     if order and not panel:
-        raise SetupError(Fault("--order", "compares agents of a panel", "add --panel DIR"))
+        raise SetupError.of("--order", "compares agents of a panel", "add --panel DIR")
     shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
@@ -90,32 +70,49 @@ def check(
             "nodes": len(decomposition.nodes),
             "observables": len(decomposition.observables),
         }
-        if floor is not None:
+        if nodes is not None:
             document["floor"] = [_as_json(node) for node in nodes]
         if shown is not None:
             document["panel"] = shown.model_dump(mode="json")
         print(json.dumps(document, indent=1))
-        _exit_beyond_bounds(shown)
-        return
-    console = plain_console()
-    counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
-    print_lines(console, [f"{decomposition.name}: {counts}, every measure, option and key factor is known"])
-    if floor is not None:
-        titles = {node.id: node.title for node in decomposition.nodes.values()}
-        print("floor, ceiling and discrimination, worst first:")
-        console.print(_table(nodes, titles))
-        flawed = sum(bool(node.flaw) for node in nodes)
-        unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
-        print_lines(
-            console,
-            [
-                f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
-                f"{unknown} were never considered on these scenes"
-            ],
-        )
-    if shown is not None:
-        _print_panel(shown, decomposition)
+    else:
+        counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
+        known = f"{decomposition.name}: {counts}, every measure, option and key factor is known"
+        print_lines(plain_console(), [known])
+        if nodes is not None:
+            _print_floor(nodes, decomposition)
+        if shown is not None:
+            _print_panel(shown, decomposition)
     _exit_beyond_bounds(shown)
+
+
+def _floor_nodes(decomposition: Decomposition, name: str, folder: Path) -> list[NodeFloor]:
+    """Floor and ceiling of every node in a campaign's folder, worst first."""
+    from bench.campaign import read_runs
+    from bench.scoring import worst_first
+
+    # Measured again only with another decomposition than the folder's: that takes a while.
+    measured = read_runs(folder)
+    if measured.decomposition.digest != decomposition.digest:
+        measured = read_runs(folder, name)
+    if not measured.floor_runs:
+        raise SetupError.of(folder, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
+    return worst_first(measured.floors())
+
+
+def _print_floor(nodes: Sequence[NodeFloor], decomposition: Decomposition) -> None:
+    print("floor, ceiling and discrimination, worst first:")
+    titles = {node.id: node.title for node in decomposition.nodes.values()}
+    plain_console().print(_table(nodes, titles))
+    flawed = sum(bool(node.flaw) for node in nodes)
+    unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
+    print_lines(
+        plain_console(),
+        [
+            f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
+            f"{unknown} were never considered on these scenes"
+        ],
+    )
 
 
 def _exit_beyond_bounds(panel: Panel | None) -> None:
@@ -142,7 +139,7 @@ def _panel(
         if measured.decomposition.digest != decomposition.digest:
             what = f"its runs were measured with another decomposition than {name}"
             remedy = f"measure them again: rebar score {folder} --decomposition {name}"
-            raise SetupError(Fault(str(folder), what, remedy))
+            raise SetupError.of(folder, what, remedy)
         # Folders may use the same ids for other scenes.
         ids = [
             pl.format(f"{number}-{{}}", column).alias(column) for column in ("realization", "design_point")
@@ -153,7 +150,7 @@ def _panel(
     try:
         return panel_of(pl.concat(tested), pl.concat(null), oracle, order)
     except ValueError as error:
-        raise SetupError(Fault("--order", str(error), "name two of these")) from error
+        raise SetupError.of("--order", str(error), "name two of these") from error
 
 
 def _print_panel(panel: Panel, decomposition: Decomposition) -> None:

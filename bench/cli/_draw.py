@@ -7,12 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(draw)
+from bench.errors import SetupError
 
 
 def draw(
@@ -34,7 +29,7 @@ def draw(
     from bench.reporting import Run, build_run_map, run_drawing
 
     if out.suffix != ".svg":
-        raise SetupError(Fault("--out", f"{out.name} does not end with .svg", "name an SVG file"))
+        raise SetupError.of("--out", f"{out.name} does not end with .svg", "name an SVG file")
     drawn = []
     for folder in runs:
         with open_recorded(folder) as source:

@@ -16,11 +16,6 @@ FOLDERS = ("campaigns", "decompositions", "examples")
 _SUFFIXES = (".yaml", ".py", ".toml", ".js", ".json", ".csv", ".md", ".txt")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(examples)
-
-
 def examples(
     copy: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Copy all files to this folder. Nothing is overwritten")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 if TYPE_CHECKING:
     from bench.campaign import OpenExecutor
@@ -46,19 +46,15 @@ class ExecutorOptions:
             what = (
                 "is for sessions on a cluster; those of this machine are recorded into the campaign's folder"
             )
-            raise SetupError(
-                Fault("--recordings", what, "give --executor dask too, or --out for another folder")
-            )
+            raise SetupError.of("--recordings", what, "give --executor dask too, or --out for another folder")
         if self.executor == "local":
             return open_local_pool
         if name != "dask" or (has_address and not address):
-            raise SetupError(
-                Fault(
-                    "--executor",
-                    f"{self.executor!r} is not available",
-                    "give local, dask (worker processes on this machine), or dask=ADDRESS of a Dask scheduler, "
-                    "for example dask=tcp://node1:8786",
-                )
+            raise SetupError.of(
+                "--executor",
+                f"{self.executor!r} is not available",
+                "give local, dask (worker processes on this machine), or dask=ADDRESS of a Dask scheduler, "
+                "for example dask=tcp://node1:8786",
             )
         if self.recordings is not None:
             check_store("--recordings", self.recordings)

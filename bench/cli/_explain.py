@@ -22,11 +22,6 @@ MOMENTS = 40
 FAILED = ("failed", "near miss")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(explain)
-
-
 def explain(
     run: Annotated[Path, typer.Argument(help="Folder of a run")],
     decomposition: Annotated[

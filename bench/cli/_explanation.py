@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -29,68 +30,50 @@ def show_explanation(explanation: Explanation) -> None:
 
 
 def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
-    summary = agent.summary
+    summary, essential = agent.summary, ", ".join(explanation.essential)
     tree = Tree(Text(f"{explanation.id} {explanation.title}, {summary.agent}: {explanation.asks}"))
-    if explanation.essential:
-        branch = tree.add(
-            Text(f"verdict: {_verdict_text(agent)}; it rests on {', '.join(explanation.essential)}")
-        )
+    if essential:
+        branch = tree.add(Text(f"verdict: {_verdict_text(agent)}; it rests on {essential}"))
         if explanation.essential_reason:
             branch.add(Text(explanation.essential_reason))
-    if summary.considered and not explanation.essential:
-        tree.add(
-            Text(
-                f"passed {summary.passed} of {summary.considered} considered runs "
-                f"({100 * summary.passed_low:.0f} to {100 * summary.passed_high:.0f} %)"
-            )
-        )
-    if summary.score is None:
-        tree.add(Text(f"not scored in any of {summary.considered} considered runs"))
-    else:
-        made_of = ", ".join(agent.scored_runs) + (", ..." if summary.scored > len(agent.scored_runs) else "")
-        ends = (
-            ""
-            if summary.score_low is None
-            else f" (flown again with new seeds: {summary.score_low:.2f} to {summary.score_high:.2f}, 95 %)"
-        )
-        tree.add(
-            Text(
-                f"score {summary.score:.2f}{ends}: the mean of the {summary.scored} runs that have one ({made_of})"
-            )
-        )
-    if summary.raised_by_failure:
-        tree.add(Text("failures raised this score: it would be lower if every failed observable had passed"))
-    if summary.confidence is not None:
-        interval = f"95 % [{summary.confidence_low:.1%}, {summary.confidence_high:.1%}] {summary.method}"
-        tree.add(
-            Text(
-                f"confidence {summary.confidence:.1%}, {interval}: the mean over {summary.considered} considered runs"
-            )
-        )
-    if summary.competence_50 is not None:
-        prefix = "at least " if summary.competence_50_at_least else ""
-        bound = (
-            ""
-            if summary.competence_50_low is None
-            else f", at least {summary.competence_50_low:.2f} with 95 % confidence"
-        )
-        tree.add(
-            Text(
-                f"competence {prefix}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"
-            )
-        )
-    tree.add(
-        Text(
-            f"{summary.runs} runs count: {summary.considered} considered, "
-            f"{summary.runs - summary.considered} not considered; {summary.excluded} more are excluded"
-        )
-    )
+    elif summary.considered:
+        interval = f"{100 * summary.passed_low:.0f} to {100 * summary.passed_high:.0f} %"
+        tree.add(Text(f"passed {summary.passed} of {summary.considered} considered runs ({interval})"))
+    for sentence in _sentences(agent):
+        tree.add(Text(sentence))
     for run in agent.runs:
-        _add_run(tree, run, of_principle=bool(explanation.essential))
+        _add_run(tree, run, of_principle=bool(essential))
     if agent.runs_left_out:
         rest = ", ".join(f"{count} {state}" for state, count in agent.runs_left_out.items())
         tree.add(Text(f"... and {rest} (--limit 0 shows all)"))
     return tree
+
+
+def _sentences(agent: AgentExplanation) -> Iterator[str]:
+    """What each number of a node is made of."""
+    node = agent.summary
+    if node.score is None:
+        yield f"not scored in any of {node.considered} considered runs"
+    else:
+        made_of = ", ".join([*agent.scored_runs, *(["..."] if node.scored > len(agent.scored_runs) else [])])
+        again = "flown again with new seeds"
+        low, high = node.score_low, node.score_high
+        ends = "" if low is None else f" ({again}: {low:.2f} to {high:.2f}, 95 %)"
+        yield f"score {node.score:.2f}{ends}: the mean of the {node.scored} runs that have one ({made_of})"
+    if node.raised_by_failure:
+        yield "failures raised this score: it would be lower if every failed observable had passed"
+    if node.confidence is not None:
+        interval = f"95 % [{node.confidence_low:.1%}, {node.confidence_high:.1%}] {node.method}"
+        yield f"confidence {node.confidence:.1%}, {interval}: the mean over {node.considered} considered runs"
+    if node.competence_50 is not None:
+        value = f"{'at least ' if node.competence_50_at_least else ''}{node.competence_50:.2f}"
+        low = node.competence_50_low
+        bound = "" if low is None else f", at least {low:.2f} with 95 % confidence"
+        yield f"competence {value}{bound}: up to this difficulty half of such runs pass"
+    yield (
+        f"{node.runs} runs count: {node.considered} considered, "
+        f"{node.runs - node.considered} not considered; {node.excluded} more are excluded"
+    )
 
 
 def _verdict_text(agent: AgentExplanation) -> str:

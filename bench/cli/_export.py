@@ -11,11 +11,6 @@ import typer
 from ._tables import plain_console, print_lines
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(export)
-
-
 def export(
     recording: Annotated[Path, typer.Argument(help="recording.mcap of a run, or the folder that holds it")],
     out: Annotated[Path, typer.Option(help="MCAP file to write. Nothing is overwritten")],
@@ -29,11 +24,11 @@ def export(
     Example: rebar export out/demo/runs/p001-r1-reference-naive --foxglove --out viewer.mcap
     """
     from bench.campaign import open_recorded
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.recording.viewers import export_for_viewers
 
     if not foxglove:
-        raise SetupError(Fault("rebar export", "no form is named", "add --foxglove"))
+        raise SetupError.of("rebar export", "no form is named", "add --foxglove")
     with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
         result = export_for_viewers(source / "recording.mcap" if source.is_dir() else source, out)
     lines = [

@@ -15,11 +15,6 @@ if TYPE_CHECKING:
     from bench.perception.fit import DetectorFit
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command(name="fit-detector")(fit_detector)
-
-
 def fit_detector(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of sessions with detections (.mcap)")],
     out: Annotated[

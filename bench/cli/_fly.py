@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.contracts import LinkSpec
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, MAX_LATITUDE_DEG
-
-from ._option_groups import grouped
 
 if TYPE_CHECKING:
     from bench.simspec import BoardAutopilot
@@ -29,16 +27,11 @@ KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(grouped(fly))
-
-
 @dataclass(frozen=True, slots=True)
 class FlyOptions:
     """The options of `rebar fly`."""
 
-    autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4"
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Kind of flight controller")] = "px4"
     vehicle: Annotated[
         str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")
     ] = DEFAULT_VEHICLE
@@ -61,9 +54,10 @@ class FlyOptions:
     speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0"
     signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = ""
-    signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = (
-        "require"
-    )
+    signing: Annotated[
+        Literal["require", "accept"],
+        typer.Option(help="With require, unsigned messages are ignored"),
+    ] = "require"
     params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None
     camera: Annotated[
         bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")
@@ -82,24 +76,18 @@ class FlyOptions:
 
     def check(self) -> None:
         """Raises SetupError for options that cannot be, or not together."""
-        if self.autopilot not in ("px4", "ardupilot"):
-            raise SetupError(
-                Fault("--autopilot", f"unknown autopilot {self.autopilot!r}", "give px4 or ardupilot")
-            )
         outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            raise SetupError(
-                Fault(
-                    "--speed",
-                    f"another computer keeps real time, and {self.speed:g} is not",
-                    f"leave it out with {option}",
-                )
+            raise SetupError.of(
+                "--speed",
+                f"another computer keeps real time, and {self.speed:g} is not",
+                f"leave it out with {option}",
             )
         if self.firmware and self.board:
-            raise SetupError(Fault("--board", "a board brings its own firmware", "leave out --firmware"))
+            raise SetupError.of("--board", "a board brings its own firmware", "leave out --firmware")
         if (self.firmware or self.board) and self.params is not None:
-            raise SetupError(
-                Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
+            raise SetupError.of(
+                "--params", "a real autopilot keeps its parameters itself", "leave out --params"
             )
 
     def links(self) -> list[LinkSpec]:
@@ -110,7 +98,10 @@ class FlyOptions:
         links += [parse_serial(text, len(links) + index) for index, text in enumerate(self.serial or ())]
         if self.interface:
             links += interface_links(self.autopilot, self.interface)
-        return signed(links or DEFAULT_LINKS[self.autopilot], self.signing_key, self.signing)
+        return [
+            replace(link, signing_key=self.signing_key, signing=self.signing)
+            for link in links or DEFAULT_LINKS[self.autopilot]
+        ]
 
 
 def fly(options: FlyOptions) -> None:
@@ -156,8 +147,8 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     try:
         latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
     except ValueError:
-        raise SetupError(
-            Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")
+        raise SetupError.of(
+            "--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0"
         ) from None
     if not (
         abs(latitude) <= MAX_LATITUDE_DEG
@@ -165,23 +156,13 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
         and -400 <= altitude <= 5000
         and 0 <= heading < 360
     ):
-        raise SetupError(
-            Fault(
-                "--home",
-                f"{text!r} is out of range",
-                f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
-                "heading 0 to 360",
-            )
+        raise SetupError.of(
+            "--home",
+            f"{text!r} is out of range",
+            f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
+            "heading 0 to 360",
         )
     return latitude, longitude, altitude, heading
-
-
-def signed(links: Sequence[LinkSpec], key: str, unsigned: str) -> list[LinkSpec]:
-    """The links with a signing key. `unsigned` is `accept` or `require`."""
-    if unsigned not in ("accept", "require"):
-        raise SetupError(Fault("--signing", f"unknown policy {unsigned!r}", "give accept or require"))
-    policy: Literal["accept", "require"] = "accept" if unsigned == "accept" else "require"
-    return [replace(link, signing_key=key, signing=policy) for link in links]
 
 
 def parse_link(text: str, index: int) -> LinkSpec:
@@ -191,16 +172,12 @@ def parse_link(text: str, index: int) -> LinkSpec:
         return LinkSpec(name=f"link{index}", kind="serial", path=rest)
     host, _, port = rest.rpartition(":")
     if ":" in host:
-        raise SetupError(
-            Fault("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
-        )
+        raise SetupError.of("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise SetupError(
-            Fault(
-                "--mavlink",
-                f"{text!r} is not a link",
-                "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
-            )
+        raise SetupError.of(
+            "--mavlink",
+            f"{text!r} is not a link",
+            "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
         )
     return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))
 
@@ -218,7 +195,7 @@ def parse_board(text: str, autopilot: str = "px4") -> BoardAutopilot:
 
     if autopilot != "px4":
         what = f"{autopilot} has no hardware-in-the-loop mode that takes sensors from outside"
-        raise SetupError(Fault("--board", what, "fly a PX4 board"))
+        raise SetupError.of("--board", what, "fly a PX4 board")
     path, baud = parse_device(text, "--board")
     return validate_document({"kind": "px4", "device": path, "baud": baud}, BoardAutopilot, source="--board")
 
@@ -232,11 +209,7 @@ def parse_device(text: str, option: str) -> tuple[str, int]:
     if not (colon and baud.isdigit()) or Path(text).exists():
         path, baud = text, str(DEFAULT_BAUD)
     if not path or int(baud) <= 0:
-        raise SetupError(
-            Fault(
-                option,
-                f"{text!r} is no device",
-                "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600",
-            )
+        raise SetupError.of(
+            option, f"{text!r} is no device", "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600"
         )
     return path, int(baud)

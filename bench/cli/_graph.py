@@ -7,14 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 PAGE, DRAWING = ".html", ".svg"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(graph)
 
 
 def graph(
@@ -47,9 +42,7 @@ def graph(
     from decompositions import load_decomposition
 
     if campaign is None and agent is not None:
-        raise SetupError(
-            Fault("--agent", "there is no campaign to take results from", "give --campaign as well")
-        )
+        raise SetupError.of("--agent", "there is no campaign to take results from", "give --campaign as well")
     drawn = load_decomposition(decomposition)
     data = load_report_data(campaign) if campaign is not None else None
     makers = {PAGE: graph_page, DRAWING: graph_svg}
@@ -64,13 +57,9 @@ def _files(out: Path) -> tuple[Path, ...]:
     if out.suffix in (PAGE, DRAWING):
         return (out,)
     if out.suffix:
-        raise SetupError(
-            Fault(
-                "--out",
-                f"{out.name} has an unknown suffix",
-                f"use {PAGE}, {DRAWING}, or no suffix to write both",
-            )
+        raise SetupError.of(
+            "--out", f"{out.name} has an unknown suffix", f"use {PAGE}, {DRAWING}, or no suffix to write both"
         )
     if not out.name:
-        raise SetupError(Fault("--out", f"{out} is a folder", "name a file in it"))
+        raise SetupError.of("--out", f"{out} is a folder", "name a file in it")
     return (out.with_suffix(PAGE), out.with_suffix(DRAWING))

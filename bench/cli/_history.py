@@ -13,11 +13,6 @@ if TYPE_CHECKING:
     from bench.reporting import ReportData
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(history)
-
-
 def history(
     folders: Annotated[list[Path], typer.Argument(help="Folders of campaigns, the oldest first")],
     agent: Annotated[str | None, typer.Option(help="Only this agent")] = None,
@@ -28,7 +23,7 @@ def history(
 
     Example: rebar history out/v1 out/v2 out/v3 --agent mine
     """
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.reporting import load_report_data, sheets
 
     campaigns = [(folder, load_report_data(folder)) for folder in folders]
@@ -37,7 +32,7 @@ def history(
     agents = [name for name in dict.fromkeys(page.agent for _, page in pages) if agent in (None, name)]
     if not agents:
         flown = ", ".join(dict.fromkeys(page.agent for _, page in pages))
-        raise SetupError(Fault("--agent", f"{agent} flew in none of the campaigns", f"name one of: {flown}"))
+        raise SetupError.of("--agent", f"{agent} flew in none of the campaigns", f"name one of: {flown}")
     console = plain_console()
     for name in agents:
         own = [(campaign, page) for campaign, page in pages if page.agent == name]

@@ -25,12 +25,6 @@ RULED_BY = "Ruled by"
 EXPLAINED_NODES = 5
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command()(schema)
-    app.command()(difficulty)
-
-
 def schema(
     name: Annotated[
         str,
@@ -57,7 +51,7 @@ def schema(
         return
     from bench import contracts
     from bench.campaign import Campaign, CampaignState
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
@@ -106,12 +100,10 @@ def schema(
         print(json.dumps(json_schema(message), indent=2))
         return
     if name not in kinds:
-        raise SetupError(
-            Fault(
-                "schema",
-                f"there is no document {name!r}",
-                f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",
-            )
+        raise SetupError.of(
+            "schema",
+            f"there is no document {name!r}",
+            f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",
         )
     print(json.dumps(contracts.document_schema(kinds[name]), indent=2))
 
@@ -234,9 +226,7 @@ class _RatedSituation:
         return [measured.sentence() for measured in hardest[:EXPLAINED_NODES]]
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
-        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each
-        factor.
-        """
+        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
         from bench.scoring import difficulty_increase
 
         document = self.difficulty.as_json()

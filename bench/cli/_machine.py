@@ -11,16 +11,19 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ._fly import parse_board
 from ._tables import plain_console, wrapped
+
+if TYPE_CHECKING:
+    from bench.simulation import StandalonePlan
 
 PACKAGES = (
     "jsbsim",
@@ -46,11 +49,6 @@ class MachineCheck:
     text: str
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(doctor)
-
-
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
     firmware: Annotated[
@@ -73,11 +71,7 @@ def doctor(
     if board:
         checks.append(_try("board", partial(_board, board)))
     if as_json:
-        print(
-            json.dumps(
-                [{"name": check.name, "fine": check.fine, "text": check.text} for check in checks], indent=2
-            )
-        )
+        print(json.dumps([asdict(check) for check in checks], indent=2))
     else:
         width = max(len(check.name) for check in checks)
         for check in checks:
@@ -146,24 +140,25 @@ def _vehicle() -> str:
 
 def _firmware(path: str) -> str:
     """Start a real autopilot for some simulated seconds; its kind is known by what the path is."""
-    from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
-    from bench.simulation import StandalonePlan, standalone_simspec
+    from bench.simulation import StandalonePlan
 
     # PX4 is a folder of program and start scripts, ArduPilot one executable.
     kind = "px4" if Path(path).is_dir() or Path(path).name == "px4" else "ardupilot"
-    spec = standalone_simspec(StandalonePlan(kind, firmware=path))
-    with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
-        assert isinstance(vehicle, BootsFirmware)
-        return vehicle.boot()
+    return _boot(StandalonePlan(kind, firmware=path))
 
 
 def _board(text: str) -> str:
     """Fly a board on the ground for some seconds."""
-    from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
-    from bench.simulation import StandalonePlan, standalone_simspec
+    from bench.simulation import StandalonePlan
 
-    board = parse_board(text).model_copy(update={"boot_s": 5.0})
-    spec = standalone_simspec(StandalonePlan(board=board))
+    return _boot(StandalonePlan(board=parse_board(text).model_copy(update={"boot_s": 5.0})))
+
+
+def _boot(plan: StandalonePlan) -> str:
+    from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
+    from bench.simulation import standalone_simspec
+
+    spec = standalone_simspec(plan)
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)
         return vehicle.boot()

@@ -156,11 +156,6 @@ class Interview:
         return True
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command of this module."""
-    app.command()(new)
-
-
 def new(
     out: Annotated[Path, typer.Option(help="File to write the SimSpec to")] = Path("situation.yaml"),
     from_prose: Annotated[
@@ -173,13 +168,13 @@ def new(
 
     Example: rebar new --from-prose "A radar vehicle, five civilians near it" --out scene.yaml --picture scene.svg
     """
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.instance_analysis import annotated_yaml, load_vocabulary
 
     from ._clause_view import clause_lines
 
     if os.path.lexists(out):
-        raise SetupError(Fault(str(out), "exists already", "give another name with --out"))
+        raise SetupError.of(out, "exists already", "give another name with --out")
     # Before the questions: no answer is lost to a path that cannot be.
     out.parent.mkdir(parents=True, exist_ok=True)
     interview = Interview(from_prose or "", load_vocabulary(vocabulary), _prompt, print)
@@ -191,7 +186,7 @@ def new(
         print(f"\nNothing is written. To go on, give --from-prose what was said: {interview.text}")
         raise
     if interview.result is None:
-        raise SetupError(Fault("rebar new", "nothing was described", "answer one question at least"))
+        raise SetupError.of("rebar new", "nothing was described", "answer one question at least")
     out.write_text(annotated_yaml(interview.result), encoding="utf-8")
     _draw(interview.result, picture)
     print(f"wrote {out}{f' and {picture}' if picture else ''}. The same in words: {interview.text}")

@@ -9,15 +9,9 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._tables import add_plain_row, plain_console, plain_table, wrapped
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(measures)
-    app.command()(tables)
 
 
 def measures(
@@ -42,8 +36,8 @@ def measures(
         if not name or name in (measure, module, *module.split("."))
     ]
     if not chosen:
-        raise SetupError(
-            Fault(name, "is neither a measure nor a module of measures", "`rebar measures` lists all")
+        raise SetupError.of(
+            name, "is neither a measure nor a module of measures", "`rebar measures` lists all"
         )
     width = plain_console().width
     for module, members in groupby(sorted(chosen, key=lambda measure: modules[measure]), modules.__getitem__):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._executors import ExecutorOptions
 from ._laboratory import LaboratoryOptions
@@ -58,7 +58,7 @@ class CampaignChanges:
             try:
                 parse_shard(self.shard)
             except ValueError as error:
-                raise SetupError(Fault("--shard", str(error), "number the shards from 1")) from None
+                raise SetupError.of("--shard", str(error), "number the shards from 1") from None
         options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}

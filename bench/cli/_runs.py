@@ -7,19 +7,13 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError, command_line
+from bench.errors import SetupError, command_line
 
 from ._missing_runs import exit_if_incomplete, print_missing_in
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a campaign")]
 NOT_MET_EXIT_CODE = 1
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(runs)
-    app.command()(check)
 
 
 def runs(
@@ -36,10 +30,10 @@ def runs(
 
     Example: rebar runs out/demo --where 'outcome != "completed"' --csv
     """
-    from bench.reporting import csv_text, load_report_data, matching, runs_table, words_of
+    from bench.reporting import csv_text, load_report_data, matching, plural, runs_table, words_of
 
     if as_csv and as_json:
-        raise SetupError(Fault("--csv", "cannot be given together with --json", "give either"))
+        raise SetupError.of("--csv", "cannot be given together with --json", "give either")
     table = runs_table(load_report_data(folder))
     chosen = table if where is None else matching(table, where, "--where")
     if as_csv:
@@ -58,9 +52,9 @@ def runs(
     console = plain_console()
     if len(chosen):
         console.print(shown)
-    print_lines(console, [f"{len(chosen)} of {len(table)} runs"])
+    print_lines(console, [f"{len(chosen)} of {plural(len(table), 'run')}"])
     if len(chosen) and (path := chosen["recording"][0]):
-        console.print(f"why: {command_line('rebar', 'score', (folder / path).parent)}", soft_wrap=True)
+        console.print(f"why: {command_line('rebar', 'explain', (folder / path).parent)}", soft_wrap=True)
 
 
 def _cell(value: object) -> str:
@@ -91,7 +85,7 @@ def check(
         raise SetupError(faults)
     table = requirements_table(load_report_data(folder))
     if table.is_empty():
-        raise SetupError(Fault(str(folder), "has no agent with scores", "run the campaign first"))
+        raise SetupError.of(folder, "has no agent with scores", "run the campaign first")
     is_met = True
     for requirement in require:
         met = set(matching(table, requirement, "--require")["agent"])

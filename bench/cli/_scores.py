@@ -38,11 +38,6 @@ if TYPE_CHECKING:
 MAX_TABLE_BYTES = 2 * 1024**3
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(score)
-
-
 def score(
     runs: Annotated[list[Path] | None, typer.Argument(help="Folders of runs or of campaigns")] = None,
     decomposition: Annotated[
@@ -124,7 +119,7 @@ def check_node(option: str, decomposition: Decomposition, node: str) -> None:
         similar = difflib.get_close_matches(node, decomposition.nodes, n=3)
         attributes = ", ".join(decomposition.key_attributes)
         remedy = f"did you mean {' or '.join(similar)}?" if similar else f"key attributes: {attributes}"
-        raise SetupError(Fault(option, f"there is no node {node!r} in {decomposition.name}", remedy))
+        raise SetupError.of(option, f"there is no node {node!r} in {decomposition.name}", remedy)
 
 
 def rated_decomposition(named: str, difficulty: Literal["tables", "given"] = "tables") -> Decomposition:
@@ -160,26 +155,25 @@ class ScoreSource:
 
     def report(self, *, per_run: bool) -> ScoreReport:
         """The document for `--json`."""
-        from bench.scoring import absent_pairs, run_reports, score_report, statement_reports
+        from bench.scoring import ScoreReport, absent_pairs, node_reports, run_reports, statement_reports
 
-        runs = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
-        absent = absent_pairs(self.decomposition, self.runs)
-        return score_report(
-            self.kind,
-            self.source,
-            self.decomposition,
-            self.study,
-            self.scores,
-            self.summary,
-            absent,
-            runs,
-            self.fidelity,
-            self.floors,
-            completeness_report(self.completeness, Path(self.source)) if self.completeness else None,
-            statement_reports(
-                (run.agent, (run.design_point, run.replicate), run.statements)
-                for run in self.runs
-                if run.outcome.counts
+        shows_runs = per_run or self.kind == "run"
+        counted = (run for run in self.runs if run.outcome.counts)
+        return ScoreReport(
+            kind=self.kind,
+            source=self.source,
+            fidelity=self.fidelity,
+            completeness=completeness_report(self.completeness, Path(self.source))
+            if self.completeness
+            else None,
+            decomposition=self.decomposition.name,
+            decomposition_sha256=self.decomposition.digest,
+            study=self.study,
+            absent=absent_pairs(self.decomposition, self.runs),
+            nodes=node_reports(self.scores, self.summary, self.floors),
+            runs=run_reports(self.scores, self.sources.recordings) if shows_runs else None,
+            statements=statement_reports(
+                (run.agent, (run.design_point, run.replicate), run.statements) for run in counted
             ),
         )
 
@@ -225,21 +219,17 @@ def _score_sources(
 
     if table is not None:
         if runs:
-            raise SetupError(Fault("--observations", "cannot be given together with folders", "give either"))
+            raise SetupError.of("--observations", "cannot be given together with folders", "give either")
         if decomposition is None:
-            raise SetupError(
-                Fault(
-                    "--observations", "a table does not name its decomposition", "give --decomposition FILE"
-                )
+            raise SetupError.of(
+                "--observations", "a table does not name its decomposition", "give --decomposition FILE"
             )
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError(
-            Fault(
-                "score",
-                "there is nothing to score",
-                "name the folder of a run or of a campaign, or give --observations",
-            )
+        raise SetupError.of(
+            "score",
+            "there is nothing to score",
+            "name the folder of a run or of a campaign, or give --observations",
         )
     faults = [
         Fault(str(path), "is a file", f"name the folder that holds it: {path.parent}")
@@ -346,11 +336,11 @@ def _campaign_decomposition(run: Path) -> str:
 
 def _of_table(path: Path, named: str) -> ScoreSource:
     from bench.documents import read_text
-    from bench.scoring import Sources, read_table, score_external, summary_frame
+    from bench.scoring import Sources, read_table, score_table, summary_frame
 
     decomposition = rated_decomposition(named, difficulty="given")
     table = read_table(read_text(path, MAX_TABLE_BYTES), decomposition, str(path))
-    scores = score_external(decomposition, table.runs)
+    scores = score_table(decomposition, table.runs)
     rows = {pair: f"{path}:{line}" for pair, line in table.lines.items()}
     return ScoreSource(
         kind="observations",

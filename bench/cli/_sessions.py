@@ -25,11 +25,6 @@ if TYPE_CHECKING:
 DEFAULT_DECOMPOSITION = "search-and-report"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(simulate)
-
-
 def simulate(
     simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for recording.mcap and result.json")] = Path("out"),

@@ -12,12 +12,6 @@ from bench.errors import command_line
 Folder = Annotated[Path, typer.Argument(help="Folder of a campaign")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    for command in (status, pause, resume):
-        app.command()(command)
-
-
 def status(
     folder: Folder,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON (rebar schema campaign-state)")] = False,

@@ -16,11 +16,6 @@ if TYPE_CHECKING:
     from decompositions import Decomposition, KeyFactor, Policies
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command of this module."""
-    app.command()(tension)
-
-
 def tension(
     node: Annotated[
         str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")
@@ -35,19 +30,17 @@ def tension(
 
     Example: rebar tension "bystander classification" 4
     """
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
 
     from ._scores import rated_decomposition
 
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
     if tree.policies.factor_rule != "minimum":
-        raise SetupError(
-            Fault(
-                tree.name,
-                "the policy factor_rule: mean lets no range of a single factor decide",
-                "rate a SimSpec with: rebar difficulty",
-            )
+        raise SetupError.of(
+            tree.name,
+            "the policy factor_rule: mean lets no range of a single factor decide",
+            "rate a SimSpec with: rebar difficulty",
         )
     rows = list(_factor_ranges(tree, node, wanted))
     if as_json:
@@ -73,7 +66,7 @@ def tension(
 
 def _node(tree: Decomposition, words: str) -> str:
     """The node with that id, or the only key attribute whose title has all of these words."""
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from decompositions import Level
 
     from ._scores import check_node
@@ -88,12 +81,10 @@ def _node(tree: Decomposition, words: str) -> str:
     ]
     if len(matches) != 1:
         choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
-        raise SetupError(
-            Fault(
-                "NODE",
-                f"{len(matches)} key attributes have {words!r} in their title",
-                f"name one; matches: {choices}",
-            )
+        raise SetupError.of(
+            "NODE",
+            f"{len(matches)} key attributes have {words!r} in their title",
+            f"name one; matches: {choices}",
         )
     return matches[0]
 

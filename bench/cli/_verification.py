@@ -12,18 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._missing_runs import INCOMPLETE_EXIT_CODE
 
 if TYPE_CHECKING:
     from bench.campaign import ReflownSample
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (verify, sign):
-        app.command()(command)
 
 
 def verify(
@@ -70,8 +64,8 @@ def verify(
     Example: rebar verify out/demo --refly 5
     """
     if refly is None and (seed is not None or workers is not None):
-        raise SetupError(
-            Fault("--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too")
+        raise SetupError.of(
+            "--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too"
         )
     check = _check(folder, digest, signed_by, read_stored=recordings)
     if not as_json:

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
 from bench.documents import open_file
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 # The MCAP specification: the first and the last bytes of a file.
 MAGIC = b"\x89MCAP0\r\n"
@@ -43,8 +43,7 @@ _DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdErr
 
 
 class Container:
-    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were
-    written.
+    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were written.
 
     After the pass, `cut` says where the file ends early or is damaged, or is None when it is whole: every checksum that
     it holds, its statistics and its last bytes agree. `complete` says that every message is there even so (a file may
@@ -60,9 +59,7 @@ class Container:
     def __iter__(self) -> Iterator[Item]:
         with open_file(self.path) as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise SetupError(
-                    Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run")
-                )
+                raise SetupError.of(self.path, "is not an MCAP recording", "give the recording.mcap of a run")
             yield from self._items(file, os.fstat(file.fileno()).st_size)
 
     def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
@@ -90,7 +87,7 @@ class Container:
                 items = _read(opcode, payload)
             except UnsupportedCompressionError as error:
                 remedy = "convert the file, for example with mcap compress --compression zstd"
-                raise SetupError(Fault(str(self.path), f"cannot be read: {error}", remedy)) from None
+                raise SetupError.of(self.path, f"cannot be read: {error}", remedy) from None
             except _DAMAGE as error:
                 self.cut = f"the record at byte {start} is damaged ({type(error).__name__})"
                 return

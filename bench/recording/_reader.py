@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from bench.contracts import Record, SimTime, Tape
 from bench.documents import read_json_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._container import Container
@@ -34,8 +34,7 @@ class RecoveryResult:
 
 
 def read_records(path: Path | str) -> Iterator[Record]:
-    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole
-    chunk.
+    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole chunk.
 
     Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels
     that do not hold CDR of ROS 2 types are passed over.
@@ -66,12 +65,8 @@ def read_simspec(path: Path | str) -> SimSpec:
             return _simspec(item.data, f"{path}: {SIMSPEC_ATTACHMENT}")
     if container.cut is not None:
         raise _damaged(container)
-    raise SetupError(
-        Fault(
-            str(path),
-            f"holds no {SIMSPEC_ATTACHMENT}",
-            "give a recording of this bench, cut off after its head",
-        )
+    raise SetupError.of(
+        path, f"holds no {SIMSPEC_ATTACHMENT}", "give a recording of this bench, cut off after its head"
     )
 
 
@@ -96,7 +91,7 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     """
     source, target = Path(source), Path(target)
     if target.exists() and source.exists() and target.samefile(source):
-        raise SetupError(Fault(str(target), "is the recording itself", "give another file to write to"))
+        raise SetupError.of(target, "is the recording itself", "give another file to write to")
     container = Container(source)
     items = iter(container)
     # A source that is no recording must not leave an empty target behind.
@@ -126,12 +121,8 @@ def _records(container: Container) -> Iterator[Record]:
                 # Sorting would hide a fault of the writer, and a tape is built in one pass.
                 if item.log_time < last_ns:
                     fault = f"a message on {channel[0]} at {item.log_time} ns follows one at {last_ns} ns"
-                    raise SetupError(
-                        Fault(
-                            str(container.path),
-                            fault,
-                            "give a recording of this bench, which is in order of time",
-                        )
+                    raise SetupError.of(
+                        container.path, fault, "give a recording of this bench, which is in order of time"
                     )
                 last_ns = item.log_time
                 yield Record(SimTime(item.log_time), channel[0], channel[1], item.data)
@@ -144,7 +135,7 @@ def _records(container: Container) -> Iterator[Record]:
 
 def _damaged(container: Container) -> SetupError:
     remedy = "restore it from a copy; docs/recordings.md says how to save what can be read of it as a recording of its own"
-    return SetupError(Fault(str(container.path), f"damaged: {container.cut}", remedy))
+    return SetupError.of(container.path, f"damaged: {container.cut}", remedy)
 
 
 def _simspec(data: bytes, source: str) -> SimSpec:

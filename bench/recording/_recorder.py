@@ -1,6 +1,4 @@
-"""The recorder: every record of a session into one MCAP file, in order of simulated time, the same bytes
-every time.
-"""
+"""The recorder: every record of a session into one MCAP file, in order of simulated time, the same bytes every time."""
 
 from __future__ import annotations
 

@@ -78,45 +78,38 @@ class TapeBuilder:
         self._cast: list[Timed[CastDocument]] = []
         self._frames: list[CameraFrame] = []
         self._detections: list[DetectionFrame] = []
-        self._condition: list[Timed[VehicleDocument]] = []
-        self._intelligence: list[Timed[IntelligenceDocument]] = []
-        self._reports: list[Timed[TargetReport]] = []
-        self._decisions: list[Timed[Decision]] = []
-        self._status: list[Timed[AgentStatus]] = []
-        self._tracks: list[Timed[AgentTracks]] = []
-        self._events: list[Timed[EventDocument]] = []
-        self._orders: list[Timed[OrderDocument]] = []
-        self._answers: list[Timed[OrderAnswer]] = []
-        self._operator_link: list[Timed[OperatorLinkDocument]] = []
-        self._consent_requests: list[Timed[ConsentRequest]] = []
-        self._consents: list[Timed[ConsentAnswer]] = []
         # Reading the agent's MAVLink takes time that only measures of handing over need.
         self._reads_control = any(order.kind == "hand_over" for order in simspec.orders)
         self._moving: list[Timed[str]] = []
         self._malformed: Counter[str] = Counter()
+        # By the field of the tape that has them.
+        documents: dict[str, tuple[str, type[Any]]] = {
+            "condition": (TRUTH_VEHICLE, VehicleDocument),
+            "events": (SESSION_EVENTS, EventDocument),
+            "intelligence": (topics.intelligence, IntelligenceDocument),
+            "reports": (topics.reports, TargetReport),
+            "decisions": (topics.decisions, Decision),
+            "status": (topics.status, AgentStatus),
+            "tracks": (topics.tracks, AgentTracks),
+            "orders": (topics.orders, OrderDocument),
+            "answers": (topics.answers, OrderAnswer),
+            "consent_requests": (topics.consent_requests, ConsentRequest),
+            "consents": (topics.consents, ConsentAnswer),
+            "operator_link": (topics.operator_link, OperatorLinkDocument),
+        }
+        self._documents: dict[str, list[Timed[Any]]] = {field: [] for field in documents}
         self._takers: dict[str, Callable[[Record], bool]] = {
             TRUTH_ODOMETRY: self._motion.take,
             TRUTH_ACTORS: self._actors.take,
             TF: self._estimate.take,
             TRUTH_CAST: _documents(CastDocument, self._cast),
             TRUTH_VIEW: self._take_view,
-            TRUTH_VEHICLE: _documents(VehicleDocument, self._condition),
-            SESSION_EVENTS: _documents(EventDocument, self._events),
             topics.detections: self._take_detections,
             **{
                 topics.camera_detections(name): partial(self._take_detections, camera=name)
                 for name in simspec.perception.more_cameras
             },
-            topics.intelligence: _documents(IntelligenceDocument, self._intelligence),
-            topics.reports: _documents(TargetReport, self._reports),
-            topics.decisions: _documents(Decision, self._decisions),
-            topics.status: _documents(AgentStatus, self._status),
-            topics.tracks: _documents(AgentTracks, self._tracks),
-            topics.orders: _documents(OrderDocument, self._orders),
-            topics.answers: _documents(OrderAnswer, self._answers),
-            topics.consent_requests: _documents(ConsentRequest, self._consent_requests),
-            topics.consents: _documents(ConsentAnswer, self._consents),
-            topics.operator_link: _documents(OperatorLinkDocument, self._operator_link),
+            **{topic: _documents(kind, self._documents[field]) for field, (topic, kind) in documents.items()},
         }
 
     def __call__(self, record: Record) -> None:
@@ -147,23 +140,12 @@ class TapeBuilder:
             actor_position_enu_m=actor_positions,
             frames=tuple(self._frames),
             detections=tuple(self._detections),
-            condition=tuple(self._condition),
-            intelligence=tuple(self._intelligence),
-            reports=tuple(self._reports),
-            decisions=tuple(self._decisions),
-            status=tuple(self._status),
-            tracks=tuple(self._tracks),
-            events=tuple(self._events),
             malformed=dict(sorted(malformed.items())),
-            orders=tuple(self._orders),
-            answers=tuple(self._answers),
-            operator_link=tuple(self._operator_link),
-            consent_requests=tuple(self._consent_requests),
-            consents=tuple(self._consents),
             moving=tuple(self._moving),
             vehicle_tilt_rad=tilts,
             estimate_time_s=estimate_times,
             estimate_position_enu_m=estimates,
+            **{field: tuple(timed) for field, timed in self._documents.items()},
         )
 
     def _take_control(self, record: Record) -> bool:
@@ -200,9 +182,7 @@ class TapeBuilder:
 
 
 class _MotionColumns:
-    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes
-    (3).
-    """
+    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes (3)."""
 
     WIDTH = 11
 
@@ -270,9 +250,7 @@ class _ActorColumns:
         return True
 
     def arrays(self, members: int) -> tuple[Floats, Floats, int]:
-        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another
-        cast.
-        """
+        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another cast."""
         # A pose array has no ids: only its length says whether it is of this cast.
         fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
         times = np.array([self._times[index] for index in fitting], dtype=np.float64)

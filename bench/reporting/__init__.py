@@ -1,5 +1,4 @@
-"""The report: what a campaign left on disk, as one HTML file that works offline, and the same scores for the
-terminal.
+"""The report: what a campaign left on disk, as one HTML file that works offline, and the same scores for the terminal.
 
 from bench.reporting import write_report
 print(write_report(Path("out/demo")))
@@ -50,4 +49,5 @@ from .statistics._pairings import pair_agents as pair_agents
 from .text._comparison import ComparisonCells as ComparisonCells
 from .text._comparison import comparison_cells as comparison_cells
 from .text._comparison import unpaired_cells as unpaired_cells
+from .text._format import plural as plural
 from .text._sheet import sheets as sheets

@@ -73,9 +73,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class ReportedCompetence:
-    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it
-    ends.
-    """
+    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
 
     value: float
     low: float

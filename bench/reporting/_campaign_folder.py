@@ -49,9 +49,7 @@ REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)
 def load_report_data(folder: Path) -> ReportData:
     """Read a campaign folder. Raises SetupError when `folder` holds no campaign."""
     if not (folder / "campaign.yaml").is_file():
-        raise SetupError(
-            Fault(str(folder), "holds no campaign.yaml", "give the folder that `rebar run` wrote")
-        )
+        raise SetupError.of(folder, "holds no campaign.yaml", "give the folder that `rebar run` wrote")
     notes: list[str] = []
     campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
     document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
@@ -348,8 +346,20 @@ def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:
         return {}
 
 
+def load_scored(folders: Sequence[Path]) -> list[ReportData]:
+    """Read campaign folders. Raises SetupError for each that holds no campaign or no scores."""
+    data = [load_report_data(folder) for folder in folders]
+    if faults := [
+        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
+        for folder, campaign in zip(folders, data, strict=True)
+        if not campaign.scores.height
+    ]:
+        raise SetupError(faults)
+    return data
+
+
 def require_distinct(folders: Sequence[Path]) -> None:
     """Raises SetupError where a folder is named twice, however it is spelt: its runs would count twice."""
     paths = [folder.resolve() for folder in folders]
     if twice := [folder for number, folder in enumerate(folders) if paths[number] in paths[:number]]:
-        raise SetupError(Fault(str(twice[0]), "is named twice", "name each folder once"))
+        raise SetupError.of(twice[0], "is named twice", "name each folder once")

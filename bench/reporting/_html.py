@@ -14,9 +14,7 @@ from bench.visible_text import visible_values
 
 
 def content_security_policy(*scripts: str) -> str:
-    """A content security policy: nothing is fetched, and only these scripts run, identified by their
-    digests.
-    """
+    """A content security policy: nothing is fetched, and only these scripts run, identified by their digests."""
     digests = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts
     )

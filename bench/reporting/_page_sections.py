@@ -75,9 +75,7 @@ def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[
 
 
 def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials) -> list[dict[str, Any]]:
-    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in
-    sentences.
-    """
+    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
     sections = []
     for node in data.study:
         tallies = {

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from ._explain import Sources as Sources
     from ._explain import explain as explain
     from ._external import read_table as read_table
-    from ._external import score_external as score_external
     from ._floor import NodeFloor as NodeFloor
     from ._floor import node_floors as node_floors
     from ._floor import worst_first as worst_first
@@ -50,7 +49,6 @@ if TYPE_CHECKING:
     from ._report import ScoreReport as ScoreReport
     from ._report import node_reports as node_reports
     from ._report import run_reports as run_reports
-    from ._report import score_report as score_report
     from ._scores import score_run as score_run
     from ._statements import StatementReport as StatementReport
     from ._statements import statement_reports as statement_reports

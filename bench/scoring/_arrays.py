@@ -44,9 +44,7 @@ def arrays_of(decomposition: Decomposition) -> DecompositionArrays:
 
 @dataclass(frozen=True, slots=True)
 class _DocumentKey:
-    """Cache key that is equal for equal documents: a decomposition holds dictionaries and cannot be
-    hashed.
-    """
+    """Cache key that is equal for equal documents: a decomposition holds dictionaries and cannot be hashed."""
 
     decomposition: Decomposition
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, Literal
 
@@ -196,14 +196,8 @@ class Difficulty:
                     "ruled_by": list(observable.ruled_by),
                     "margin": observable.margin,
                     "standing": str(observable.standing),
-                    "absent": [
-                        {"factor": row.factor, "value": row.value, "unit": row.unit}
-                        for row in observable.absent
-                    ],
-                    "factors": [
-                        {"factor": row.factor, "value": row.value, "unit": row.unit, "rating": row.rating}
-                        for row in observable.ratings
-                    ],
+                    "absent": list(map(asdict, observable.absent)),
+                    "factors": list(map(asdict, observable.ratings)),
                 }
                 for observable in self.observables.values()
             ],

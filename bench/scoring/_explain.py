@@ -1,12 +1,10 @@
-"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded
-evidence.
-"""
+"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded evidence."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Literal
 
 import polars as pl
@@ -44,9 +42,7 @@ class Sources:
 
 
 class FactorExplanation(Document):
-    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the
-    difficulty.
-    """
+    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the difficulty."""
 
     factor: str
     value: float
@@ -376,12 +372,5 @@ def _consideration(
 
 def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
     return tuple(
-        FactorExplanation(
-            factor=row.factor,
-            value=row.value,
-            unit=row.unit,
-            rating=row.rating,
-            ruling=row.factor in rated.ruled_by,
-        )
-        for row in rated.ratings
+        FactorExplanation(**asdict(row), ruling=row.factor in rated.ruled_by) for row in rated.ratings
     )

@@ -1,5 +1,4 @@
-"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records
-(docs/rulings.md 19).
+"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
 
 Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are
 reported at once.
@@ -18,15 +17,13 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
-import polars as pl
-
 from bench.contracts import Observation, Outcome
 from bench.documents import decimal_number
 from bench.errors import MAX_FAULTS, Fault, SetupError
 from decompositions import Decomposition
 
 from ._difficulty import Difficulty, difficulty_of_values, stated_difficulty
-from ._table import ScoredRun, score_table
+from ._table import ScoredRun
 
 REQUIRED_COLUMNS = ("run", "observable", "x")
 KNOWN_COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
@@ -38,9 +35,7 @@ _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": Fa
 
 @dataclass(frozen=True, slots=True)
 class ExternalTable:
-    """The runs of a table in the order of their first rows; `lines` has the line of each (run,
-    observable).
-    """
+    """The runs of a table in the order of their first rows; `lines` has the line of each (run, observable)."""
 
     runs: tuple[ScoredRun, ...]
     lines: Mapping[tuple[str, str], int]
@@ -74,15 +69,6 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
         reader.take(row)
     faults.raise_any()
     return reader.table()
-
-
-def score_external(
-    decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()
-) -> pl.DataFrame:
-    """The score table of these runs, with a null difficulty for a node of which no observable has a row in
-    the run.
-    """
-    return score_table(decomposition, runs, study)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,8 +25,7 @@ HIGHEST_TENSION = 5
 
 @dataclass(frozen=True, slots=True)
 class FactorChange:
-    """The value that one factor must reach, in `unit`; `past` means that it must lie beyond `to`, on the
-    harder side.
+    """The value that one factor must reach, in `unit`; `past` means that it must lie beyond `to`, on the harder side.
 
     `to` is None where no value is enough: the factor's tables end at the rating `most`, or run in opposite
     directions.
@@ -104,8 +103,7 @@ def difficulty_increase(
 def value_for_rating(
     table: KeyFactor, rating: float, policies: Policies | None = None, *, exceeded: bool = False
 ) -> tuple[float, bool] | None:
-    """The easiest value that a table rates at `rating` or more, or above it with `exceeded`; the inverse of
-    `rate`.
+    """The easiest value that a table rates at `rating` or more, or above it with `exceeded`; the inverse of `rate`.
 
     The second item is true where the value itself is not enough, but every harder one is. None where the
     table ends below the rating.
@@ -152,9 +150,7 @@ def hardest_value(
 
 @dataclass(frozen=True, slots=True)
 class _FactorUnder:
-    """One factor under one node: its value, the table rows that rate it there, and the lowest of their
-    ratings.
-    """
+    """One factor under one node: its value, the table rows that rate it there, and the lowest of their ratings."""
 
     name: str
     value: float

@@ -10,7 +10,6 @@ from pydantic import Field
 
 from bench.contracts import Outcome
 from bench.documents import Document
-from decompositions import Decomposition
 
 from ._difficulty import Standing
 from ._floor import NodeFloor
@@ -204,10 +203,13 @@ class ScoreReport(Document):
 _FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
 
 
-def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
-    """The rows of a summary, each with what it counts for."""
+def node_reports(
+    scores: pl.DataFrame, summary: pl.DataFrame, floors: Mapping[str, NodeFloor] | None = None
+) -> tuple[NodeReport, ...]:
+    """The rows of a summary, each with what it counts for, and with floor and ceiling where they are known."""
     standings = _standings(scores)
-    return tuple(NodeReport.model_validate(_node(row, standings)) for row in summary.iter_rows(named=True))
+    nodes = (NodeReport.model_validate(_node(row, standings)) for row in summary.iter_rows(named=True))
+    return tuple(_with_floor(node, floors or {}) for node in nodes)
 
 
 def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
@@ -229,36 +231,6 @@ def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = Non
             )
         )
     return tuple(reports)
-
-
-def score_report(
-    kind: Literal["campaign", "run", "observations"],
-    source: str,
-    decomposition: Decomposition,
-    study: Sequence[str],
-    scores: pl.DataFrame,
-    summary: pl.DataFrame,
-    absent: int,
-    runs: tuple[RunReport, ...] | None = None,
-    fidelity: Literal["full", "overhead"] | None = None,
-    floors: Mapping[str, NodeFloor] | None = None,
-    completeness: CompletenessReport | None = None,
-    statements: tuple[StatementReport, ...] = (),
-) -> ScoreReport:
-    """The document over a score table and its summary, with floor and ceiling where they are known."""
-    return ScoreReport(
-        kind=kind,
-        source=source,
-        fidelity=fidelity,
-        completeness=completeness,
-        decomposition=decomposition.name,
-        decomposition_sha256=decomposition.digest,
-        study=tuple(study),
-        absent=absent,
-        nodes=tuple(_with_floor(node, floors or {}) for node in node_reports(scores, summary)),
-        runs=runs,
-        statements=statements,
-    )
 
 
 def _with_floor(node: NodeReport, floors: Mapping[str, NodeFloor]) -> NodeReport:

@@ -197,9 +197,7 @@ def column_values(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
 
 
 def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
-    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense
-    enough.
-    """
+    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense enough."""
     size = int(keys.max()) + 1
     # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not
     # measured.

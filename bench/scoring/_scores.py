@@ -23,8 +23,7 @@ NEAR_MISS_SLACK = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class NodeScore:
-    """One node in one run. `score` is None where the node is not scored, `confidence` is None where it is not
-    considered.
+    """One node in one run. `score` is None where the node is not scored, `confidence` is None where it is not considered.
 
     `achieved` and `considered` count the node's distinct descendant observables (0 or 1 for an observable
     itself).
@@ -255,9 +254,7 @@ def _verdict(arrays: DecompositionArrays, considered: Bools, achieved: Bools) ->
 def _confidence(
     arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools, counted: Bools
 ) -> Floats:
-    """Achieved over considered leaves; under the policy `children`, scored over considered children for inner
-    nodes.
-    """
+    """Achieved over considered leaves; under the policy `children`, scored over considered children for inner nodes."""
     if arrays.policies.confidence == "children":
         enters = np.ones_like(scored)
         enters[arrays.leaf_rows] = counted

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from typing import Annotated, Literal
 
 import numpy as np
@@ -54,51 +55,47 @@ def statement_reports(
     runs: Iterable[tuple[str, tuple[str, int], ReportStatements | None]],
 ) -> tuple[StatementReport, ...]:
     """A row for each agent and kind of statement, from agent, scene and statements of each run, agents in that order."""
-    rows: dict[str, list[tuple[str, float, float | None, float | None]]] = {}
+    rows: dict[str, list[_Statement]] = {}
     for agent, scene, statements in runs:
         of_agent = rows.setdefault(agent, [])
         for report in statements.reports if statements is not None else ():
             of_agent.append((f"{scene}", report.confidence, report.error_m, report.sigma_m))
-    reports = []
-    for agent, stated in rows.items():
-        scenes = [scene for scene, *_ in stated]
-        right = np.array(
-            [error_m is not None and error_m <= RIGHT_WITHIN_M for *_, error_m, _ in stated], float
-        )
-        confidence = confidence_skill(np.array([row[1] for row in stated], float), right, scenes)
-        placed = [
-            (scene, sigma_m, error_m)
-            for scene, _, error_m, sigma_m in stated
-            if sigma_m is not None and error_m is not None and error_m <= ABOUT_WITHIN_M
-        ]
-        error = error_skill(
-            np.array([sigma_m for _, sigma_m, _ in placed], float),
-            np.array([error_m for *_, error_m in placed], float),
-            [scene for scene, *_ in placed],
-        )
-        if confidence is not None:
-            reports.append(_row(agent, "confidence", "Brier score", confidence))
-        if error is not None:
-            reports.append(_row(agent, "position_sigma_m", "interval score", error))
-    return tuple(reports)
+    return tuple(report for agent, stated in rows.items() for report in _reports_of(agent, stated))
 
 
-def _row(
+_Statement = tuple[str, float, float | None, float | None]
+"""Scene, confidence, true error and stated error in metres."""
+
+
+def _reports_of(agent: str, stated: Sequence[_Statement]) -> Iterator[StatementReport]:
+    right = [error_m is not None and error_m <= RIGHT_WITHIN_M for *_, error_m, _ in stated]
+    placed = [
+        (scene, sigma_m, error_m)
+        for scene, _, error_m, sigma_m in stated
+        if sigma_m is not None and error_m is not None and error_m <= ABOUT_WITHIN_M
+    ]
+    confidence = confidence_skill(
+        np.array([confidence for _, confidence, *_ in stated], float),
+        np.array(right, float),
+        [scene for scene, *_ in stated],
+    )
+    error = error_skill(
+        np.array([sigma_m for _, sigma_m, _ in placed], float),
+        np.array([error_m for *_, error_m in placed], float),
+        [scene for scene, *_ in placed],
+    )
+    if confidence is not None:
+        yield _report(agent, "confidence", "Brier score", confidence)
+    if error is not None:
+        yield _report(agent, "position_sigma_m", "interval score", error)
+
+
+def _report(
     agent: str,
     of: Literal["confidence", "position_sigma_m"],
     measured_by: Literal["Brier score", "interval score"],
     skill: Skill,
 ) -> StatementReport:
-    return StatementReport(
-        agent=agent,
-        of=of,
-        measured_by=measured_by,
-        statements=skill.statements,
-        scenes=skill.scenes,
-        score=skill.score,
-        best_constant=skill.best_constant,
-        constant_score=skill.constant_score,
-        skill=skill.skill,
-        skill_low=skill.low,
-        skill_high=skill.high,
-    )
+    numbers = asdict(skill)
+    bounds = {f"skill_{end}": numbers.pop(end) for end in ("low", "high")}
+    return StatementReport(agent=agent, of=of, measured_by=measured_by, **numbers, **bounds)

@@ -1,6 +1,4 @@
-"""Nodes over many runs: the published means, their counts and their intervals (docs/rulings.md 13, 16,
-18).
-"""
+"""Nodes over many runs: the published means, their counts and their intervals (docs/rulings.md 13, 16, 18)."""
 
 from __future__ import annotations
 
@@ -254,9 +252,7 @@ def _interval(
 
 
 def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
-    """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the
-    expectations.
-    """
+    """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the expectations."""
     runs = considered.astype(np.float64)
     total = np.nan_to_num(mean) * runs
     rate, expected = pass_rate_bounds(np.round(total), runs), mean_bounds(total, runs)
@@ -264,9 +260,7 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
 
 
 def _competence(scenes: SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
-    """The columns of competence of every agent and node over all configurations, null without a trial (ruling
-    17).
-    """
+    """The columns of competence of every agent and node over all configurations, null without a trial (ruling 17)."""
     groups = len(scenes.agents) * len(scenes.nodes)
     has_trials_in_scene = scenes.sums["trials"] > 0
     # A campaign gives a design point one difficulty; then counts by scene are enough, and run by run is the

@@ -53,9 +53,7 @@ OVERRULED = "overruled"
 
 
 EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.counts)
-"""Outcomes of runs that the bench spoilt: such runs have rows in a score table, and nothing is considered in
-them.
-"""
+"""Outcomes of runs that the bench spoilt: such runs have rows in a score table, and nothing is considered in them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +74,7 @@ class ScoredRun:
 def score_table(
     decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()
 ) -> pl.DataFrame:
-    """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the
-    decomposition.
+    """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the decomposition.
 
     A run that the bench spoilt has rows in which nothing is considered. `study` names the key attributes that
     make difficulty configurations. Raises ValueError for a realization that appears twice and as `score_run`,

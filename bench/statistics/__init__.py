@@ -1,5 +1,4 @@
-"""Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions,
-no I/O.
+"""Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions, no I/O.
 
 from bench.statistics import claim
 print(claim(passed=14, tried=14))
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from ._competence import TrialCounts as TrialCounts
     from ._competence import Trials as Trials
     from ._competence import competence as competence
-    from ._competence import competence_of as competence_of
     from ._competence import count_design_points as count_design_points
     from ._competence import count_trials as count_trials
     from ._competence import failures_rise as failures_rise
@@ -51,7 +49,6 @@ if TYPE_CHECKING:
     from ._regression import correlation as correlation
     from ._regression import logistic as logistic
     from ._replicates import replicate_interval as replicate_interval
-    from ._rounding import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
     from ._scale_proof import ScaleProof as ScaleProof
     from ._scale_proof import prove_scale as prove_scale
     from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
@@ -66,6 +63,9 @@ if TYPE_CHECKING:
     from ._terms import FactorIndependence as FactorIndependence
     from ._terms import FactorLevel as FactorLevel
     from ._terms import factor_columns as factor_columns
+
+# Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding errors.
+DIFFICULTY_DECIMALS = 6
 
 # Lazy, because scipy's distributions take a CPU second to import: what only rates difficulty needs none.
 __getattr__ = lazy_names(__name__)

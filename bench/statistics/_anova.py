@@ -16,13 +16,12 @@ Omega squared: Olejnik, S. and Algina, J. (2003), Psychological Methods 8(4), 43
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from bench.arrays import Floats
+from bench.arrays import Counts, Floats
 
 from ._terms import (
     FactorColumn,
@@ -105,23 +104,17 @@ def anova(
     empty = Anova(len(y), count, method, None, (), terms.left_out, independence(factors))
     parameters = 1 + sum(term.df for term in terms.carried)
     if not len(y):
-        return _without_effects(empty, "no run has a value")
+        return replace(empty, note="no run has a value")
     if not terms.carried:
-        return _without_effects(empty, "no factor varies")
+        return replace(empty, note="no factor varies")
     if count <= parameters:
-        return _without_effects(empty, f"{count} design points are too few for {parameters} parameters")
+        return replace(empty, note=f"{count} design points are too few for {parameters} parameters")
     if float(np.ptp(y)) <= 1e-12 * max(1.0, float(np.abs(y).max())):
-        return _without_effects(empty, "every value is the same")
+        return replace(empty, note="every value is the same")
     return _with_effects(y, clusters, count, terms, empty)
 
 
-def _without_effects(empty: Anova, note: str) -> Anova:
-    return Anova(empty.n, empty.points, empty.method, None, (), empty.left_out, empty.independence, note=note)
-
-
-def _with_effects(
-    y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, terms: Terms, empty: Anova
-) -> Anova:
+def _with_effects(y: Floats, clusters: Counts, count: int, terms: Terms, empty: Anova) -> Anova:
     full, _ = design_matrix(terms.carried, len(y))
     residual = y - full @ _coefficients(full, y)
     total, residual_ss = float(((y - y.mean()) ** 2).sum()), float((residual**2).sum())
@@ -131,14 +124,10 @@ def _with_effects(
     tester = _EffectTester(
         y, clusters, terms, count - full.shape[1], total, variance, count < len(y), residuals_cr2
     )
-    return Anova(
-        n=empty.n,
-        points=empty.points,
-        method=empty.method,
+    return replace(
+        empty,
         r2=1.0 - residual_ss / total,
         effects=tuple(tester.effect(term) for term in terms.carried),
-        left_out=empty.left_out,
-        independence=empty.independence,
         normal_p=None if exact else _normality_p(residual),
         equal_spread_p=None if exact else _equal_spread_p(residual, full),
         note="the factors determine every value; nothing is left to test against" if exact else "",
@@ -152,14 +141,14 @@ class _EffectTester:
     `variance` is None where the factors determine every value.
     """
 
-    y: NDArray[np.float64]
-    clusters: NDArray[np.int64]
+    y: Floats
+    clusters: Counts
     terms: Terms
     points_left: int
     total: float
     variance: float | None
     clustered: bool
-    residuals_cr2: NDArray[np.float64] | None
+    residuals_cr2: Floats | None
 
     def effect(self, term: Term) -> Effect:
         # Type II: the other terms are those that do not contain this one.
@@ -186,9 +175,7 @@ class _EffectTester:
         f = sum_sq / term.df / variance
         return f, float(stats.f.sf(f, term.df, self.points_left))
 
-    def _clustered(
-        self, term: Term, x: NDArray[np.float64], columns: slice
-    ) -> tuple[float | None, float | None]:
+    def _clustered(self, term: Term, x: Floats, columns: slice) -> tuple[float | None, float | None]:
         denominator_df = self.points_left - term.df + 1
         if self.residuals_cr2 is None or denominator_df < 1:
             return None, None
@@ -203,9 +190,7 @@ class _EffectTester:
         return f, float(stats.f.sf(f, term.df, denominator_df))
 
 
-def scaled_residuals(
-    y: NDArray[np.float64], x: NDArray[np.float64], clusters: NDArray[np.int64]
-) -> NDArray[np.float64] | None:
+def scaled_residuals(y: Floats, x: Floats, clusters: Counts) -> Floats | None:
     """Residuals of the regression on `x`, scaled up to undo the leverage of each run's cluster (CR2).
 
     None where a single cluster determines a coefficient.
@@ -222,9 +207,7 @@ def scaled_residuals(
     return scaled
 
 
-def _scaled_cluster(
-    residual: NDArray[np.float64], x: NDArray[np.float64], bread: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def _scaled_cluster(residual: Floats, x: Floats, bread: Floats) -> Floats | None:
     """The residuals of one cluster times (1 - X B X') to the power -1/2; None where that is singular.
 
     Of a large cluster only the span of X is looked at: whatever is orthogonal to it stays as it is. The time then grows with
@@ -246,9 +229,7 @@ def _scaled_cluster(
     return np.asarray(scaled, dtype=np.float64)
 
 
-def clustered_errors(
-    scaled: NDArray[np.float64], clusters: NDArray[np.int64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def clustered_errors(scaled: Floats, clusters: Counts, weights: Floats) -> Floats:
     """The contribution of each cluster to the error of the estimates `weights.T @ y`: one row a cluster; the
     crossproduct is CR2.
 
@@ -259,12 +240,12 @@ def clustered_errors(
     return errors
 
 
-def _normality_p(residual: NDArray[np.float64]) -> float | None:
+def _normality_p(residual: Floats) -> float | None:
     """Shapiro-Wilk over the first MAX_SHAPIRO_VALUES residuals; None below 3, where it is not defined."""
     return float(stats.shapiro(residual[:MAX_SHAPIRO_VALUES]).pvalue) if len(residual) >= 3 else None
 
 
-def _equal_spread_p(residual: NDArray[np.float64], x: NDArray[np.float64]) -> float | None:
+def _equal_spread_p(residual: Floats, x: Floats) -> float | None:
     """Breusch-Pagan after Koenker; None where all residuals have the same size."""
     squares = residual**2
     if np.ptp(squares) <= 1e-12 * float(squares.max(initial=0.0)):
@@ -273,15 +254,15 @@ def _equal_spread_p(residual: NDArray[np.float64], x: NDArray[np.float64]) -> fl
     return float(stats.chi2.sf(len(x) * max(0.0, share), x.shape[1] - 1))
 
 
-def cluster_codes(points: Sequence[str]) -> NDArray[np.int64]:
+def cluster_codes(points: Sequence[str]) -> Counts:
     """The design point of each run as a number from 0, in the order of first appearance."""
     codes = {point: number for number, point in enumerate(dict.fromkeys(points))}
     return np.array([codes[point] for point in points], dtype=np.int64)
 
 
-def _coefficients(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _coefficients(x: Floats, y: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0], dtype=np.float64)
 
 
-def _residual_ss(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def _residual_ss(x: Floats, y: Floats) -> float:
     return float(((y - x @ _coefficients(x, y)) ** 2).sum())

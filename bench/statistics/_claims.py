@@ -10,6 +10,7 @@ import math
 from scipy import stats
 
 from ._intervals import CONFIDENCE_LEVEL
+from ._power import least
 
 
 def pass_rate_at_least(passed: int, tried: int, level: float = CONFIDENCE_LEVEL) -> float:
@@ -23,15 +24,9 @@ def pass_rate_at_most(passed: int, tried: int, level: float = CONFIDENCE_LEVEL) 
     return 1.0 - pass_rate_at_least(tried - passed, tried, level)
 
 
-def passes_for_claim(share: float, level: float = CONFIDENCE_LEVEL) -> int:
-    """Number of passes without a failure that supports a claim of `share`: 59 for 95 % at 95 % confidence, as
-    0.95^59 < 0.05.
-    """
-    return further_passes_for_claim(0, 0, share, level)
-
-
 def further_passes_for_claim(passed: int, tried: int, share: float, level: float = CONFIDENCE_LEVEL) -> int:
-    """Further straight passes that support a claim of `share`; 0 where it holds already.
+    """Further straight passes that support a claim of `share`; 0 where it holds already. After nothing 59 for 95 % at 95 %
+    confidence, as 0.95^59 < 0.05.
 
     Raises ValueError unless 0 < share < 1.
     """
@@ -42,25 +37,16 @@ def further_passes_for_claim(passed: int, tried: int, share: float, level: float
         )
     if _claims(passed, tried, share, level):
         return 0
-    # The claim never holds with `low` more passes; `high` doubles until it holds.
-    low, high = 0, 1
-    while not _claims(passed + high, tried + high, share, level):
-        low, high = high, 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (
-            (low, middle) if _claims(passed + middle, tried + middle, share, level) else (middle, high)
-        )
-    return high
+    more = least(lambda more: _claims(passed + more, tried + more, share, level), most=math.inf)
+    assert more is not None  # without a limit it is found
+    return more
 
 
 def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENCE_LEVEL) -> str:
-    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share`
-    needs.
-    """
+    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share` needs."""
     _require_counts(passed, tried)
     if tried == 0:
-        return f"Nothing was tried, so nothing can be claimed; {_needed_text(passes_for_claim(share, level), share)}."
+        return f"Nothing was tried, so nothing can be claimed; {_needed_text(further_passes_for_claim(0, 0, share, level), share)}."
     counted = f"{passed} of {tried} runs passed"
     if passed == 0:
         # Printed bounds are rounded to the safe side.
@@ -71,7 +57,7 @@ def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENC
     if further_passes == 0:
         rest = f"which is enough to claim {_percent(share)}"
     elif passed == tried:
-        rest = f"{_needed_text(passes_for_claim(share, level), share)}: {further_passes} more"
+        rest = f"{_needed_text(further_passes_for_claim(0, 0, share, level), share)}: {further_passes} more"
     else:
         rest = f"{further_passes} more straight {'pass is' if further_passes == 1 else 'passes are'} needed to claim {_percent(share)}"
     return f"{counted}: with {_percent(level)} confidence at least {lower_percent:.1f} % of such runs would (one-sided, exact); {rest}."

@@ -19,9 +19,7 @@ from ._power import pairs_for_difference
 
 SIGNIFICANCE = 0.05
 MIN_DIFFERENCE = 0.1
-"""Where no difference was seen, the number of pairs is worked out for a difference of this size: chosen, not
-measured.
-"""
+"""Where no difference was seen, the number of pairs is worked out for a difference of this size: chosen, not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +152,7 @@ def compare_nodes(
     excluded_outcomes: Collection[str],
     seed: int = 0,
 ) -> tuple[NodeComparison, ...]:
-    """Compare two score tables (SCORE_COLUMNS, one agent each) over the (design point, replicate) pairs that
-    both hold.
+    """Compare two score tables (SCORE_COLUMNS, one agent each) over the (design point, replicate) pairs that both hold.
 
     The caller vouches that a pair is the same scene on both sides. Runs with one of `excluded_outcomes`
     (those that the bench spoilt) are in no pair. A node without a row on either side has no pairs. Shuffles

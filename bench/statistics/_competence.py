@@ -7,18 +7,16 @@ Silverman (1955), Annals of Mathematical Statistics 26(4), 641-647.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike
 from scipy import stats
 
 from bench.arrays import Bools, Counts, Floats
 
+from . import DIFFICULTY_DECIMALS
 from ._intervals import CONFIDENCE_LEVEL
-from ._rounding import DIFFICULTY_DECIMALS
 from ._shuffles import MIN_DESIGN_POINTS
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
@@ -46,8 +44,7 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class Competence:
-    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays
-    hold.
+    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays hold.
 
     `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0
     where none does. `at_least` is true where it is the highest difficulty tested, so that its end is not
@@ -63,8 +60,7 @@ class Competence:
 
 @dataclass(frozen=True, slots=True)
 class TrialCounts:
-    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest
-    first.
+    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest first.
 
     `alike` counts the design points of each cell that had the same number of trials and passes.
     """
@@ -92,9 +88,7 @@ def count_trials(trials: Trials, groups: int) -> TrialCounts:
 def count_design_points(
     group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int
 ) -> TrialCounts:
-    """The same from the trials and passes of each design point, where a design point has one difficulty in a
-    group.
-    """
+    """The same from the trials and passes of each design point, where a design point has one difficulty in a group."""
     return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 
@@ -179,30 +173,6 @@ def failures_rise(counted: TrialCounts) -> Bools:
     error = np.sqrt(np.maximum(spread, 1e-12) * count / np.maximum(count - 1.0, 1.0))
     quantile = stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2.0, np.maximum(count - 2.0, 1.0))
     return np.asarray((count >= MIN_DESIGN_POINTS) & (trend > quantile * error), dtype=np.bool_)
-
-
-def competence_of(
-    difficulty: ArrayLike,
-    passed: ArrayLike,
-    design_points: Sequence[str] | None = None,
-    share: tuple[int, int] = (1, 2),
-) -> tuple[float, float, bool]:
-    """Value, lower bound and `at least` of one list of trials; without design points each trial is a design
-    point.
-    """
-    difficulties = np.asarray(difficulty, dtype=np.float64)
-    names = (
-        list(design_points)
-        if design_points is not None
-        else [str(number) for number in range(difficulties.size)]
-    )
-    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    points = np.array([numbers[name] for name in names], dtype=np.int64)
-    trials = Trials(
-        np.zeros(difficulties.size, dtype=np.int64), difficulties, np.asarray(passed, dtype=np.bool_), points
-    )
-    result = competence(count_trials(trials, 1), share)
-    return float(result.value[0]), float(result.low[0]), bool(result.at_least[0])
 
 
 def _millionths(difficulty: Floats) -> Counts:

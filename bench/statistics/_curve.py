@@ -1,5 +1,4 @@
-"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside
-competence.
+"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside competence.
 
 As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood,
 which stays finite where passes and failures are separated: Heinze, G. and Schemper, M. (2002), Statistics in
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from bench.arrays import Floats
@@ -42,8 +41,7 @@ class CurveState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise
-    band.
+    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise band.
 
     The arrays are empty where there is no curve. `half_at` is the difficulty with a pass probability of one
     half; None where the curve does not fall through one half within the difficulties tested.
@@ -107,7 +105,7 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
     return CurveState.FITTED
 
 
-def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
+def _information(design: Floats, beta: Floats) -> Floats:
     chance = probability(design @ beta)
     return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design, dtype=np.float64)
 

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Counts, Floats
 
+from . import DIFFICULTY_DECIMALS
 from ._anova import cluster_codes
 from ._comparison import SIGNIFICANCE
 from ._regression import FIRTH, FirthFit, fit_logistic
-from ._rounding import DIFFICULTY_DECIMALS
 from ._shuffles import MIN_DESIGN_POINTS, shuffled_p
 
 POINTS_PER_STEP = 10.0
@@ -144,7 +144,7 @@ def _fitted(
     empty: DifficultySlope,
     fails: Bools,
     x: Floats,
-    clusters: NDArray[np.int64],
+    clusters: Counts,
     agents: Sequence[str],
     centre: float,
 ) -> DifficultySlope:
@@ -214,7 +214,7 @@ def _state(hard: Floats, any_mixed: bool, agents_in_fit: int, design_points: int
 
 
 def _abilities(
-    names: Sequence[str], trials: NDArray[np.int64], failures: NDArray[np.int64], even: dict[str, float]
+    names: Sequence[str], trials: Counts, failures: Counts, even: dict[str, float]
 ) -> tuple[AgentAbility, ...]:
     return tuple(
         AgentAbility(name, int(count), int(failed), even.get(name))

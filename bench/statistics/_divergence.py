@@ -13,7 +13,8 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bench.arrays import Floats
 
 SHUFFLES = 2000
 # Bounds the memory of one matrix product; the draws do not depend on it.
@@ -33,8 +34,7 @@ class NodeOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small
-    samples.
+    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small samples.
 
     `p` is the share of shuffles (the data itself included) that diverge at least as much. `band` is the width
     of score bands in points.
@@ -114,7 +114,7 @@ def _class_name(kind: int, band: float) -> str:
     return f"score above {low:g} to {low + band:g}" if low else f"score up to {band:g}"
 
 
-def js_divergence(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def js_divergence(first: Floats, second: Floats) -> Floats:
     """Divergence of two rows (or arrays of rows) of counts or weights over the same classes, in bits."""
     p = first / first.sum(axis=-1, keepdims=True)
     q = second / second.sum(axis=-1, keepdims=True)
@@ -122,7 +122,7 @@ def js_divergence(first: NDArray[np.float64], second: NDArray[np.float64]) -> ND
     return np.clip((_relative_entropy(p, middle) + _relative_entropy(q, middle)) / 2, 0.0, 1.0)
 
 
-def _relative_entropy(p: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _relative_entropy(p: Floats, middle: Floats) -> Floats:
     ratio = np.divide(p, middle, out=np.ones_like(p), where=p > 0)
     return np.asarray((p * np.log2(ratio)).sum(axis=-1))
 
@@ -138,7 +138,7 @@ def _outcome_class(outcome: NodeOutcome, band: float) -> int:
     return BANDS + int(min(max(np.ceil(rounded), 1), np.ceil(100 / band) + 1))
 
 
-def _summed(indicators: NDArray[np.float64], clusters: Sequence[Hashable]) -> NDArray[np.float64]:
+def _summed(indicators: Floats, clusters: Sequence[Hashable]) -> Floats:
     """A row for each cluster: its number of runs in each class."""
     places = {cluster: place for place, cluster in enumerate(dict.fromkeys(clusters))}
     rows = np.zeros((len(places), indicators.shape[1]))
@@ -146,9 +146,7 @@ def _summed(indicators: NDArray[np.float64], clusters: Sequence[Hashable]) -> ND
     return rows
 
 
-def _shuffled_pairs(
-    first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator, shuffles: int
-) -> NDArray[np.float64]:
+def _shuffled_pairs(first: Floats, second: Floats, rng: np.random.Generator, shuffles: int) -> Floats:
     swap_change, start = second - first, first.sum(axis=0)
     batches = [
         min(SHUFFLES_PER_BATCH, shuffles - shuffled) for shuffled in range(0, shuffles, SHUFFLES_PER_BATCH)
@@ -161,9 +159,7 @@ def _shuffled_pairs(
     )
 
 
-def _shuffled_runs(
-    indicators: NDArray[np.float64], first_size: int, rng: np.random.Generator, shuffles: int
-) -> NDArray[np.float64]:
+def _shuffled_runs(indicators: Floats, first_size: int, rng: np.random.Generator, shuffles: int) -> Floats:
     return np.array(
         [indicators[rng.permutation(len(indicators))[:first_size]].sum(axis=0) for _ in range(shuffles)]
     )

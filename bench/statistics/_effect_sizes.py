@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
+
+from bench.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +71,7 @@ class PairedCounts:
         return DifferenceEstimate(estimate, float(low), float(high))
 
     def _score(self, difference: float) -> float:
-        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference
-        rises.
-        """
+        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference rises."""
         n, b, c = self.pairs, self.only_second, self.only_first
         distance = b - c - n * difference
         if distance == 0.0:
@@ -88,8 +87,7 @@ class PairedCounts:
 def cliffs_delta(
     first: Sequence[float], second: Sequence[float], confidence: float = 0.95
 ) -> DifferenceEstimate | None:
-    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where
-    either is empty.
+    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where either is empty.
 
     It compares two distributions and uses no pairing. The interval stays within [-1, 1]; it is [-1, 1] where
     a side has a single value, and has no width where the sides do not overlap: there the sample sizes tell
@@ -119,7 +117,7 @@ def cliffs_delta(
     return DifferenceEstimate(delta, max(-1.0, float(low)), min(1.0, float(high)))
 
 
-def _wins(values: NDArray[np.float64], opponents: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wins(values: Floats, opponents: Floats) -> Floats:
     """For each value the share of `others` below it minus the share above it."""
     ordered = np.sort(opponents)
     below, not_above = np.searchsorted(ordered, values, "left"), np.searchsorted(ordered, values, "right")

@@ -12,8 +12,9 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
+
+from bench.arrays import Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._terms import FactorColumn, design_matrix, terms_of
@@ -22,8 +23,7 @@ from ._terms import FactorColumn, design_matrix, terms_of
 def difference_bounds(
     shares: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str], confidence: float = 0.95
 ) -> dict[str, float | None]:
-    """For each factor the largest difference in the mean share between two of its levels that the runs do not
-    rule out.
+    """For each factor the largest difference in the mean share between two of its levels that the runs do not rule out.
 
     Shares lie in [0, 1]; for a factor that enters as a straight line its two ends are compared. The model has
     main effects only. Errors are clustered by design point (CR2). No bound is below that of independent runs,
@@ -74,10 +74,8 @@ def difference_bounds(
     return bounds
 
 
-def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
-    """Contrasts as (differences, degrees of freedom): every two levels, or the two ends of a straight
-    line.
-    """
+def _contrasts(factor: FactorColumn) -> Floats:
+    """Contrasts as (differences, degrees of freedom): every two levels, or the two ends of a straight line."""
     columns = factor.contrasts()[factor.active]
     if factor.is_line:
         return np.array([[np.ptp(columns)]])
@@ -90,7 +88,5 @@ def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
 
 
 def _runs_per_level(factor: FactorColumn) -> int:
-    """Runs at the level that has the fewest; a third of all active runs stands for an end of a straight
-    line.
-    """
+    """Runs at the level that has the fewest; a third of all active runs stands for an end of a straight line."""
     return max(1, int(factor.active.sum()) // 3) if factor.is_line else int(np.bincount(factor.codes()).min())

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.arrays import Floats
+from bench.arrays import Bools, Floats
 
 # With more distinct rows the curvature leaves out the squared hat matrix, whose share falls with the number of rows and whose
 # size is its square: steps are a little worse, the maximum is the same.
@@ -38,11 +37,9 @@ class DistinctRows:
 
 
 def maximize(
-    rows: DistinctRows, start: Floats, free: NDArray[np.bool_], design_effect: float = 1.0
+    rows: DistinctRows, start: Floats, free: Bools, design_effect: float = 1.0
 ) -> tuple[Floats, float]:
-    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
-    halving.
-    """
+    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step halving."""
     beta, value = start.copy(), _penalized_likelihood(rows, start, design_effect)
     for _ in range(200):
         slope, curvature, information = _derivatives(rows, beta, design_effect)

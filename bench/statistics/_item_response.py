@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import expit
 
-from bench.arrays import Floats
+from bench.arrays import Counts, Floats
 
 # Of an ability round their common mean, in log odds: agents that fail or pass every trial stay finite. Chosen: it holds
 # 95 % of agents within failure shares of 2 and 98 %.
@@ -70,7 +70,7 @@ def fit_item_response(
     return ItemResponse(beta[0] + beta[1 : 1 + agent_count], beta[weights])
 
 
-def fit_abilities(failed: Floats, agents: NDArray[np.int64], offset: Floats) -> Floats:
+def fit_abilities(failed: Floats, agents: Counts, offset: Floats) -> Floats:
     """Log odds of failure of each agent beside the offsets of its trials."""
     count = int(agents.max()) + 1
     x = np.column_stack([np.ones(len(failed)), agents[:, None] == np.arange(count)]).astype(np.float64)

@@ -1,5 +1,4 @@
-"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of
-linearity.
+"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of linearity.
 
 Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to
 infinity. This is detected before fitting (a linear programme: Konis, K. (2007), "Linear programming
@@ -12,13 +11,12 @@ and profile intervals.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from bench.arrays import Floats
+from bench.arrays import Counts, Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._firth import DistinctRows, maximize, probability
@@ -42,8 +40,7 @@ MIN_EVENTS_PER_PARAMETER = 5
 
 @dataclass(frozen=True, slots=True)
 class OddsRatio:
-    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 %
-    interval.
+    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 % interval.
 
     A bound or an estimate beyond MAX_ODDS_RATIO is None: runs cannot tell it.
     """
@@ -84,8 +81,7 @@ class Logistic:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of
-    linearity.
+    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of linearity.
 
     `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels
     do not repeat. A small one means that a straight line is not enough. None where the test is not possible,
@@ -121,12 +117,12 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     included = [(factor, _treatment_contrasts(factor)) for factor in varying if factor.name in carried]
     empty = Logistic(len(y), passes, "none", (), (), left_out)
     if passes in (0, len(y)):
-        return _without_fit(empty, "every run passed" if passes else "no run passed")
+        return replace(empty, note="every run passed" if passes else "no run passed")
     if not included:
-        return _without_fit(empty, "no factor varies")
+        return replace(empty, note="no factor varies")
     x, places = design_matrix([term for _, term in included], len(y))
     if count <= x.shape[1]:
-        return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
+        return replace(empty, note=f"{count} design points are too few for {x.shape[1]} parameters")
     fit = fit_logistic(y, x, cluster_codes(points), is_separated=separated(y, x))
     tests = tuple(
         FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name))
@@ -165,9 +161,7 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
 
 
 def separated(y: Floats, x: Floats) -> bool:
-    """Whether a combination of columns has every pass on one side and every failure on the other, or on the
-    border.
-    """
+    """Whether a combination of columns has every pass on one side and every failure on the other, or on the border."""
     signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
     solution = optimize.linprog(
         -signed.sum(axis=0),
@@ -181,9 +175,7 @@ def separated(y: Floats, x: Floats) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodFit:
-    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design
-    point.
-    """
+    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design point."""
 
     method: str
     beta: Floats
@@ -205,8 +197,7 @@ class LikelihoodFit:
 
 @dataclass(frozen=True, slots=True)
 class FirthFit:
-    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a
-    normal.
+    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a normal.
 
     A `design_effect` of 1 takes rows as independent; with one of k, k rows count as one.
     """
@@ -274,7 +265,7 @@ class FirthFit:
 
 
 def fit_logistic(
-    y: Floats, x: Floats, clusters: NDArray[np.int64], *, is_separated: bool, design_effect: float = 1.0
+    y: Floats, x: Floats, clusters: Counts, *, is_separated: bool, design_effect: float = 1.0
 ) -> LikelihoodFit | FirthFit:
     """Fit y (0 or 1) to the columns of x by maximum likelihood, with errors by cluster where clusters have
     several rows; by Firth's penalised likelihood where there is no maximum, with this `design_effect`.
@@ -292,9 +283,10 @@ def fit_logistic(
 
 
 def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: NDArray[np.int64]) -> LikelihoodFit:
-    """The inverse of the information or, where clusters have several rows, the sandwich by cluster with the usual correction
-    for few clusters (Cameron, A. C. and Miller, D. L. (2015), "A practitioner's guide to cluster-robust inference",
-    Journal of Human Resources 50, 317-372, equation 11 and the factor below it).
+    """A fit with the inverse of its information or, where clusters have several rows, with the sandwich by cluster.
+
+    The sandwich has the usual correction for few clusters (Cameron, A. C. and Miller, D. L. (2015), "A practitioner's
+    guide to cluster-robust inference", Journal of Human Resources 50, 317-372, equation 11 and the factor below it).
     """
     chance = probability(x @ beta)
     bread = np.linalg.pinv((x * (chance * (1 - chance))[:, None]).T @ x, hermitian=True)
@@ -344,11 +336,7 @@ def _remarks(fit: LikelihoodFit | FirthFit, y: Floats, x: Floats, points: int) -
     return remarks
 
 
-def _without_fit(empty: Logistic, note: str) -> Logistic:
-    return Logistic(empty.n, empty.passed, empty.method, (), (), empty.left_out, note)
-
-
-def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
+def _slope_p(x: Floats, y: Floats, clusters: Counts) -> float | None:
     count = int(clusters.max()) + 1
     lines = np.column_stack([np.ones(len(x)), x])
     if count < 4:
@@ -366,7 +354,7 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
     return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
 
 
-def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
+def _linearity_test(x: Floats, y: Floats, clusters: Counts) -> tuple[str, float | None]:
     # Over means of design points: runs of one design point share its random part, which would look like a
     # bend.
     sizes = np.bincount(clusters)

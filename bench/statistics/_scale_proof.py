@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Counts, Floats
 
 from ._anova import cluster_codes
 from ._difficulty_slope import DifficultySlope, difficulty_slope
@@ -111,7 +110,7 @@ def prove_scale(
     )
 
 
-def within_agent_auc(difficulty: Floats, failed: Bools, agents: NDArray[np.int64]) -> float | None:
+def within_agent_auc(difficulty: Floats, failed: Bools, agents: Counts) -> float | None:
     """Share of pairs of a failed and a passed trial of one agent in which the failed one is harder; ties are a half.
 
     None where no agent has such a pair.
@@ -125,7 +124,7 @@ def within_agent_auc(difficulty: Floats, failed: Bools, agents: NDArray[np.int64
     return right / pairs if pairs else None
 
 
-def _bins(log_odds: Floats, failed: Bools, agents: NDArray[np.int64]) -> tuple[Bin, ...]:
+def _bins(log_odds: Floats, failed: Bools, agents: Counts) -> tuple[Bin, ...]:
     ability = fit_abilities(failed.astype(np.float64), agents, log_odds)
     predicted = expit(ability[agents] + log_odds)
     parts = np.array_split(np.argsort(predicted, kind="stable"), BINS)

@@ -1,6 +1,4 @@
-"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their
-number.
-"""
+"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their number."""
 
 from __future__ import annotations
 
@@ -12,7 +10,9 @@ import polars as pl
 from ._anova import Anova, anova
 from ._multiplicity import benjamini_hochberg, holm
 from ._regression import Correlation, Logistic, correlation, logistic
-from ._terms import FactorColumn, FactorLevel, OmittedTerm, factor_columns
+from ._terms import FactorColumn, FactorLevel, factor_columns
+
+_Row = dict[str, object]
 
 FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
     "agent": pl.String,
@@ -107,82 +107,54 @@ def _correlations(
     return tuple(result for factor in factors if (result := correlation(values, factor, points)) is not None)
 
 
-def _rows(analysis: NodeFactorAnalysis) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"agent": analysis.agent, "node": analysis.node, "level": analysis.level}
-    for of, analysis_of in (("score", analysis.score), ("confidence", analysis.confidence)):
-        yield from ({**base, **row} for row in _anova_rows(of, analysis_of))
-    yield from ({**base, **row} for row in _logistic_rows(analysis.passes, analysis.confidence.points))
-    for of, points, correlations in (
-        ("score", analysis.score.points, analysis.score_correlations),
-        ("confidence", analysis.confidence.points, analysis.confidence_correlations),
-    ):
-        for result in correlations:
-            common = {
-                **base,
-                "of": of,
-                "factor": result.factor,
-                "n": result.n,
-                "points": points,
-                "note": _linearity_note(result),
-            }
+def _rows(analysis: NodeFactorAnalysis) -> Iterator[_Row]:
+    base: _Row = {"agent": analysis.agent, "node": analysis.node, "level": analysis.level}
+    means = (
+        ("score", analysis.score, analysis.score_correlations),
+        ("confidence", analysis.confidence, analysis.confidence_correlations),
+    )
+    for of, tested, _ in means:
+        tests = [(effect.term, effect.omega2, effect.p, effect.note) for effect in tested.effects]
+        common = {**base, "of": of, "test": "anova", "points": tested.points, "effect": "omega2"}
+        yield from _test_rows(common, tested, tests)
+    passes = analysis.passes
+    tests = [(test.factor, _odds_ratio(passes, test.factor), test.p, test.note) for test in passes.tests]
+    common = {**base, "of": "passes", "test": "logistic", "points": analysis.confidence.points}
+    yield from _test_rows({**common, "effect": "odds_ratio"}, passes, tests)
+    for of, tested, correlations in means:
+        for line in correlations:
+            common = {**base, "of": of, "factor": line.factor, "n": line.n, "points": tested.points}
+            common["note"] = _linearity_note(line)
             yield {
                 **common,
                 "test": "pearson",
                 "effect": "r",
-                "effect_size": result.pearson,
-                "p": result.pearson_p,
+                "effect_size": line.pearson,
+                "p": line.pearson_p,
             }
-            yield {
-                **common,
-                "test": "spearman",
-                "effect": "rho",
-                "effect_size": result.spearman,
-                "p": result.spearman_p,
-            }
+            rank = {"effect": "rho", "effect_size": line.spearman, "p": line.spearman_p}
+            yield {**common, "test": "spearman", **rank}
 
 
-def _anova_rows(of: str, analysis: Anova) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {
-        "of": of,
-        "test": "anova",
-        "n": analysis.n,
-        "points": analysis.points,
-        "effect": "omega2",
-    }
-    for effect in analysis.effects:
-        note = "; ".join(filter(None, (effect.note, analysis.note)))
-        yield {**base, "factor": effect.term, "effect_size": effect.omega2, "p": effect.p, "note": note}
-    if not analysis.effects:
-        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": analysis.note}
-    yield from (_left_out_row(base, omitted) for omitted in analysis.left_out)
+def _test_rows(
+    base: _Row, fit: Anova | Logistic, tests: Sequence[tuple[str, float | None, float | None, str]]
+) -> Iterator[_Row]:
+    """A row for each test (factor, effect size, p and note), or one that says why there is none; then what was left out."""
+    nothing = {"effect_size": None, "p": None}
+    for factor, size, p, note in tests:
+        notes = "; ".join(filter(None, (note, fit.note)))
+        yield {**base, "n": fit.n, "factor": factor, "effect_size": size, "p": p, "note": notes}
+    if not tests:
+        yield {**base, "n": fit.n, "factor": "all", **nothing, "note": fit.note}
+    for omitted in fit.left_out:
+        note = f"left out: {omitted.reason}"
+        yield {**base, "n": fit.n, "factor": omitted.term, **nothing, "note": note}
 
 
-def _logistic_rows(fit: Logistic, points: int) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {
-        "of": "passes",
-        "test": "logistic",
-        "n": fit.n,
-        "points": points,
-        "effect": "odds_ratio",
-    }
-    for test in fit.tests:
-        odds = [ratio.estimate for ratio in fit.odds if ratio.factor == test.factor]
-        note = "; ".join(filter(None, (test.note, fit.note)))
-        size = odds[0] if len(odds) == 1 else None
-        yield {**base, "factor": test.factor, "effect_size": size, "p": test.p, "note": note}
-    if not fit.tests:
-        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": fit.note}
-    yield from (_left_out_row(base, omitted) for omitted in fit.left_out)
-
-
-def _left_out_row(base: Mapping[str, object], omitted: OmittedTerm) -> dict[str, object]:
-    return {
-        **base,
-        "factor": omitted.term,
-        "effect_size": None,
-        "p": None,
-        "note": f"left out: {omitted.reason}",
-    }
+def _odds_ratio(fit: Logistic, factor: str) -> float | None:
+    """None for a factor of several degrees of freedom, which has more than one."""
+    odds = [ratio.estimate for ratio in fit.odds if ratio.factor == factor]
+    return odds[0] if len(odds) == 1 else None
 
 
 def _linearity_note(correlation: Correlation) -> str:

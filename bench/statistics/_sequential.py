@@ -31,19 +31,13 @@ _TILTS = 2.0 ** np.arange(-5, 5)
 
 
 def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial
-    before.
+    """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial before.
 
     With probability `level` all of them contain the true rate at once, for independent trials of one pass
     probability. (Where they do not, the lower end may lie above the upper one.)
     """
     ok = np.asarray(passed, dtype=np.float64)
-    passes = np.cumsum(ok, axis=-1)
-    fails = np.cumsum(1.0 - ok, axis=-1)
-    limit = special.betaln(1.0 + passes, 1.0 + fails) + np.log(1.0 - level)
-    best = passes / np.maximum(passes + fails, 1.0)
-    low = np.where(passes > 0, _bisected_bound(passes, fails, limit, np.zeros_like(best), best), 0.0)
-    high = np.where(fails > 0, _bisected_bound(passes, fails, limit, np.ones_like(best), best), 1.0)
+    low, high = pass_rate_bounds(np.cumsum(ok, axis=-1), np.arange(1.0, ok.shape[-1] + 1.0), level)
     return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
 
 
@@ -67,8 +61,7 @@ def pass_rate_bounds(
 def mean_bounds(
     total: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL
 ) -> tuple[Floats, Floats]:
-    """Two-sided interval of a mean of values in [0, 1], valid whenever and for whatever reason the trials
-    ended.
+    """Two-sided interval of a mean of values in [0, 1], valid whenever and for whatever reason the trials ended.
 
     Trials may have different situations and depend on earlier ones: the interval is for the mean of the
     expectations that the trials had before they began. For independent replicates of design points it is the
@@ -97,9 +90,7 @@ def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
 
 
 def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
-    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best
-    one.
-    """
+    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best one."""
     for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
@@ -117,8 +108,7 @@ class PassRateVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """Trials may stop when the confidence sequence of their pass rate lies entirely on one side of
-    `threshold`.
+    """Trials may stop when the confidence sequence of their pass rate lies entirely on one side of `threshold`.
 
     A verdict is wrong with probability at most 1 - `level`, however often somebody looks. Raises ValueError
     for a threshold or a level that is not between 0 and 1.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Counts, Floats
 
-from ._rounding import DIFFICULTY_DECIMALS
+from . import DIFFICULTY_DECIMALS
 
 # With fewer design points no slope is tested: by chance alone all would agree. Chosen, not measured.
 MIN_DESIGN_POINTS = 5
@@ -19,8 +19,8 @@ SHUFFLES = 999
 def shuffled_p(
     difficulty: Floats,
     failed: Bools,
-    agents: NDArray[np.int64],
-    points: NDArray[np.int64],
+    agents: Counts,
+    points: Counts,
     *,
     seed: int = 0,
 ) -> float:
@@ -60,7 +60,7 @@ def shuffled_p(
     return (1 + reached) / (1 + SHUFFLES)
 
 
-def _blocks(flown: Bools) -> list[NDArray[np.int64]]:
+def _blocks(flown: Bools) -> list[Counts]:
     """The design points that the same agents flew; `flown` is (agents, points)."""
     blocks: dict[bytes, list[int]] = {}
     for point, agents in enumerate(flown.T):

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bench.arrays import Bools, Counts, Floats
 
 FactorLevel = bool | int | float | str
 # A numeric factor with more levels enters as a straight line, because a campaign has too few runs to estimate
@@ -33,7 +34,7 @@ class FactorColumn:
     values: tuple[FactorLevel | None, ...]
 
     @property
-    def active(self) -> NDArray[np.bool_]:
+    def active(self) -> Bools:
         """Mask (runs,) of the runs in which it has a level."""
         return np.array([level is not None for level in self.values], dtype=np.bool_)
 
@@ -57,28 +58,28 @@ class FactorColumn:
         """Whether it enters an analysis of variance as a straight line."""
         return self.numeric and len(self.levels) > MAX_CATEGORIES
 
-    def among(self, rows: NDArray[np.bool_]) -> FactorColumn:
+    def among(self, rows: Bools) -> FactorColumn:
         """The same factor in a selection of the runs."""
         return FactorColumn(
             self.name, tuple(level for level, selected in zip(self.values, rows, strict=True) if selected)
         )
 
-    def numbers(self) -> NDArray[np.float64]:
+    def numbers(self) -> Floats:
         """Its values where it is active; only for a numeric factor."""
         return np.array([float(level) for level in self.values if level is not None])
 
-    def codes(self) -> NDArray[np.int64]:
+    def codes(self) -> Counts:
         """Index of the level of each active run among `levels`."""
         place = {level: number for number, level in enumerate(self.levels)}
         return np.array([place[value] for value in self.values if value is not None], dtype=np.int64)
 
-    def spread_out(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread_out(self, columns: Floats) -> Floats:
         """Columns of the active runs as (runs, k), 0 in inactive runs."""
         whole = np.zeros((len(self.values), columns.shape[1]))
         whole[self.active] = columns
         return whole
 
-    def contrasts(self) -> NDArray[np.float64]:
+    def contrasts(self) -> Floats:
         """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0
         where inactive.
         """
@@ -94,7 +95,7 @@ class Term:
     """A main effect (one factor) or an interaction (two), as columns of a regression."""
 
     factors: tuple[str, ...]
-    columns: NDArray[np.float64]
+    columns: Floats
 
     @property
     def name(self) -> str:
@@ -191,9 +192,7 @@ class _TermSelection:
         return Terms(tuple(self.carried), tuple(self._out), dict(self._shared))
 
     def _partners(self, candidate: Term) -> list[Term]:
-        """The carried terms that the candidate is aliased with; all of them where no single one is
-        responsible.
-        """
+        """The carried terms that the candidate is aliased with; all of them where no single one is responsible."""
 
         def free(terms: Iterable[Term]) -> int:
             base = _columns_of(self._runs, terms)
@@ -213,11 +212,11 @@ def _interaction(first: Term, second: Term) -> Term:
     return Term((*first.factors, *second.factors), products.reshape(len(products), -1))
 
 
-def _columns_of(runs: int, terms: Iterable[Term]) -> NDArray[np.float64]:
+def _columns_of(runs: int, terms: Iterable[Term]) -> Floats:
     return np.hstack([np.ones((runs, 1)), *(term.columns for term in terms)])
 
 
-def design_matrix(terms: Sequence[Term], runs: int) -> tuple[NDArray[np.float64], dict[str, slice]]:
+def design_matrix(terms: Sequence[Term], runs: int) -> tuple[Floats, dict[str, slice]]:
     """The columns of the regression, a constant first, and the slice of each term."""
     places, start = {}, 1
     for term in terms:
@@ -226,14 +225,13 @@ def design_matrix(terms: Sequence[Term], runs: int) -> tuple[NDArray[np.float64]
     return _columns_of(runs, terms), places
 
 
-def _rank(columns: NDArray[np.float64]) -> int:
+def _rank(columns: Floats) -> int:
     return int(np.linalg.matrix_rank(columns, tol=RANK_TOLERANCE * max(columns.shape)))
 
 
 @dataclass(frozen=True, slots=True)
 class FactorIndependence:
-    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest
-    Cramér's V.
+    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest Cramér's V.
 
     None where there are no two such factors. 0 means a balanced design; at 1 two factors cannot be told
     apart.
@@ -267,9 +265,7 @@ def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColum
 
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
-    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics,
-    21.9).
-    """
+    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics, 21.9)."""
     table = np.zeros((len(first.levels), len(second.levels)))
     np.add.at(table, (first.codes(), second.codes()), 1.0)
     expected = table.sum(axis=1, keepdims=True) * table.sum(axis=0, keepdims=True) / table.sum()

@@ -1,6 +1,4 @@
-"""Fake sessions for campaign tests: a job for real worker processes, with a script of what each realization
-does.
-"""
+"""Fake sessions for campaign tests: a job for real worker processes, with a script of what each realization does."""
 
 from __future__ import annotations
 
@@ -39,8 +37,7 @@ JOB = "campaign_fakes:fake_flight"
 
 @dataclass(frozen=True)
 class Script:
-    """What each realization does, `ok` if it is not named. Takes the decomposition's place, which every job
-    gets.
+    """What each realization does, `ok` if it is not named. Takes the decomposition's place, which every job gets.
 
     It has no nodes, so every situation can be rated.
     """

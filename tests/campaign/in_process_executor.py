@@ -1,6 +1,4 @@
-"""An executor without processes: jobs run in the test's own process, and a seed draws the order in which they
-end.
-"""
+"""An executor without processes: jobs run in the test's own process, and a seed draws the order in which they end."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The runner with jobs in the test's own process: repeated reports, random orders, two agents, handed-in
-clocks.
-"""
+"""The runner with jobs in the test's own process: repeated reports, random orders, two agents, handed-in clocks."""
 
 from __future__ import annotations
 
@@ -69,9 +67,7 @@ def test_a_result_of_another_realization_is_refused(tmp_path: Path) -> None:
 
 
 def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
-    """Both are there while the journal says planned and running: both are taken up, and neither is flown
-    again.
-    """
+    """Both are there while the journal says planned and running: both are taken up, and neither is flown again."""
     fly(tmp_path, workers=2, open_executor=open_in_process())
     planned, running = "p001-r1-fake", "p002-r2-fake"
     with open_journal(tmp_path / "journal.sqlite") as journal:
@@ -86,9 +82,7 @@ def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
 
 
 def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
-    """Another campaign with another decomposition is refused with both faults, and leaves every file as it
-    was.
-    """
+    """Another campaign with another decomposition is refused with both faults, and leaves every file as it was."""
     fly(tmp_path, workers=2, open_executor=open_in_process())
     before, journal_before = files(tmp_path), entries(tmp_path)
 
@@ -129,9 +123,7 @@ def reference_stops(
 
 @pytest.mark.parametrize(("seed", "workers"), [(1, 1), (2, 3), (3, 5)])
 def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed: int, workers: int) -> None:
-    """Any number of workers and any order of ends: each agent stops at each point where its own results
-    say.
-    """
+    """Any number of workers and any order of ends: each agent stops at each point where its own results say."""
     agents = (AgentSpec(manifest="fake"), AgentSpec(manifest="other"))
     campaign = stopping_campaign(made_up_decomposition(tmp_path), 12, 2).model_copy(update={"agents": agents})
 
@@ -155,9 +147,7 @@ def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed
 
 
 def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
-    """A result before the stop is lost, and replicates are added: the second worker waits until the first one
-    is back.
-    """
+    """A result before the stop is lost, and replicates are added: the second worker waits until the first one is back."""
     decomposition = made_up_decomposition(tmp_path)
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1), 1, finish=lambda paths: None)
     (CampaignFolder(tmp_path / "out").run("p001-r3-fake") / "result.json").unlink()

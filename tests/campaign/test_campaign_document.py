@@ -65,9 +65,7 @@ def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
 
 
 def test_files_beside_the_campaign(tmp_path: Path) -> None:
-    """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was
-    read.
-    """
+    """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was read."""
     campaign = small_campaign(points=1)
     assert campaign.base is not None
     (tmp_path / "yard.yaml").write_text(dump_yaml(campaign.base))
@@ -90,9 +88,7 @@ def test_files_beside_the_campaign(tmp_path: Path) -> None:
 
 
 def test_faults_of_a_campaign(tmp_path: Path) -> None:
-    """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents
-    too.
-    """
+    """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents too."""
     (tmp_path / "bad.yaml").write_text(
         "name: bad\nagents: []\nbudgets: {worker: 2}\ndesign:\n  factors:\n    - {name: fog, levels: [1]}\n  replicates: 0\n"
     )
@@ -190,9 +186,7 @@ def test_truth_values_are_no_levels_of_numbers(levels: list[object]) -> None:
 
 
 def test_result_must_be_its_own(tmp_path: Path) -> None:
-    """A result is read back whole; that of another realization, a torn one, or one without its recording is
-    not.
-    """
+    """A result is read back whole; that of another realization, a torn one, or one without its recording is not."""
     result = SessionResult(realization="p001-r1-a", outcome=Outcome.COMPLETED, recording_sha256="0" * 64)
     write_result(tmp_path, result)
 

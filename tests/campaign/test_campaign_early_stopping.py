@@ -133,9 +133,7 @@ def test_what_is_not_flown_is_no_run_and_no_fault(flown: tuple[Path, Path]) -> N
 
 
 def test_workers_change_nothing_that_counts(flown: tuple[Path, Path]) -> None:
-    """One worker or two: the same scores.parquet, byte for byte, whatever was under way when a point
-    stopped.
-    """
+    """One worker or two: the same scores.parquet, byte for byte, whatever was under way when a point stopped."""
     first, second = flown
     assert (first / "scores.parquet").read_bytes() == (second / "scores.parquet").read_bytes()
     assert stops(first) == stops(second)
@@ -297,9 +295,7 @@ def test_one_completed_session_is_enough_to_continue(tmp_path: Path) -> None:
 
 
 def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> None:
-    """The journal has the digest of the recording: with result.json deleted, an edited recording is
-    refused.
-    """
+    """The journal has the digest of the recording: with result.json deleted, an edited recording is refused."""
     campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1)
     # Workers take the digest of a recording when its session ends.
     fly_drawn(tmp_path / "out", campaign, finish=no_finish, open_executor=open_local_pool)

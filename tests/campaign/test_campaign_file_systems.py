@@ -21,7 +21,7 @@ from bench.campaign import check_file_system, open_journal, verify_folder
 from bench.campaign.storage._file_system import file_system_of, may_be_shared
 from bench.campaign.storage._files import sync_files_below, write_whole
 from bench.campaign.storage._folder import open_lock
-from bench.campaign.storage._journal import open_journal_to_read
+from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
 from bench.errors import SetupError
 from bench.temporary_folders import temporary_folder
@@ -177,7 +177,7 @@ def test_the_file_system_of_a_folder_is_that_of_the_nearest_mount(tmp_path: Path
 READS = """
 import sys
 from pathlib import Path
-from bench.campaign.storage._journal import open_journal_to_read
+from bench.campaign.storage._journal_file import open_journal_to_read
 with open_journal_to_read(Path(sys.argv[1])) as journal:
     print(len(journal.entries()), journal.fact("a fact"))
 """
@@ -188,9 +188,9 @@ def test_the_journal_of_a_disk_that_machines_share_needs_no_shared_memory(
     shared: bool, mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A whole campaign, and a reader in another process while somebody writes; a journal that was moved changes its mode."""
-    monkeypatch.setattr("bench.campaign.storage._journal.may_be_shared", lambda _: not shared)
+    monkeypatch.setattr("bench.campaign.storage._journal_file.may_be_shared", lambda _: not shared)
     fly(tmp_path, open_executor=open_in_process())
-    monkeypatch.setattr("bench.campaign.storage._journal.may_be_shared", lambda _: shared)
+    monkeypatch.setattr("bench.campaign.storage._journal_file.may_be_shared", lambda _: shared)
     assert fly(tmp_path, open_executor=open_in_process()).complete
     assert verify_folder(tmp_path) == []
 

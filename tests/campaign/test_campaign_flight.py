@@ -86,9 +86,7 @@ def test_the_agents_differ_where_bystanders_matter_and_there_alone(
 
 
 def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """With result.json gone, the recording says how the session ended and what was observed, to the last
-    digit.
-    """
+    """With result.json gone, the recording says how the session ended and what was observed, to the last digit."""
     for folder, result in flown.values():
         assert not (folder / "result.json").exists()
         again = rescore(folder, DECOMPOSITION)
@@ -157,9 +155,7 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
 
 
 def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """A reader that we did not write decodes every message, and finds what the agent said beside what was
-    true.
-    """
+    """A reader that we did not write decodes every message, and finds what the agent said beside what was true."""
     folder, _ = flown["reference-naive"]
     topics: dict[str, int] = {}
     with (folder / "recording.mcap").open("rb") as file:
@@ -181,9 +177,7 @@ def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResu
 def test_no_recorded_word_of_the_agents_side_tells_the_truth(
     flown: dict[str, tuple[Path, SessionResult]],
 ) -> None:
-    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was
-    sent.
-    """
+    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was sent."""
     folder, _ = flown["reference-naive"]
     names = [b"civilians-", b"neighbours-", b"radar-1", b"truck-1"]
     with (folder / "recording.mcap").open("rb") as file:

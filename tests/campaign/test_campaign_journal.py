@@ -124,9 +124,7 @@ TestJournal = JournalMachine.TestCase
 
 
 def test_the_first_of_two_results_stays(tmp_path: Path) -> None:
-    """Two results of different bytes for one realization: outcome, digests and time are those of the
-    first.
-    """
+    """Two results of different bytes for one realization: outcome, digests and time are those of the first."""
     first = SessionResult(
         realization=NAMES[0], outcome=Outcome.COMPLETED, wall_s=1.0, recording_sha256="a" * 64
     )

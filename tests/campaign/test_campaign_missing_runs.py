@@ -60,9 +60,7 @@ def test_every_run_has_two_attempts_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_person_may_accept_what_is_missing_and_take_it_back(tmp_path: Path) -> None:
-    """Accepted is what has the outcome now, by realization; the manifest names it, and `rerun` withdraws
-    it.
-    """
+    """Accepted is what has the outcome now, by realization; the manifest names it, and `rerun` withdraws it."""
     fly(tmp_path, script=Script({LOST[0]: "vanish", LOST[1]: "raise"}))
     half = fly(tmp_path, script=Script({LOST[1]: "raise"}), accept=[Outcome.SETUP_INVALID])
     assert half.completeness.missing == {Outcome.BENCH_ERROR: 1}

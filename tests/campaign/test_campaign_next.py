@@ -37,9 +37,7 @@ Chance = Callable[[Mapping[str, Any]], float]
 
 
 def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -> Path:
-    """A campaign's folder in which each run passes everything or nothing, with a chance that its levels
-    decide.
-    """
+    """A campaign's folder in which each run passes everything or nothing, with a chance that its levels decide."""
     campaign = Campaign.model_validate(
         {
             "name": "made-up",
@@ -141,9 +139,7 @@ def test_passing_that_rises_with_a_factor_narrows_too(tmp_path: Path) -> None:
 
 
 def test_little_known_asks_for_replicates_and_screening_is_left(tmp_path: Path) -> None:
-    """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what
-    remains.
-    """
+    """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what remains."""
     folder = finished(
         tmp_path,
         lambda levels: 0.9 if levels["speed"] == 8.0 else 0.1,
@@ -320,9 +316,7 @@ def test_campaigns_from_which_nothing_follows(tmp_path: Path) -> None:
 
 
 def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_active(tmp_path: Path) -> None:
-    """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the
-    boundary.
-    """
+    """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the boundary."""
     switch = {"name": "weather", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
     fog = {**FOG, "when": "weather == 12.0"}
 

@@ -1,6 +1,4 @@
-"""A campaign at the overhead fidelity: the same folder, scores and report as any other, and nobody can
-mistake it.
-"""
+"""A campaign at the overhead fidelity: the same folder, scores and report as any other, and nobody can mistake it."""
 
 from __future__ import annotations
 

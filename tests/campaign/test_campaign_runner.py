@@ -124,9 +124,7 @@ def test_another_campaign_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
-    """Situations that the decomposition cannot rate are refused before the first is placed, with what they
-    lack.
-    """
+    """Situations that the decomposition cannot rate are refused before the first is placed, with what they lack."""
     with pytest.raises(
         SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"
     ):
@@ -136,9 +134,7 @@ def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
 
 
 def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
-    """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions
-    complete.
-    """
+    """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions complete."""
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
     events: list[object] = []
 
@@ -357,9 +353,7 @@ def test_two_runners_on_one_folder(tmp_path: Path) -> None:
 
 
 def test_killed_runner_resumes(tmp_path: Path) -> None:
-    """Killed with -9 again and again at random moments, the campaign still comes to one result for each
-    realization.
-    """
+    """Killed with -9 again and again at random moments, the campaign still comes to one result for each realization."""
     chance = random.Random(5)
     for _ in range(4):
         with runner(tmp_path, 0.02) as process:

@@ -46,9 +46,7 @@ def written(folder: Path) -> dict[str, bytes]:
 
 
 def test_any_number_of_workers_writes_the_same(tmp_path: Path) -> None:
-    """Two processes write what one does, tell the same scenes apart as having no room, and all of it passes
-    the check.
-    """
+    """Two processes write what one does, tell the same scenes apart as having no room, and all of it passes the check."""
     spread = {"name": "spread", "levels": [2.0, 200.0], "sets": ["actors[people].placement.spread_m"]}
     design = validate_document({"factors": [spread], "seed": 3, "replicates": 110}, Design)
     plans = realize(

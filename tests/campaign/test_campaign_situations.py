@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from campaign_fakes import fly, small_campaign
+from command_line import json_of
 
 from bench.campaign import (
     Campaign,
@@ -237,8 +238,10 @@ def test_dry_run_floor_and_difficulty_over_all_situations(tmp_path: Path, capsys
     assert "situation short: tension 2, built for 1" in text
     assert "situation long: tension 2\n" in text
 
-    assert run(["run", str(path), "--dry-run", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["tensions"] == {"short": [2], "long": [2]}
+    assert json_of(["run", str(path), "--dry-run", "--json"], capsys)["tensions"] == {
+        "short": [2],
+        "long": [2],
+    }
 
     floor = realizations(with_floor(load_campaign(path)))
     assert {plan.levels["situation"] for plan in floor if plan.agent == "null-idle"} == {"short", "long"}

@@ -22,6 +22,7 @@ from typing import Any
 
 import pytest
 import typer
+from command_line import fly_short, json_of
 from in_process_executor import open_in_process
 
 from bench.campaign import (
@@ -54,18 +55,9 @@ from bench.simspec import SimSpec, load_simspec
 from bench.streams import Odometry, Point, Pose, PoseWithCovariance, String, decode, encode
 
 ROOT = Path(__file__).parents[2]
-CAMPAIGN = """
-format: rebar.campaign/1
-name: short
-base_file: scene.yaml
+MORE = """
 decomposition: own.yaml
-agents: [{manifest: reference-naive}]
 floor: {agents: [{manifest: null-idle}], oracle: null, share: 1.0}
-design:
-  seed: 3
-  method: {kind: full_factorial}
-  factors:
-    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
 """
 KINDS = {
     *("campaign.yaml", "decomposition.yaml", "evidence.jsonl", "journal.sqlite", "manifest.json"),
@@ -81,12 +73,8 @@ FLIPS = 6
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes of two simulated seconds, each flown by a reference agent and by a null agent."""
     home = tmp_path_factory.mktemp("flipped")
-    scene = (ROOT / "examples" / "search.yaml").read_text()
-    assert "time_limit_s: 300.0" in scene
-    (home / "scene.yaml").write_text(scene.replace("time_limit_s: 300.0", "time_limit_s: 2.0"))
     shutil.copy(ROOT / "decompositions" / "data" / "search_and_report.yaml", home / "own.yaml")
-    (home / "short.yaml").write_text(CAMPAIGN)
-    assert run(["run", str(home / "short.yaml"), "--out", str(home / "out"), "--workers", "1"]) == 0
+    fly_short(home, MORE, 2.0)
     # What a worker prints; those of this campaign are silent.
     log = home / "out" / "logs" / "w1.log"
     log.write_text(log.read_text() + "a line of a worker\n")
@@ -241,8 +229,9 @@ def test_a_drawn_sample_is_flown_again_and_identical(flown: Path, capsys: pytest
     """Two of four runs, in a worker; the same seed draws the same two, and the folder stays as it is."""
     before = contents(flown)
     capsys.readouterr()
-    assert run(["verify", str(flown), "--refly", "2", "--seed", "5", "--workers", "1", "--json"]) == 0
-    sample = json.loads(capsys.readouterr().out)["refly"]
+    sample = json_of(
+        ["verify", str(flown), "--refly", "2", "--seed", "5", "--workers", "1", "--json"], capsys
+    )["refly"]
     assert (sample["seed"], sample["comparable"], sample["not_comparable"]) == (5, 4, {})
     assert [run["status"] for run in sample["runs"]] == ["identical"] * 2
     assert drawn(flown, 2, 5) == [run["realization"] for run in sample["runs"]]

@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.contracts import Observation, Outcome
@@ -174,8 +175,7 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """What the command prints for a machine."""
-    assert run(["calibrate", *line, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+    return json_of(["calibrate", *line, "--json"], capsys)  # type: ignore[no-any-return]
 
 
 @pytest.fixture(scope="module")
@@ -348,9 +348,3 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
         shown = capsys.readouterr().err
         assert words in shown
         assert "Traceback" not in shown
-
-
-def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None:
-    """--help has an example."""
-    assert run(["calibrate", "--help"]) == 0
-    assert "Example: rebar calibrate" in " ".join(capsys.readouterr().out.split())

@@ -9,10 +9,17 @@ from typing import cast
 import polars as pl
 import pytest
 
-from bench.campaign import CampaignPlanned, FinishedCampaign, RealizationFinished, RealizationStarted
-from bench.cli._campaign_end import CampaignEnd, show_finding
+from bench.campaign import (
+    Campaign,
+    CampaignPlanned,
+    CampaignSummary,
+    FinishedCampaign,
+    RealizationFinished,
+    RealizationStarted,
+)
+from bench.cli._campaign_end import CampaignEnd, show_finding, show_scores
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, score_table, stated_difficulty, summary_frame
+from bench.scoring import SCORE_COLUMNS, NodeFloor, ScoredRun, score_table, stated_difficulty, summary_frame
 from decompositions import load_decomposition
 
 
@@ -70,3 +77,33 @@ def test_the_demo_ends_with_what_the_agents_differ_on(
         if marks
         else "Finding: the agents passed alike."
     )
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_counts_of_one_are_singular(tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int) -> None:
+    """One session, and one observable that does not discriminate; two of both."""
+    (tmp_path / "manifest.json").touch()
+    floors = {
+        f"OBS-{number}": NodeFloor(
+            id=f"OBS-{number}", level="observable", floor=0.9, floor_agents=("null",), ceiling=1.0, scenes=5
+        )
+        for number in range(count)
+    }
+    scores = SimpleNamespace(
+        saw_truth=(),
+        summary=summary_frame(pl.DataFrame(schema=SCORE_COLUMNS)),
+        study=(),
+        floors=floors,
+        outcomes={"completed": count},
+        report="report.html",
+    )
+    show_scores(
+        cast(Campaign, SimpleNamespace(fidelity="full", decomposition="search-and-report")),
+        tmp_path,
+        cast(CampaignSummary, SimpleNamespace(total=count, flown=count, wall_s=2.0)),
+        cast(FinishedCampaign, scores),
+        (),
+    )
+    printed = capsys.readouterr().out
+    assert f"{count} session{'s' * (count > 1)} (" in printed
+    assert ("1 observable does not" if count == 1 else "2 observables do not") in printed

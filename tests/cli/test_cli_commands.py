@@ -1,6 +1,4 @@
-"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine
-reads.
-"""
+"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine reads."""
 
 from __future__ import annotations
 
@@ -14,64 +12,44 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
+from command_line import CAMPAIGN, EXAMPLE, json_of, short_campaign
 from serial_cable import Cable
 
 from bench.campaign import load_campaign, question_sha256
-from bench.cli._app import run
+from bench.cli._app import app, run
 from bench.cli._fly import parse_board, parse_home, parse_link, parse_serial
 from bench.errors import SetupError
 from bench.simulation import interface_links
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples" / "search.yaml"
 DEMO = ROOT / "campaigns" / "demo.yaml"
-CAMPAIGN = """
-format: rebar.campaign/1
-name: small
-base_file: scene.yaml
-agents: [{manifest: reference-naive}]
-design:
-  seed: 3
-  method: {kind: full_factorial}
-  factors:
-    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
-"""
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        ["--help"],
-        *(
-            [command, "--help"]
-            for command in [
-                "demo",
-                "run",
-                "realize",
-                "report",
-                "verify",
-                "simulate",
-                "score",
-                "schema",
-                "difficulty",
-                "next",
-                "fly",
-                "doctor",
-            ]
-        ),
-    ],
-)
-def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def commands(group: Any, *words: str) -> Iterator[tuple[str, ...]]:
+    """The words of every command in a group."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, *words, name)
+        else:
+            yield *words, name
+
+
+@pytest.mark.parametrize("words", [(), *commands(typer.main.get_command(app))])
+def test_every_command_has_help_with_an_example(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
     """--help works everywhere and shows how the command is called."""
-    assert run(line) == 0
-    text = capsys.readouterr().out
+    assert run([*words, "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
     assert "Usage: " in text
-    if len(line) == 2:
-        assert "Example: rebar" in " ".join(text.split())
+    assert not words or f"Example: rebar {' '.join(words)}" in text
 
 
 @pytest.mark.parametrize(
@@ -89,7 +67,7 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["verify", "/"], "cannot be read"),
         (["schema", "unicorn"], "there is no document 'unicorn'"),
         (["difficulty", str(EXAMPLE), "--decomposition", "nothing"], "nothing"),
-        (["fly", "--autopilot", "inav"], "px4 or ardupilot"),
+        (["fly", "--autopilot", "inav"], "is not one of 'px4', 'ardupilot'"),
         (["fly", "--home", "here"], "LAT,LON,ALT,HDG"),
         (["fly", "--mavlink", "smoke"], "is not a link"),
         (["fly", "--firmware", "px4", "--params", "kept.json"], "leave out --params"),
@@ -117,14 +95,12 @@ def test_mistakes_are_answered_with_code_2_and_a_sentence(
 )
 def test_schemas_are_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The JSON Schema of every document can be had."""
-    assert run(["schema", name]) == 0
-    assert json.loads(capsys.readouterr().out)["type"] == "object"
+    assert json_of(["schema", name], capsys)["type"] == "object"
 
 
 def test_difficulty_is_shown_before_anything_runs(capsys: pytest.CaptureFixture[str]) -> None:
     """Difficulty follows from the file alone, with the factor that rules."""
-    assert run(["difficulty", str(EXAMPLE), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json_of(["difficulty", str(EXAMPLE), "--json"], capsys)
     nodes = {node["node"]: node for node in document["nodes"]}
     assert 0.0 < nodes["KA-18"]["difficulty"] <= 100.0
     assert nodes["KA-18"]["ruled_by"]
@@ -132,8 +108,7 @@ def test_difficulty_is_shown_before_anything_runs(capsys: pytest.CaptureFixture[
 
 def test_the_doctor_finds_this_machine_fit(capsys: pytest.CaptureFixture[str]) -> None:
     """Everything that a session needs works here."""
-    assert run(["doctor", "--json"]) == 0
-    assert all(check["fine"] for check in json.loads(capsys.readouterr().out))
+    assert all(check["fine"] for check in json_of(["doctor", "--json"], capsys))
 
 
 def test_homes_and_links_are_parsed_or_refused() -> None:
@@ -193,23 +168,10 @@ def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(
         assert {link.host for link in interface_links(autopilot, "lo")} == {"127.0.0.1"}
 
 
-def small_campaign(folder: Path) -> Path:
-    """Two realizations of the example that run out of time after ten simulated seconds."""
-    scene = EXAMPLE.read_text()
-    assert "time_limit_s: 300.0" in scene
-    (folder / "scene.yaml").write_text(scene.replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
-    path = folder / "small.yaml"
-    path.write_text(CAMPAIGN)
-    return path
-
-
 def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was
-    changed.
-    """
-    campaign, out = small_campaign(tmp_path), tmp_path / "out"
-    assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
-    first = json.loads(capsys.readouterr().out)
+    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was changed."""
+    campaign, out = short_campaign(tmp_path), tmp_path / "out"
+    first = json_of(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"], capsys)
     assert {row["agent"] for row in first["nodes"]} == {"reference-naive"}
     assert first["fidelity"] == "full"
     assert run(["verify", str(out)]) == 0
@@ -226,8 +188,7 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     result.unlink()
     assert run(["verify", str(out)]) == 1
     capsys.readouterr()
-    assert run(["score", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == first
+    assert json_of(["score", str(out), "--json"], capsys) == first
     again = json.loads(result.read_text())
     assert again["observations"] == first_result["observations"]
     assert again["recording_sha256"] == first_result["recording_sha256"]
@@ -243,7 +204,7 @@ def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path)
 
     The same command then flies what is missing, and every realization has one result.
     """
-    campaign, out = small_campaign(tmp_path), tmp_path / "out"
+    campaign, out = short_campaign(tmp_path), tmp_path / "out"
     command = [sys.executable, "-m", "bench.cli", "run", str(campaign), "--out", str(out), "--workers", "1"]
     runner = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 60.0
@@ -334,7 +295,7 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(
 ) -> None:
     """An output path through a file, or that is one."""
     (tmp_path / "file").touch()
-    campaign = small_campaign(tmp_path)
+    campaign = short_campaign(tmp_path)
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         assert run(["run", str(campaign), "--out", str(out)]) == 2
         assert f"rebar: {tmp_path / 'file'}: is no folder" in capsys.readouterr().err
@@ -344,10 +305,8 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(
 def test_two_faults_in_one_campaign_file_come_at_once(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own
-    line.
-    """
-    campaign = small_campaign(tmp_path)
+    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own line."""
+    campaign = short_campaign(tmp_path)
     broken = (
         CAMPAIGN.replace("base_file", "base_fiel")
         .replace("seed: 3", "seed: -3")
@@ -424,9 +383,7 @@ BAD = {
 def test_bad_situations_are_answered_with_file_field_and_remedy(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and
-    remedy.
-    """
+    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and remedy."""
     document, expected = BAD[name]
     simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
     simspec.write_text(document)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.reporting import compare_campaigns, factor_effects, load_report_data, render_report
@@ -38,14 +38,11 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     """What the command prints for a machine."""
-    assert run(["compare", *line, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+    return json_of(["compare", *line, "--json"], capsys)  # type: ignore[no-any-return]
 
 
 def test_two_agents_of_one_campaign(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of
-    the table.
-    """
+    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
     document = printed_json([str(campaign_folder)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
     nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
@@ -144,9 +141,7 @@ def test_one_agent_each_of_two_campaigns(
 
 
 def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path], tmp_path: Path) -> None:
-    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is
-    none.
-    """
+    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is none."""
     other = tmp_path / "renamed"
     shutil.copytree(apart[1], other)
     scores = pl.read_parquet(other / "scores.parquet")
@@ -249,12 +244,6 @@ def test_what_cannot_be_compared_is_refused_with_code_2(
         shown = capsys.readouterr().err
         assert words in shown
         assert "Traceback" not in shown
-
-
-def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None:
-    """--help has an example."""
-    assert run(["compare", "--help"]) == 0
-    assert "Example: rebar compare" in " ".join(capsys.readouterr().out.split())
 
 
 def test_factors_are_asked_about_where_ten_runs_failed(campaign_folder: Path) -> None:

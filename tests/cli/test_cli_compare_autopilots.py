@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import json_of
 from test_cli_compare_sources import MARKING_OBSERVABLE, PERCEPTION_OBSERVABLE, SCENES, flown_with
 
 from bench.cli._app import run
@@ -48,18 +50,8 @@ def test_what_the_imitation_changes_is_told_scene_by_scene(flown: tuple[Path, Pa
     assert comparison.scenes == SCENES
     counts = {node.node: node.counts for node in comparison.nodes}
     perception_counts, marking_counts = counts[PERCEPTION_OBSERVABLE], counts[MARKING_OBSERVABLE]
-    assert (
-        perception_counts.both,
-        perception_counts.only_first,
-        perception_counts.only_second,
-        perception_counts.neither,
-    ) == (SCENES - 3, 2, 0, 1)
-    assert (
-        marking_counts.both,
-        marking_counts.only_first,
-        marking_counts.only_second,
-        marking_counts.neither,
-    ) == (SCENES - 1, 1, 0, 0)
+    assert astuple(perception_counts) == (SCENES - 3, 2, 0, 1)
+    assert astuple(marking_counts) == (SCENES - 1, 1, 0, 0)
     on_board = compare_campaigns((firmware, board))
     assert on_board.autopilots == ("px4 (real), lockstep", "px4 (board), realtime")
     counts = {node.node: node.counts for node in on_board.nodes}
@@ -73,8 +65,10 @@ def test_people_and_machines_read_which_autopilot_passed(
     assert run(["compare", *paths]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "scenes passed by autopilot (first: px4, lockstep; second: px4 (real), lockstep):" in text
-    assert run(["compare", *paths, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["autopilots"] == ["px4, lockstep", "px4 (real), lockstep"]
+    assert json_of(["compare", *paths, "--json"], capsys)["autopilots"] == [
+        "px4, lockstep",
+        "px4 (real), lockstep",
+    ]
 
 
 def test_two_that_differ_in_more_share_no_scene(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import astuple
 from pathlib import Path
 
 import polars as pl
 import pytest
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.reporting import compare_campaigns
@@ -66,18 +68,8 @@ def test_failures_of_perception_are_told_from_failures_of_reasoning(sources: tup
     counts = {node.node: node.counts for node in comparison.nodes}
     assert set(counts) == {*STUDY, *(name for ka in STUDY for name in OBSERVABLES[ka])}
     perception_counts, marking_counts = counts[PERCEPTION_OBSERVABLE], counts[MARKING_OBSERVABLE]
-    assert (
-        perception_counts.both,
-        perception_counts.only_first,
-        perception_counts.only_second,
-        perception_counts.neither,
-    ) == (7, 0, 4, 1)
-    assert (
-        marking_counts.both,
-        marking_counts.only_first,
-        marking_counts.only_second,
-        marking_counts.neither,
-    ) == (9, 0, 0, 3)
+    assert astuple(perception_counts) == (7, 0, 4, 1)
+    assert astuple(marking_counts) == (9, 0, 0, 3)
 
 
 def test_people_and_machines_get_the_counts(
@@ -88,8 +80,7 @@ def test_people_and_machines_get_the_counts(
     lines = capsys.readouterr().out.splitlines()
     assert "scenes passed by perception (first: simulated, degraded; second: truth):" in lines
     assert [PERCEPTION_OBSERVABLE, "7", "0", "4", "1"] in [line.split() for line in lines]
-    assert run(["compare", *paths, "--node", PERCEPTION_OBSERVABLE, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json_of(["compare", *paths, "--node", PERCEPTION_OBSERVABLE, "--json"], capsys)
     assert document["perceptions"] == ["simulated, degraded", "truth"]
     assert [node["node"] for node in document["nodes"]] == [PERCEPTION_OBSERVABLE]
 
@@ -118,9 +109,4 @@ def test_every_source_and_every_detector_can_be_compared(sources: tuple[Path, Pa
     ]
     counts = {node.node: node.counts for node in compare_campaigns((small, other)).nodes}
     perception_counts = counts[PERCEPTION_OBSERVABLE]
-    assert (
-        perception_counts.both,
-        perception_counts.only_first,
-        perception_counts.only_second,
-        perception_counts.neither,
-    ) == (2, 0, 8, 2)
+    assert astuple(perception_counts) == (2, 0, 8, 2)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from command_line import json_of
 
 from bench.cli._app import run
 
@@ -34,19 +34,15 @@ def test_dry_run_and_realize_measure_the_design(tmp_path: Path, capsys: pytest.C
     assert "largest correlation 0\n" in output
     assert "4 of 4 for t = 2" in output
     assert "in configuration KA-03=" in output
-    assert run(["run", str(campaign), "--dry-run", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json_of(["run", str(campaign), "--dry-run", "--json"], capsys)
     assert (document["realizations"], document["design"]["points"]) == (8, 4)
-    assert run(["realize", str(campaign), "--out", str(tmp_path / "scenes"), "--json"]) == 0
-    realized = json.loads(capsys.readouterr().out)
+    realized = json_of(["realize", str(campaign), "--out", str(tmp_path / "scenes"), "--json"], capsys)
     assert realized["design"] == document["design"]
     assert len(realized["written"]) == len(list((tmp_path / "scenes" / "simspecs").iterdir())) == 8
 
 
 def test_levels_that_do_not_fit_are_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A formula out of a field's bounds names factor, level, path and bounds; an expression names file and
-    line.
-    """
+    """A formula out of a field's bounds names factor, level, path and bounds; an expression names file and line."""
     campaign = tmp_path / "small.yaml"
     campaign.write_text(CAMPAIGN.replace("fog / 4", "fog * 10"))
     assert run(["run", str(campaign), "--dry-run"]) == 2

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from command_line import json_of
 
 from bench.cli._app import run
 
@@ -22,8 +22,9 @@ def test_dry_run_estimates_outcome_cost_and_power(tmp_path: Path, capsys: pytest
     assert "30.0 s a session, about 2 min on 2 worker(s)" in output
     assert "not computed at this fidelity" not in output
     assert " MB\n" in output
-    assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30", "--json"]) == 0
-    estimate = json.loads(capsys.readouterr().out)["estimate"]
+    estimate = json_of(
+        ["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30", "--json"], capsys
+    )["estimate"]
     assert (estimate["realizations"], estimate["flown"], estimate["wall_s"]) == (10, 10, 150.0)
     # 8 kB a simulated second and 60 kB a run; ten sessions of some five minutes.
     assert estimate["disk_mb"] == pytest.approx((estimate["simulated_s"] * 8e3 + 10 * 6e4) / 1e6, abs=0.1)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.contracts import SimTime, VehiclePlan, cast_of
@@ -69,8 +69,7 @@ def test_a_recording_gives_a_model_and_its_counts(
     assert f"{counts.false_detections} in {counts.frames} frames" in text
     # The line folds, and a path is never cut.
     assert f"writtento{out}" in "".join(text.split())
-    assert run(["fit-detector", str(recording), "--json"]) == 0
-    assert DetectorFit.model_validate(json.loads(capsys.readouterr().out)) == fit
+    assert DetectorFit.model_validate(json_of(["fit-detector", str(recording), "--json"], capsys)) == fit
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import polars as pl
 import pytest
+from command_line import fly_short, json_of
 
 from bench.cli._app import run
 from bench.cli._decomposition import _print_panel
@@ -17,31 +18,13 @@ from bench.recording import read_simspec, read_tape
 from bench.scoring import Panel, PanelNode
 from decompositions import load_decomposition
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-CAMPAIGN = """
-format: rebar.campaign/1
-name: floored
-base_file: scene.yaml
-agents: [{manifest: reference-naive}]
-floor: {agents: [{manifest: null-idle}, {manifest: null-orders}], least_scenes: 1}
-design:
-  seed: 3
-  method: {kind: full_factorial}
-  factors:
-    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
-"""
+FLOOR = "floor: {agents: [{manifest: null-idle}, {manifest: null-orders}], least_scenes: 1}"
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes of five simulated seconds; the floor flies one of them."""
-    folder = tmp_path_factory.mktemp("floored")
-    scene = EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 5.0")
-    (folder / "scene.yaml").write_text(scene)
-    (folder / "floored.yaml").write_text(CAMPAIGN)
-    line = ["run", str(folder / "floored.yaml"), "--out", str(folder / "out"), "--workers", "1"]
-    assert run(line) == 0
-    return folder / "out"
+    return fly_short(tmp_path_factory.mktemp("floored"), FLOOR, 5.0)
 
 
 def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -121,7 +104,7 @@ def test_confidence_stands_beside_floor_and_ceiling(
 
 def test_a_run_says_who_is_given_the_truth(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Resumed with nothing left to fly, it still says so."""
-    text = printed(["run", str(campaign.parent / "floored.yaml"), "--out", str(campaign)], capsys)
+    text = printed(["run", str(campaign.parent / "short.yaml"), "--out", str(campaign)], capsys)
     assert "oracle is given the truth" in text
 
 
@@ -132,8 +115,7 @@ def test_a_panel_beyond_its_bounds_exits_with_1(
     second = shutil.copytree(campaign, tmp_path / "second")
     line = ["decomposition", "check", "search-and-report", "--panel", str(campaign), "--panel", str(second)]
     capsys.readouterr()
-    assert run([*line, "--json"]) == 1
-    panel = json.loads(capsys.readouterr().out)["panel"]
+    panel = json_of([*line, "--json"], capsys, 1)["panel"]
     assert panel["agents"] == ["reference-naive"]
     assert panel["sessions"] == 4
     assert list(panel["bounds"].values()) == [True, True, False, False, False]

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from test_cli_commands import CAMPAIGN, EXAMPLE
+from command_line import CAMPAIGN, EXAMPLE, json_of
 
 from bench.campaign import open_journal, write_result
 from bench.campaign.storage._journal import PlannedRealization
@@ -86,10 +86,9 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     assert document["kind"] == "campaign"
     wanted = {"folder": str(out), "complete": False, "running": False, "total": 2}
     assert document["completeness"] == wanted | {"missing": {"setup_invalid": 2}, "accepted": []}
-    assert run(["score", str(out), str(out), "--json"]) == 3
-    assert [entry["completeness"] for entry in json.loads(capsys.readouterr().out)] == [
-        document["completeness"]
-    ] * 2
+    assert [
+        entry["completeness"] for entry in json_of(["score", str(out), str(out), "--json"], capsys, 3)
+    ] == [document["completeness"]] * 2
     assert "INCOMPLETE: 2 of 2 runs are missing (2 setup invalid)" in (out / "report.html").read_text()
 
     with writer(out) as pid:

@@ -9,7 +9,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from test_cli_commands import small_campaign
+from command_line import short_campaign
 
 from bench.cli._app import run
 from bench.cli._fault_paths import path_fault
@@ -71,7 +71,7 @@ MAKING_FILES = (
 def paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Bad paths by their kind, in the working folder."""
     monkeypatch.chdir(tmp_path)
-    small_campaign(tmp_path)
+    short_campaign(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("no: [document\n")
     (tmp_path / "link").symlink_to("nowhere/at-all")
@@ -98,7 +98,7 @@ def contents(folder: Path) -> set[str]:
 def answer(command: str, path: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
     """Run a command that must end with 2, and return what it wrote to stderr."""
     before = contents(folder)
-    names = {"SEARCH": SEARCH, "CAMPAIGN": "small.yaml"}
+    names = {"SEARCH": SEARCH, "CAMPAIGN": "short.yaml"}
     words = [names.get(word, word).replace("@", path) for word in command.split()]
     assert run(words) == 2, (command, path, capsys.readouterr())
     assert contents(folder) == before

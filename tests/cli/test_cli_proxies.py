@@ -8,7 +8,7 @@ import urllib.request
 
 import pytest
 
-from bench.cli._proxies import exempt_loopback
+from bench.cli import exempt_loopback
 
 PROXIES = {"http_proxy": "http://proxy:3128", "mqtt_proxy": "socks://proxy:1080"}
 

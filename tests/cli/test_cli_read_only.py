@@ -14,7 +14,7 @@ from typing import IO, Any
 import pytest
 
 from bench.campaign import open_journal
-from bench.campaign.storage._journal import open_journal_to_read
+from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from io import StringIO
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
+from command_line import json_of
 
 from bench.cli._app import run
 from bench.reporting import load_report_data, requirements_table
@@ -47,13 +47,33 @@ def test_runs_are_listed_by_a_condition(flown: Path, capsys: pytest.CaptureFixtu
     table = pl.read_csv(StringIO(capsys.readouterr().out))
     assert table["fog_level"].to_list() == [2.0, 2.0]
     assert table.columns == pl.read_csv(flown / "runs.csv").columns
-    assert run(["runs", str(flown), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == 6
+    assert len(json_of(["runs", str(flown), "--json"], capsys)) == 6
     assert run(["runs", str(flown), "--where", "fog > 9"]) == 0
     assert "0 of 6 runs" in capsys.readouterr().out
     assert run(["runs", str(flown), "--where", "fog >"]) == 2
     assert "--where 'fog >': has its end where a value should be" in capsys.readouterr().err
     assert run(["runs", str(flown), "--csv", "--json"]) == 2
+
+
+@pytest.mark.parametrize("word", ["or", "and"])
+def test_a_condition_of_thousands_of_comparisons_is_answered(
+    flown: Path, capsys: pytest.CaptureFixture[str], word: str
+) -> None:
+    """A script may name each run by itself; two thousand comparisons in one expression took minutes."""
+    condition = f" {word} ".join(["(fog > 1)"] * 3000)
+    assert run(["runs", str(flown), "--where", condition]) == 0
+    assert "2 of 6 runs" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("part", ["(", "not "])
+def test_a_condition_with_thousands_of_brackets_is_refused(
+    flown: Path, capsys: pytest.CaptureFixture[str], part: str
+) -> None:
+    """In one line of moderate length, with what to do."""
+    assert run(["runs", str(flown), "--where", part * 5000 + "fog > 1" + ")" * 5000 * (part == "(")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "is nested deeper than 40 (leave out brackets)" in line
+    assert len(line) < 300
 
 
 def test_check_tells_by_its_exit_code(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:

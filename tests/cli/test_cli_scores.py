@@ -1,6 +1,4 @@
-"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained
-scores.
-"""
+"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained scores."""
 
 from __future__ import annotations
 
@@ -11,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import EXAMPLE, fly_short, json_of
 
 from bench.campaign import digest_of, rescore_campaign
 from bench.cli._app import run
@@ -18,20 +17,8 @@ from bench.documents import load_document
 from bench.scoring import Explanation, ScoreReport
 from decompositions import load_decomposition
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 DOCS_SCORING = Path(__file__).parents[2] / "docs" / "scoring.md"
 WORKED = EXAMPLE.parent / "worked"
-CAMPAIGN = """
-format: rebar.campaign/1
-name: short
-base_file: scene.yaml
-agents: [{manifest: reference-naive}]
-design:
-  seed: 3
-  method: {kind: full_factorial}
-  factors:
-    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
-"""
 
 
 @pytest.fixture
@@ -51,28 +38,12 @@ def worked(tmp_path: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of two sessions that run out of time after ten simulated seconds."""
-    folder = tmp_path_factory.mktemp("short")
-    (folder / "scene.yaml").write_text(
-        EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 10.0")
-    )
-    (folder / "short.yaml").write_text(CAMPAIGN)
-    assert (
-        run(["run", str(folder / "short.yaml"), "--out", str(folder / "out"), "--workers", "1", "--json"])
-        == 0
-    )
-    return folder / "out"
-
-
-def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    capsys.readouterr()
-    assert run(line) == 0
-    document: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return document
+    return fly_short(tmp_path_factory.mktemp("short"))
 
 
 def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Run 1: 30 (2/2), 50, 30 (3/3); run 2: 80 (1/2), 50, 50 (2/3); over both: 40 and 83.3 %."""
-    report = printed([*worked, "--json", "--per-run"], capsys)
+    report = json_of([*worked, "--json", "--per-run"], capsys)
     ScoreReport.model_validate(report)
     runs = {
         run["run"]: {
@@ -141,7 +112,7 @@ def test_the_short_decomposition_of_the_page_scores_a_table(
     path.write_text(example[1])
     table.write_text("run,observable,difficulty,x\n1,O-1,30,0.95\n1,O-2,50,1\n2,O-1,30,0.9\n2,O-2,50,0.5\n")
     line = ["score", "--observations", str(table), "--decomposition", str(path), "--json"]
-    nodes = {row["id"]: row for row in printed(line, capsys)["nodes"] if row["configuration"] == "all"}
+    nodes = {row["id"]: row for row in json_of(line, capsys)["nodes"] if row["configuration"] == "all"}
     assert [(nodes[name]["passed"], nodes[name]["considered"]) for name in ("KA-1", "O-1", "O-2")] == [
         (1, 2),
         (2, 2),
@@ -158,8 +129,8 @@ def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.Captu
     """Without --per-run the document has none; absent rows are counted, and their difficulty is null."""
     table = Path(worked[2])
     table.write_text("run,observable,difficulty,x,considered\n007,OBS1,30,1,\n7,OBS3,50,,no\n")
-    assert printed([*worked, "--json"], capsys)["runs"] is None
-    report = printed([*worked, "--json", "--per-run"], capsys)
+    assert json_of([*worked, "--json"], capsys)["runs"] is None
+    report = json_of([*worked, "--json", "--per-run"], capsys)
     assert ([run["run"] for run in report["runs"]], report["absent"]) == (["007", "7"], 4)
     nodes = {node["id"]: node for node in report["runs"][0]["nodes"]}
     assert (nodes["VAB2"]["difficulty"], nodes["VAB2"]["score"], nodes["VAB2"]["confidence"]) == (
@@ -207,7 +178,7 @@ def test_the_faults_of_a_table_come_all_at_once_with_lines(
 
 def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Failures first; the child that ruled, x against its threshold, and the line of the table."""
-    explanation = Explanation.model_validate(printed([*worked, "--explain", "KA1", "--json"], capsys))
+    explanation = Explanation.model_validate(json_of([*worked, "--explain", "KA1", "--json"], capsys))
     (agent,) = explanation.agents
     assert (agent.summary.score, agent.scored_runs) == (40.0, ("1", "2"))
     failed, passed = agent.runs
@@ -256,7 +227,7 @@ def test_a_principle_has_its_verdict_everywhere(
     document.write_text(document.read_text().replace("key_attributes:", principles))
     assert run(worked) == 0
     assert "careful: passed 2 of 2 runs (16 to 100 %)" in capsys.readouterr().out
-    report = printed([*worked, "--json"], capsys)
+    report = json_of([*worked, "--json"], capsys)
     verdicts = {node["id"]: (node["verdict_passed"], node["verdict_considered"]) for node in report["nodes"]}
     assert (verdicts["careful"], verdicts["KA1"]) == ((2, 2), (None, None))
     assert run([*worked, "--explain", "careful"]) == 0
@@ -303,14 +274,14 @@ def test_an_unknown_node_is_answered_with_those_near_it(
 
 def test_one_document_for_a_campaign_and_its_runs(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A campaign's per-run nodes are those of its runs by themselves, scored again from their recordings."""
-    whole = ScoreReport.model_validate(printed(["score", str(campaign), "--json", "--per-run"], capsys))
+    whole = ScoreReport.model_validate(json_of(["score", str(campaign), "--json", "--per-run"], capsys))
     assert (whole.kind, whole.absent, len(whole.runs or ())) == ("campaign", 0, 2)
     assert {row.configuration for row in whole.nodes} > {"all"}
     assert all(row.competence_50 is None for row in whole.nodes if row.configuration != "all")
     for scored_run in whole.runs or ():
         assert scored_run.recording
         alone = ScoreReport.model_validate(
-            printed(["score", str(Path(scored_run.recording).parent), "--json"], capsys)
+            json_of(["score", str(Path(scored_run.recording).parent), "--json"], capsys)
         )
         assert alone.kind == "run"
         assert alone.runs is not None
@@ -329,7 +300,7 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
         if path.is_file() and "journal" not in path.name
     }
     explanation = Explanation.model_validate(
-        printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys)
+        json_of(["score", str(campaign), "--explain", "KA-20", "--json"], capsys)
     )
     assert {path: path.stat().st_mtime_ns for path in before} == before
     (agent,) = explanation.agents
@@ -340,7 +311,7 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
         failed = [leaf for leaf in explained.observables if leaf.state == "failed"]
         assert failed
         assert all(leaf.evidence and any(row.ruling for row in leaf.factors) for leaf in failed)
-    repeated = printed(
+    repeated = json_of(
         ["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"],
         capsys,
     )
@@ -353,7 +324,7 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
 @pytest.mark.parametrize("name", ["score-report", "score-explanation"])
 def test_the_documents_have_schemas(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Every field of what --json prints has its sentence or its type."""
-    schema = printed(["schema", name], capsys)
+    schema = json_of(["schema", name], capsys)
     assert schema["additionalProperties"] is False
 
 
@@ -362,15 +333,13 @@ def test_a_printed_document_is_read_back(
 ) -> None:
     """What was kept on disk is a document like any other."""
     file = tmp_path / "kept.json"
-    file.write_text(json.dumps(printed([*worked, "--json"], capsys)))
+    file.write_text(json.dumps(json_of([*worked, "--json"], capsys)))
     assert load_document(file, ScoreReport).decomposition == "worked"
 
 
 def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> None:
-    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension
-    begins.
-    """
-    document = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
+    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension begins."""
+    document = json_of(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
     (node,) = document["nodes"]
     assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
     assert node["raise"]["following"] == ["bystander_proximity_m"]
@@ -393,10 +362,8 @@ def without(nodes: list[dict[str, Any]], ids: set[str]) -> list[dict[str, Any]]:
 def test_a_campaign_written_as_a_table_scores_the_same(
     campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last
-    bit.
-    """
-    direct = printed(["score", str(campaign), "--json", "--per-run"], capsys)
+    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last bit."""
+    direct = json_of(["score", str(campaign), "--json", "--per-run"], capsys)
     rows = [
         {
             "run": run["run"],
@@ -414,7 +381,7 @@ def test_a_campaign_written_as_a_table_scores_the_same(
     table = tmp_path / "table.jsonl"
     table.write_text("\n".join(map(json.dumps, rows)))
     line = ["score", "--observations", str(table), "--decomposition", str(campaign / "decomposition.yaml")]
-    from_table = printed([*line, "--json", "--per-run"], capsys)
+    from_table = json_of([*line, "--json", "--per-run"], capsys)
     # A table does not say who perceived, so there the observables about detections count for the agent.
     decomposition = load_decomposition("search-and-report")
     about_sensor = {name for name, node in decomposition.observables.items() if node.subject == "perception"}
@@ -477,7 +444,7 @@ def test_difficulty_shows_both_numbers_and_sentences(
     """The measured difficulty beside the published rating; what a sentence adds up is the number."""
     situation = str(Path(__file__).parents[2] / "campaigns" / "panel" / "situation.yaml")
     line = ["difficulty", situation, "--decomposition", "search-and-report-full"]
-    document = printed([*line, "--json"], capsys)
+    document = json_of([*line, "--json"], capsys)
     # Nobody is escorted, and no order is given: what is not exercised is not measured.
     exercised = {row["node"] for row in document["nodes"] if row["difficulty"] is not None}
     measured = {row["node"]: row for row in document["measured"]}
@@ -485,7 +452,7 @@ def test_difficulty_shows_both_numbers_and_sentences(
     for row in measured.values():
         parts = row["average"] + sum(part["points"] for part in row["contributions"])
         assert row["difficulty"] == pytest.approx(min(100.0, max(0.0, parts)))
-    assert printed([*line, "--json"], capsys) == document
+    assert json_of([*line, "--json"], capsys) == document
     assert run(line) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "Node Published Tension Measured Ruled by" in shown

@@ -67,9 +67,7 @@ def test_the_digest_is_that_of_the_file(tmp_path: Path) -> None:
 
 
 def test_an_independent_reader_decodes_every_message(recorded: Path) -> None:
-    """mcap-ros2-support decodes all of it by the schemas in the file, in order of time, counted by topic from
-    1.
-    """
+    """mcap-ros2-support decodes all of it by the schemas in the file, in order of time, counted by topic from 1."""
     ours = records()
     theirs = decoded(recorded)
     assert len(theirs) == len(ours)
@@ -134,9 +132,7 @@ def test_a_record_out_of_order_is_a_bench_error(tmp_path: Path) -> None:
 
 
 def test_a_truncated_recording_is_read_up_to_the_cut(recorded: Path, tmp_path: Path) -> None:
-    """A recording truncated at any byte gives a prefix of its records, more for later cuts, and never a
-    traceback.
-    """
+    """A recording truncated at any byte gives a prefix of its records, more for later cuts, and never a traceback."""
     whole, ours = recorded.read_bytes(), records()
     cut_file = tmp_path / "cut.mcap"
     read: list[int] = []
@@ -162,9 +158,7 @@ def test_truncation_loses_at_most_one_chunk(recorded: Path, tmp_path: Path) -> N
 
 
 def test_a_recovered_recording_opens_everywhere(recorded: Path, tmp_path: Path) -> None:
-    """`recover` makes a file with an index of a cut one, SimSpec and versions included, and says what it
-    saved.
-    """
+    """`recover` makes a file with an index of a cut one, SimSpec and versions included, and says what it saved."""
     cut_file, recovered = tmp_path / "cut.mcap", tmp_path / "recovered.mcap"
     cut_file.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
     saved = recover(cut_file, recovered)
@@ -250,9 +244,7 @@ def test_a_decompression_bomb_is_not_unpacked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("length", [2**64 - 1, 2**62, 1000])
 def test_a_length_beyond_the_file_ends_the_reading(tmp_path: Path, length: int) -> None:
-    """An unfinished record, whose length some writers leave at all ones, ends the reading and allocates
-    nothing.
-    """
+    """An unfinished record, whose length some writers leave at all ones, ends the reading and allocates nothing."""
     path = tmp_path / "open.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, length) + b"rest")
     assert list(read_records(path)) == []
@@ -260,9 +252,7 @@ def test_a_length_beyond_the_file_ends_the_reading(tmp_path: Path, length: int) 
 
 
 def test_a_record_that_overruns_its_chunk_is_damage(tmp_path: Path) -> None:
-    """A message that is cut short inside a chunk is not returned as a complete one, even without a
-    checksum.
-    """
+    """A message that is cut short inside a chunk is not returned as a complete one, even without a checksum."""
     inside = struct.pack("<BQHIQQ", 5, 500, 1, 1, 0, 0) + b"short"
     chunk = RecordBuilder()
     Chunk("", inside, 0, 0, 0, len(inside)).write(chunk)

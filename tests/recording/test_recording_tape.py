@@ -1,6 +1,4 @@
-"""The tape: the same from live records and from their recording, and untouched by what it cannot
-understand.
-"""
+"""The tape: the same from live records and from their recording, and untouched by what it cannot understand."""
 
 from __future__ import annotations
 
@@ -93,9 +91,7 @@ def test_orders_and_answers_have_their_delivery_times() -> None:
 
 
 def test_the_estimated_pose_is_kept_beside_the_true_one() -> None:
-    """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does
-    not count.
-    """
+    """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does not count."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert tape.estimate_position_enu_m.shape == (100, 3)
     np.testing.assert_allclose(tape.estimate_time_s, tape.vehicle_time_s)

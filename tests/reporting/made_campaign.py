@@ -1,5 +1,4 @@
-"""A made-up campaign folder for the report's tests: the layout of a real one, numbers from a seeded
-generator.
+"""A made-up campaign folder for the report's tests: the layout of a real one, numbers from a seeded generator.
 
 Nothing in it was flown. The naive agent marks targets near bystanders, the aware agent withholds the mark.
 """
@@ -119,9 +118,7 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
 
 
 def made_simspec(scene: int, agent: str) -> SimSpec:
-    """One scene: two targets with reports on them, a crowd, a few people close to the first target,
-    houses.
-    """
+    """One scene: two targets with reports on them, a crowd, a few people close to the first target, houses."""
     random = np.random.default_rng(scene)
     fog, concealment = float(scene % 3), (0.0, 0.5)[scene % 2]
     base = SimSpec.model_validate(

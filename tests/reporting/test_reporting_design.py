@@ -35,9 +35,7 @@ def test_report_measures_the_design(data: ReportData) -> None:
 
 
 def test_unreadable_design_is_omitted(data: ReportData) -> None:
-    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing
-    else.
-    """
+    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing else."""
     rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
 
     for design in ({"factors": 3}, {}, rated):

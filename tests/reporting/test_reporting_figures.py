@@ -13,6 +13,7 @@ import made_campaign
 import numpy as np
 import polars as pl
 import pytest
+from competence_trials import competence_of
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 from rich.console import Console
 
@@ -36,7 +37,6 @@ from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import NodeTrials, trials_of
 from bench.reporting.text._node_sentences import curve_remark, node_sentences
 from bench.scoring import NodeFloor, summary_frame
-from bench.statistics import competence_of
 
 
 def titles_of(figure: str) -> list[str]:
@@ -205,9 +205,7 @@ def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: 
 
 
 def test_map_thins_tracks_within_the_tolerance(data: ReportData) -> None:
-    """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one
-    point.
-    """
+    """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one point."""
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -363,9 +361,7 @@ def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> No
 
 
 def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
-    """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to
-    its value.
-    """
+    """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to its value."""
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
     competence = {
@@ -457,9 +453,7 @@ def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:
 
 
 def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
-    """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs
-    passed.
-    """
+    """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs passed."""
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0

@@ -130,9 +130,7 @@ def test_same_document_gives_the_same_bytes(
 
 
 def test_state_without_a_number_is_not_low(small: Decomposition, data: ReportData) -> None:
-    """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has
-    neither.
-    """
+    """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has neither."""
     shown = document(graph_page(small, data))["shown"][AGENTS[0]]["KA-09"]
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]

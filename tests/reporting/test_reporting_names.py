@@ -8,6 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
+from command_line import json_of
 from made_campaign import AGENTS, Made, make_campaign
 from test_reporting_page import page_of
 
@@ -61,8 +62,7 @@ def test_every_place_has_the_same_names(folder: Path, capsys: pytest.CaptureFixt
     assert {run.agent for run in data.runs} == set(names)
     page, text = page_of(folder)
     assert [row[0].split()[1] for row in page.tables["ends"][1:]] == names
-    assert run(["compare", str(folder), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json_of(["compare", str(folder), "--json"], capsys)
     assert [document["first"], document["second"]] == names
     assert run(["compare", str(folder)]) == 0
     assert f"{names[0]} and {names[1]} on 6 scenes" in capsys.readouterr().out

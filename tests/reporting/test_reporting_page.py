@@ -1,8 +1,6 @@
 # mypy: disable-error-code="operator, str-bytes-safe"
 # Cells of a data frame may be of any type; the columns used here are numbers.
-"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the
-same.
-"""
+"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the same."""
 
 from __future__ import annotations
 
@@ -14,6 +12,7 @@ import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from unittest.mock import Mock
 
 import made_campaign
 import numpy as np
@@ -25,7 +24,7 @@ from made_campaign import AGENTS, STUDY, Made, make_campaign
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
-from bench.reporting import build_run_map, load_report_data, render_report, write_report
+from bench.reporting import _page, build_run_map, load_report_data, render_report, runs_table, write_report
 from bench.reporting._campaign_data import ReportedCompetence
 from bench.reporting._page import _environment
 from bench.scoring import NodeFloor, ScoredRun, score_table, stated_difficulty
@@ -37,9 +36,7 @@ VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
 class Page(HTMLParser):
-    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could
-    fetch.
-    """
+    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could fetch."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -104,9 +101,7 @@ def page_of(folder: Path) -> tuple[Page, str]:
 
 @pytest.fixture(scope="module")
 def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be
-    placed.
-    """
+    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be placed."""
     endings = {
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1: </script><script>alert(1)</script>"),
         "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place for group 'close'"),
@@ -552,3 +547,34 @@ def test_a_table_of_factors_without_a_row_is_a_sentence(rows: int) -> None:
     assert ("<table" in text) == bool(rows)
     assert ("A dash: " in text) == bool(rows)
     assert ("<p>KA-18 of a, 12 considered runs. No run passed.</p>" in text) == (not rows)
+
+
+def test_words_about_a_table_do_not_scroll_with_it(campaign_folder: Path) -> None:
+    """A caption is as wide as its table: a long one inside the scrolling box was cut at 1000 px."""
+    text = page_of(campaign_folder)[1]
+    assert max(map(len, re.findall(r"<caption>(.*?)</caption>", text, re.DOTALL)), default=0) < 120
+    for table in ("headline", "sensor"):
+        source = (
+            Path(made_campaign.__file__).parents[2] / "bench/reporting/templates/report.html.j2"
+        ).read_text()
+        assert re.search(rf'<p [^>]*id="{table}-words">[^<]{{120,}}</p>\n<div class="scroll"><table ', source)
+    assert '<table id="headline" aria-describedby="headline-words">' in text
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_run_is_no_runs(campaign_folder: Path, count: int) -> None:
+    """One run is not sorted, and shares what it is with nobody."""
+    data = load_report_data(campaign_folder)
+    text = Page(render_report(replace(data, runs=data.runs[:count]))).text
+    assert ("2 runs, those first that say most." in text) == (count == 2)
+    assert ("1 run: agent " in text) == (count == 1)
+
+
+def test_the_runs_are_listed_once(
+    campaign_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Page and companions are made of one table: of a large campaign it takes seconds."""
+    listed = Mock(side_effect=runs_table)
+    monkeypatch.setattr(_page, "runs_table", listed)
+    write_report(shutil.copytree(campaign_folder, tmp_path / "copy"))
+    assert listed.call_count == 1

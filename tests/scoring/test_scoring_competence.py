@@ -1,6 +1,4 @@
-"""Competence in the summary of a score table: at every node, over all configurations, and never raised by a
-failure.
-"""
+"""Competence in the summary of a score table: at every node, over all configurations, and never raised by a failure."""
 
 from __future__ import annotations
 
@@ -9,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from competence_trials import competence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import observed
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.scoring import Difficulty, ScoredRun, difficulty_of_values, score_table, summary_frame
-from bench.statistics import competence_of
 from decompositions import Decomposition, load_decomposition
 
 HALF, NINE_TENTHS = (1, 2), (9, 10)
@@ -41,10 +40,7 @@ def situations(decomposition: Decomposition) -> list[Difficulty]:
 
 
 def run(name: str, difficulty: Difficulty, xs: dict[str, float | None], point: str) -> ScoredRun:
-    observations = tuple(
-        Observation(observable=observable, considered=x is not None, x=x) for observable, x in xs.items()
-    )
-    return ScoredRun(name, point, 0, "naive", Outcome.COMPLETED, difficulty, observations)
+    return ScoredRun(name, point, 0, "naive", Outcome.COMPLETED, difficulty, observed(xs))
 
 
 def whole(decomposition: Decomposition, runs: list[ScoredRun]) -> pl.DataFrame:
@@ -82,9 +78,7 @@ def test_failing_never_raises_it_at_any_node(
 def test_the_summary_has_it_for_all_runs_together(
     decomposition: Decomposition, situations: list[Difficulty]
 ) -> None:
-    """One row for each node over all configurations; null in a configuration's own row and where never
-    considered.
-    """
+    """One row for each node over all configurations; null in a configuration's own row and where never considered."""
     xs: dict[str, float | None] = dict.fromkeys(decomposition.observables, 1.0) | {
         "OBS-181": None,
         "OBS-182": None,

@@ -1,6 +1,4 @@
-"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve
-configurations.
-"""
+"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve configurations."""
 
 from __future__ import annotations
 
@@ -12,6 +10,7 @@ from typing import Any, Literal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import factor_row, leaf, made_decomposition
 
 from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
@@ -36,7 +35,6 @@ from bench.scoring import (
 from bench.simspec import FACTORS, PerceptionSource, SimSpec
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
     DecompositionVocabulary,
     KeyFactor,
     Policies,
@@ -52,14 +50,7 @@ PROXIMITY_M = (229.9, 259.1, 362.4)
 
 
 def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
-    row = {
-        "factor": "fog_level",
-        "unit": "level",
-        "ratings": ratings,
-        "values": values,
-        "reason": "For the test.",
-    }
-    return KeyFactor.model_validate(row | changes)
+    return KeyFactor.model_validate(factor_row("fog_level", ratings, values, **changes))
 
 
 @pytest.fixture(scope="module")
@@ -135,9 +126,7 @@ def test_a_value_that_is_no_number_is_refused() -> None:
 def test_harder_never_rates_lower(
     values: list[int], falling: bool, mapping: str, low: float, more: float
 ) -> None:
-    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings
-    or 0.
-    """
+    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
     row = table(ratings, ordered, mapping=mapping)
@@ -199,9 +188,7 @@ def test_without_bystanders_nothing_about_them_is_exercisable(decomposition: Dec
 
 
 def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
-    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have
-    it.
-    """
+    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
         lowest = min(difficulties.rated(observable) for observable in decomposition.observables_under(node))
@@ -251,9 +238,7 @@ def at(
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
-    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key
-    attributes.
-    """
+    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -264,9 +249,7 @@ def test_the_papers_experiment_has_twelve_difficulty_configurations(decompositio
 
 
 def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decomposition) -> None:
-    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to
-    80).
-    """
+    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -284,9 +267,7 @@ def test_no_factor_at_its_easiest_rules_the_experiment(decomposition: Decomposit
 
 
 def test_configurations_agree_to_six_decimals(decomposition: Decomposition) -> None:
-    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is
-    compared.
-    """
+    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is compared."""
     base = configuration_of(decomposition, at(decomposition, 0.5, 390.1, 259.1))
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-8, 259.1)) == base
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-3, 259.1)) != base
@@ -301,9 +282,7 @@ def test_only_key_attributes_are_studied(decomposition: Decomposition) -> None:
 
 
 def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> None:
-    """The configured mission altitude counts, and where placement put people or what the vehicle is changes
-    nothing.
-    """
+    """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
     spec = SimSpec.model_validate(
         {
             "name": "small",
@@ -343,51 +322,18 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
     assert difficulty_of(decomposition, realized) == difficulties
 
 
-ORDERS: dict[str, Any] = {
-    "factor": "orders",
-    "unit": "1",
-    "ratings": [20, 100],
-    "values": [1, 9],
-    "absent": 0,
-    "reason": "One order is the least.",
-}
-FOG: dict[str, Any] = {
-    "factor": "fog_level",
-    "unit": "level",
-    "ratings": [10, 100],
-    "values": [0, 9],
-    "reason": "The whole scale.",
-}
+ORDERS = factor_row("orders", [20, 100], [1, 9], "1", absent=0)
+FOG = factor_row("fog_level", [10, 100], [0, 9])
 
 
 def with_orders() -> Decomposition:
     """KA-1 has an observable about orders, one about fog and one about the detector; KA-2 only about orders."""
     leaves = {"O-ORDER": ([ORDERS, FOG], "agent"), "O-FOG": ([FOG], "agent"), "O-SEEN": ([FOG], "perception")}
     under = {"KA-1": ["O-ORDER", "O-FOG", "O-SEEN"], "KA-2": ["O-ORDER"], "KA-3": ["O-SEEN"]}
-    titled = {"title": "t", "asks": "?"}
-    return decomposition_of(
-        DecompositionDocument.model_validate(
-            {
-                "format": "rebar.decomposition/1",
-                "name": "orders",
-                "title": "Orders",
-                "key_attributes": [{"id": ka, "children": [f"V-{ka}"], **titled} for ka in under],
-                "vabs": [{"id": f"V-{ka}", "children": below, **titled} for ka, below in under.items()],
-                "observables": [
-                    {
-                        "id": leaf,
-                        "measure": "m",
-                        "threshold": 0.5,
-                        "threshold_reason": "Half.",
-                        "considered": "Always.",
-                        "key_factors": rows,
-                        "subject": subject,
-                        **titled,
-                    }
-                    for leaf, (rows, subject) in leaves.items()
-                ],
-            }
-        )
+    return made_decomposition(
+        [leaf(name, *rows, subject=subject) for name, (rows, subject) in leaves.items()],
+        {f"V-{ka}": below for ka, below in under.items()},
+        {ka: [f"V-{ka}"] for ka in under},
     )
 
 

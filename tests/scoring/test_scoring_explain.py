@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from made_decompositions import WORKED, leaf, worked_decomposition
 
 from bench.contracts import Evidence, Observation, Outcome
 from bench.scoring import (
@@ -21,40 +22,16 @@ from bench.scoring import (
     stated_difficulty,
     summary_frame,
 )
-from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
-
-DIFFICULTIES = {"OBS1": 30.0, "OBS2": 80.0, "OBS3": 50.0}
+from decompositions import Decomposition
 
 
 def made(partial: bool = False, **more: Any) -> Decomposition:
     """The paper's worked graph."""
     leaves = [
-        {
-            "id": name,
-            "title": f"Title of {name}",
-            "asks": "?",
-            "measure": "m",
-            "threshold": 0.5,
-            "threshold_reason": "r",
-            "considered": "Somebody is there.",
-            "partial_credit": partial,
-        }
-        for name in DIFFICULTIES
+        leaf(name, title=f"Title of {name}", considered="Somebody is there.", partial_credit=partial)
+        for name in WORKED
     ]
-    inner = {"VAB1": ["OBS1", "OBS2"], "VAB2": ["OBS3"]}
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "worked",
-        "title": "Worked",
-        "key_attributes": [{"id": "KA1", "title": "One", "asks": "?", "children": ["VAB1", "VAB2"]}],
-        "vabs": [
-            {"id": name, "title": name, "asks": "?", "children": children} for name, children in inner.items()
-        ],
-        "observables": leaves,
-    }
-    return decomposition_of(
-        DecompositionDocument.model_validate(document | more), DecompositionVocabulary(difficulty="given")
-    )
+    return worked_decomposition(leaves, **more)
 
 
 def flown(decomposition: Decomposition, name: str, *xs: float | None, **changes: Any) -> ScoredRun:
@@ -69,7 +46,7 @@ def flown(decomposition: Decomposition, name: str, *xs: float | None, **changes:
                 Evidence(time_s=2.0, text=f"{observable} then"),
             ),
         )
-        for observable, x in zip(DIFFICULTIES, xs, strict=True)
+        for observable, x in zip(WORKED, xs, strict=True)
     )
     run = ScoredRun(
         name,
@@ -77,7 +54,7 @@ def flown(decomposition: Decomposition, name: str, *xs: float | None, **changes:
         0,
         "agent",
         Outcome.COMPLETED,
-        stated_difficulty(decomposition, DIFFICULTIES),
+        stated_difficulty(decomposition, WORKED),
         observations,
     )
     return replace(run, **changes)

@@ -1,6 +1,4 @@
-"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at
-once.
-"""
+"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at once."""
 
 from __future__ import annotations
 
@@ -8,52 +6,14 @@ import json
 from typing import Any
 
 import pytest
+from made_decompositions import factor_row, leaf, node, worked_decomposition
 
 from bench.errors import Fault, SetupError
-from bench.scoring import absent_pairs, read_table, score_external, score_run, summary_frame
+from bench.scoring import absent_pairs, read_table, score_run, score_table, summary_frame
 from bench.scoring._external import ExternalTable
-from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
+from decompositions import Decomposition
 
-FOG = {
-    "factor": "fog_level",
-    "unit": "level",
-    "ratings": [10, 100],
-    "values": [0, 9],
-    "reason": "The whole scale.",
-}
-RAIN = FOG | {"factor": "rain_level"}
-
-
-def worked_decomposition(**rows: list[dict[str, Any]]) -> Decomposition:
-    """The paper's worked graph, its observables rated by `rows` where there are any."""
-    leaves = [
-        {
-            "id": name,
-            "title": name,
-            "asks": "?",
-            "measure": "m",
-            "threshold": 0.5,
-            "threshold_reason": "Given.",
-            "considered": "Given.",
-            "key_factors": rows.get(name, []),
-        }
-        for name in ("OBS1", "OBS2", "OBS3")
-    ]
-
-    def node(name: str, *children: str) -> dict[str, Any]:
-        return {"id": name, "title": name, "asks": "?", "children": list(children)}
-
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "worked",
-        "title": "Worked",
-        "key_attributes": [node("KA1", "VAB1", "VAB2")],
-        "vabs": [node("VAB1", "OBS1", "OBS2"), node("VAB2", "OBS3")],
-        "observables": leaves,
-    }
-    return decomposition_of(
-        DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given")
-    )
+FOG, RAIN = (factor_row(factor, [10, 100], [0, 9]) for factor in ("fog_level", "rain_level"))
 
 
 @pytest.fixture
@@ -63,7 +23,8 @@ def external() -> Decomposition:
 
 @pytest.fixture
 def rated() -> Decomposition:
-    return worked_decomposition(OBS1=[FOG], OBS2=[FOG, RAIN], OBS3=[RAIN])
+    rows = {"OBS1": [FOG], "OBS2": [FOG, RAIN], "OBS3": [RAIN]}
+    return worked_decomposition([leaf(name, *tables) for name, tables in rows.items()])
 
 
 WORKED = """run,observable,difficulty,x,considered
@@ -104,7 +65,7 @@ def test_csv_and_both_kinds_of_json_say_the_same(external: Decomposition) -> Non
     assert [run.realization for run in table.runs] == ["1", "2"]
     second = score_run(external, table.runs[1].difficulty, table.runs[1].observations)
     assert (second["VAB1"].score, second["KA1"].score, second["KA1"].confidence) == (80.0, 50.0, 2 / 3)
-    summary = summary_frame(score_external(external, table.runs), external)
+    summary = summary_frame(score_table(external, table.runs), external)
     row = summary.filter(node="KA1", configuration="all").row(0, named=True)
     assert (row["score_mean"], row["confidence_mean"]) == (40.0, pytest.approx(5 / 6))
 
@@ -131,7 +92,7 @@ def test_a_missing_row_is_not_considered_and_is_counted(external: Decomposition)
     """Absent pairs have neither score nor difficulty; they are shown by number."""
     table = read_table("run,observable,difficulty,x,considered\na,OBS1,30,1,\nb,OBS3,40,,no\n", external)
     assert absent_pairs(external, table.runs) == 4
-    scores = score_external(external, table.runs)
+    scores = score_table(external, table.runs)
     rows = {(row["realization"], row["node"]): row for row in scores.iter_rows(named=True)}
     assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (
         30.0,
@@ -149,15 +110,8 @@ def test_a_missing_row_is_not_considered_and_is_counted(external: Decomposition)
 
 def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
     """A run that says nothing of a key attribute lies in a configuration of its own, said to be unknown."""
-    document = worked_decomposition().document.model_dump()
-    document["key_attributes"] = [
-        {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
-        {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
-    ]
-    decomposition = decomposition_of(
-        DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given")
-    )
-    scores = score_external(
+    decomposition = worked_decomposition(key_attributes=[node("KA1", ["VAB1"]), node("KA2", ["VAB2"])])
+    scores = score_table(
         decomposition, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", decomposition).runs
     )
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]

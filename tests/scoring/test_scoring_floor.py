@@ -7,10 +7,10 @@ from statistics import fmean
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import factor_row, leaf, made_decomposition, observed
 
 from bench.contracts import Observation, Outcome
 from bench.scoring import NodeFloor, ScoredRun, node_floors, score_table, stated_difficulty, worst_first
-from decompositions import Decomposition, DecompositionDocument, decomposition_of
 
 NULLS = ("null-a", "null-b")
 AGENTS = (*NULLS, "oracle")
@@ -25,33 +25,12 @@ UNDER = {
 }
 
 
-def made_decomposition() -> Decomposition:
-    row = {"factor": "fog_level", "unit": "level", "ratings": [30, 100], "values": [1, 2], "reason": "Given."}
-    leaf = {
-        "key_factors": [row],
-        "asks": "?",
-        "measure": "m",
-        "threshold": 0.5,
-        "threshold_reason": "Given.",
-        "considered": "Always.",
-    }
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "shared",
-        "title": "Shared",
-        "key_attributes": [
-            {"id": f"KA{n}", "title": f"KA{n}", "asks": "?", "children": [f"VAB{n}"]} for n in (1, 2)
-        ],
-        "vabs": [
-            {"id": name, "title": name, "asks": "?", "children": list(UNDER[name])}
-            for name in ("VAB1", "VAB2")
-        ],
-        "observables": [{**leaf, "id": name, "title": name} for name in LEAVES],
-    }
-    return decomposition_of(DecompositionDocument.model_validate(document))
-
-
-DECOMPOSITION = made_decomposition()
+ROW = factor_row("fog_level", [30, 100], [1, 2])
+DECOMPOSITION = made_decomposition(
+    [leaf(name, ROW) for name in LEAVES],
+    {name: UNDER[name] for name in ("VAB1", "VAB2")},
+    {"KA1": ["VAB1"], "KA2": ["VAB2"]},
+)
 # Of each scene and agent: was it flown at all, did the bench spoil it, and x of each observable.
 X = st.sampled_from([None, 0.0, 0.4, 0.5, 1.0])
 RUN = st.one_of(st.none(), st.tuples(st.sampled_from([True, True, True, False]), st.tuples(X, X, X)))
@@ -97,10 +76,7 @@ def test_it_agrees_with_a_count_by_hand(scenes: list[tuple[MadeRun, ...]]) -> No
         for agent, made in zip(AGENTS, scene, strict=True):
             if made is None:
                 continue
-            observations = tuple(
-                Observation(observable=leaf, considered=x is not None, x=x)
-                for leaf, x in zip(LEAVES, made[1], strict=True)
-            )
+            observations = observed(dict(zip(LEAVES, made[1], strict=True)))
             outcome = Outcome.COMPLETED if made[0] else Outcome.WORKER_LOST
             # Two replicates of a design point are two scenes.
             point, replicate = f"p{number // 2}", number % 2

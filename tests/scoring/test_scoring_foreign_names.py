@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from bench.errors import SetupError
 from bench.reporting import graph_page, graph_svg
-from bench.scoring import configuration_of, read_table, score_external, summary_frame
+from bench.scoring import configuration_of, read_table, score_table, summary_frame
 from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
 NASTY = (
@@ -63,7 +63,7 @@ def test_a_table_with_its_own_ids_and_factors_is_scored() -> None:
             writer.writerow([run, leaf, x, load])
     decomposition = foreign()
     table = read_table(text.getvalue(), decomposition)
-    scores = score_external(decomposition, table.runs)
+    scores = score_table(decomposition, table.runs)
     by_node = {
         (row["realization"], row["node"]): (row["difficulty"], row["achieved"])
         for row in scores.iter_rows(named=True)

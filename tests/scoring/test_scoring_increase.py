@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import factor_row, leaf, made_decomposition
 
 from bench.scoring import (
     DifficultyGoal,
@@ -21,10 +22,8 @@ from bench.scoring import (
 )
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
     KeyFactor,
     Policies,
-    decomposition_of,
     load_decomposition,
 )
 
@@ -39,14 +38,7 @@ VALUES = {
 
 
 def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
-    row = {
-        "factor": "fog_level",
-        "unit": "level",
-        "ratings": ratings,
-        "values": values,
-        "reason": "For the test.",
-    }
-    return KeyFactor.model_validate(row | changes)
+    return KeyFactor.model_validate(factor_row("fog_level", ratings, values, **changes))
 
 
 RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
@@ -186,36 +178,15 @@ def test_what_is_told_is_what_happens(decomposition: Decomposition, node: str) -
 
 def made(rows: list[dict[str, Any]], **more: Any) -> Decomposition:
     """One observable for each row, under one key attribute."""
-    leaves = [
-        {
-            "id": f"O-{index}",
-            "title": "t",
-            "asks": "?",
-            "measure": "m",
-            "threshold": 0.5,
-            "threshold_reason": "r",
-            "considered": "c",
-            "key_factors": [row],
-        }
-        for index, row in enumerate(rows)
-    ]
-    ids = [leaf["id"] for leaf in leaves]
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "made",
-        "title": "Made",
-        "key_attributes": [{"id": "KA", "title": "t", "asks": "?", "children": ["V"]}],
-        "vabs": [{"id": "V", "title": "t", "asks": "?", "children": ids}],
-        "observables": leaves,
-    }
-    return decomposition_of(DecompositionDocument.model_validate(document | more))
+    leaves = [leaf(f"O-{index}", row) for index, row in enumerate(rows)]
+    return made_decomposition(leaves, {"V": [name["id"] for name in leaves]}, {"KA": ["V"]}, **more)
 
 
 def test_what_cannot_be_reached_says_where_it_ends() -> None:
     """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no
     harder value.
     """
-    fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
+    fog = factor_row("fog_level", [10, 30], [0, 9])
     short = made([fog])
     increase = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")
     assert increase.tension is not None

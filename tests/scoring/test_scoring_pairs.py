@@ -1,5 +1,4 @@
-"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal
-size.
+"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal size.
 
 Rules that pick one of several, or that count each once, look right as long as there is only one. Every test
 here has two.
@@ -11,6 +10,7 @@ from itertools import product
 from typing import Any
 
 import pytest
+from made_decompositions import factor_row, leaf, made_decomposition
 
 from bench.contracts import Evidence, Observation, Outcome
 from bench.errors import SetupError
@@ -28,59 +28,22 @@ from bench.scoring import (
     summary_frame,
 )
 from bench.statistics import clopper_pearson, effective_size
-from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
+from decompositions import Decomposition
 
 THRESHOLD = 0.5
-
-
-def row(factor: str, ratings: list[float], values: list[float]) -> dict[str, Any]:
-    return {
-        "factor": factor,
-        "unit": "level",
-        "ratings": ratings,
-        "values": values,
-        "reason": "For the test.",
-    }
-
-
-FOG = row("fog_level", [20, 80], [0, 3])
-RAIN = row("rain_level", [20, 80], [0, 6])
+FOG = factor_row("fog_level", [20, 80], [0, 3])
+RAIN = factor_row("rain_level", [20, 80], [0, 6])
 
 
 def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | None = None) -> Decomposition:
-    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both
-    principles.
-    """
-    leaves = [
-        {
-            "id": name,
-            "title": name,
-            "asks": "?",
-            "measure": "m",
-            "threshold": THRESHOLD,
-            "threshold_reason": "r",
-            "considered": "c",
-            "key_factors": (tables or {}).get(name, []),
-        }
-        for name in ("O1", "O2", "O3")
-    ]
-
-    def inner(children: dict[str, list[str]]) -> list[dict[str, Any]]:
-        return [
-            {"id": name, "title": name, "asks": "?", "children": below} for name, below in children.items()
-        ]
-
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "pairs",
-        "title": "Pairs",
-        "principles": inner({"P1": ["KA1", "KA2"], "P2": ["KA2"]}) if principles else [],
-        "key_attributes": inner({"KA1": ["V1", "V2"], "KA2": ["V2"]}),
-        "vabs": inner({"V1": ["O1", "O2"], "V2": ["O2", "O3"]}),
-        "observables": leaves,
-    }
-    vocabulary = DecompositionVocabulary(difficulty="tables" if tables else "given")
-    return decomposition_of(DecompositionDocument.model_validate(document), vocabulary)
+    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both principles."""
+    return made_decomposition(
+        [leaf(name, *(tables or {}).get(name, ())) for name in ("O1", "O2", "O3")],
+        {"V1": ["O1", "O2"], "V2": ["O2", "O3"]},
+        {"KA1": ["V1", "V2"], "KA2": ["V2"]},
+        {"P1": ["KA1", "KA2"], "P2": ["KA2"]} if principles else {},
+        given=not tables,
+    )
 
 
 STATED = {"O1": 30.0, "O2": 60.0, "O3": 90.0}
@@ -119,7 +82,7 @@ def test_a_shared_observable_counts_once_at_every_level(xs: tuple[float | None, 
 def test_two_factors_that_tie_rule_together() -> None:
     """Fog and rain both rate 50: both rule, the margin skips both, and only raising both helps."""
     decomposition = built(
-        tables={"O1": [FOG, RAIN], "O2": [FOG, row("clouds", [70, 90], [0, 1])], "O3": [RAIN]}
+        tables={"O1": [FOG, RAIN], "O2": [FOG, factor_row("clouds", [70, 90], [0, 1])], "O3": [RAIN]}
     )
     values = {"fog_level": 1.5, "rain_level": 3.0, "clouds": 0.0}
     difficulty = difficulty_of_values(decomposition, values)
@@ -155,9 +118,7 @@ def test_two_factors_that_tie_rule_together() -> None:
 
 @pytest.mark.parametrize("failing", [0, 1])
 def test_the_run_that_fails_is_explained_whichever_it_is(failing: int) -> None:
-    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and
-    recording.
-    """
+    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and recording."""
     runs = [
         flown(
             f"r{number}",
@@ -203,9 +164,7 @@ def test_of_two_children_that_tie_the_first_rules() -> None:
 
 
 def test_design_points_of_unequal_size_weigh_by_their_runs() -> None:
-    """Five runs of one design point and one of another, for two agents: means over runs, intervals over
-    design points.
-    """
+    """Five runs of one design point and one of another, for two agents: means over runs, intervals over design points."""
     shares = {"a": [1.0, 1.0, 1.0, 1.0, 0.0, 0.0], "b": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}
     points = ["big"] * 5 + ["small"]
     runs = [

@@ -24,7 +24,7 @@ NULLS = ("null-a", "oracle")
 Row = dict[str, object]
 
 
-def row(agent: str, point: str, replicate: int, node: str, x: float | None) -> Row:
+def score_row(agent: str, point: str, replicate: int, node: str, x: float | None) -> Row:
     """A row of a score table; nodes named K are key attributes, P principles, the others observables with threshold 0.5."""
     level = {"K": "ka", "P": "principle"}.get(node[0], "observable")
     return {
@@ -42,19 +42,25 @@ def row(agent: str, point: str, replicate: int, node: str, x: float | None) -> R
     }
 
 
-def table(rows: list[Row]) -> pl.DataFrame:
+def score_frame(rows: list[Row]) -> pl.DataFrame:
     types = {"confidence": pl.Float64, "x": pl.Float64, "standing": pl.String}
     return pl.DataFrame(rows, schema_overrides=types, infer_schema_length=None)
 
 
-def panel(rows: list[Row], floor: list[Row] | None = None, order: tuple[str, str] | None = None) -> Panel:
-    tested = table(rows)
-    return panel_of(tested, table(floor) if floor else tested.clear(), "oracle" if floor else None, order)
+def panel_from(
+    rows: list[Row], floor: list[Row] | None = None, order: tuple[str, str] | None = None
+) -> Panel:
+    tested = score_frame(rows)
+    return panel_of(
+        tested, score_frame(floor) if floor else tested.clear(), "oracle" if floor else None, order
+    )
 
 
-def of_observables(columns: dict[str, list[float | None]]) -> Panel:
+def panel_of_observables(columns: dict[str, list[float | None]]) -> Panel:
     """A panel in which one agent flies a session for each value of these columns."""
-    return panel([row("good", f"p{n}", 0, node, x) for node, xs in columns.items() for n, x in enumerate(xs)])
+    return panel_from(
+        [score_row("good", f"p{n}", 0, node, x) for node, xs in columns.items() for n, x in enumerate(xs)]
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -93,15 +99,15 @@ def test_the_ratio_counts_independent_quantities() -> None:
     assert participation_ratio(np.ones((5, 5))) == pytest.approx(1.0)
     assert participation_ratio(np.eye(5)) == pytest.approx(5.0)
     assert participation_ratio(np.eye(0)) is None
-    some = np.array([[1.0, 0.6, np.nan], [0.6, 1.0, 0.2], [np.nan, 0.2, 1.0]])
-    assert participation_ratio(some) == pytest.approx(9.0 / (3.0 + 2 * (0.36 + 0.04 + 0.2)))
+    correlations = np.array([[1.0, 0.6, np.nan], [0.6, 1.0, 0.2], [np.nan, 0.2, 1.0]])
+    assert participation_ratio(correlations) == pytest.approx(9.0 / (3.0 + 2 * (0.36 + 0.04 + 0.2)))
 
 
 def test_equal_observables() -> None:
     """Equal wherever both are considered, over enough sessions, and not constant there."""
     many = [float(n % 3) / 2 for n in range(LEAST_SESSIONS)]
     few: list[float | None] = [None, *many[1:]]
-    result = of_observables(
+    result = panel_of_observables(
         {
             "O1": [*many, 0.0],
             "O2": [*many, None],
@@ -121,7 +127,7 @@ def test_equal_observables() -> None:
 
 def test_what_always_passes() -> None:
     """By the verdict and not by x: a value that varies above its threshold tells nothing either."""
-    result = of_observables(
+    result = panel_of_observables(
         {"O1": [0.5, 0.9, None], "O2": [0.5, 0.4, 1.0], "O3": [0.0, 0.1, 0.2], "O4": [1.0] * 3}
     )
 
@@ -131,13 +137,13 @@ def test_what_always_passes() -> None:
 
 
 def test_what_is_not_about_the_agent_is_left_out() -> None:
-    rows = [row("good", "p0", 0, "O1", 1.0), row("good", "p0", 0, "O2", 1.0)]
+    rows = [score_row("good", "p0", 0, "O1", 1.0), score_row("good", "p0", 0, "O2", 1.0)]
     rows[1]["standing"] = "configured sensor"
 
-    assert panel(rows).always_passed == {"O1": 1}
+    assert panel_from(rows).always_passed == {"O1": 1}
 
 
-def node(result: Panel, name: str) -> PanelNode:
+def panel_node(result: Panel, name: str) -> PanelNode:
     return next(rated for rated in result.nodes if rated.id == name)
 
 
@@ -149,9 +155,9 @@ def test_noise_is_students_interval_over_replicates(seed: int) -> None:
         (agent, point, replicate): float(rng.uniform(0.1 * point, 0.1 * point + 0.5))
         for agent, point, replicate in product(AGENTS, range(4), range(3))
     }
-    rows = [row(agent, f"p{point}", r, "K1", x) for (agent, point, r), x in confidence.items()]
+    rows = [score_row(agent, f"p{point}", r, "K1", x) for (agent, point, r), x in confidence.items()]
 
-    result = node(panel(rows), "K1")
+    result = panel_node(panel_from(rows), "K1")
 
     apart = np.array(
         [[confidence["poor", p, r] - confidence["good", p, r] for r in range(3)] for p in range(4)]
@@ -167,17 +173,17 @@ def test_noise_is_students_interval_over_replicates(seed: int) -> None:
 def test_the_scene_is_no_noise() -> None:
     """Scenes differ by far, and one agent is a little better in each: that separates. Without replicates nothing does."""
     rows = [
-        row(agent, f"p{point}", replicate, "K1", point / 10 + (0.01 if agent == "good" else 0.0))
+        score_row(agent, f"p{point}", replicate, "K1", point / 10 + (0.01 if agent == "good" else 0.0))
         for agent, point, replicate in product(AGENTS, range(5), range(2))
     ]
-    assert node(panel(rows), "K1").separated
-    once = node(panel([made for made in rows if made["replicate"] == 0]), "K1")
+    assert panel_node(panel_from(rows), "K1").separated
+    once = panel_node(panel_from([made for made in rows if made["replicate"] == 0]), "K1")
     assert once.difference == pytest.approx(0.01)
     assert once.noise is None
     assert not once.separated
     # Beside design points flown twice, one flown once does not count.
-    single = [row("good", "p9", 0, "K1", 0.0), row("poor", "p9", 0, "K1", 1.0)]
-    with_single, without = (node(panel(made), "K1") for made in ([*rows, *single], rows))
+    single = [score_row("good", "p9", 0, "K1", 0.0), score_row("poor", "p9", 0, "K1", 1.0)]
+    with_single, without = (panel_node(panel_from(made), "K1") for made in ([*rows, *single], rows))
     assert (with_single.difference, with_single.noise) == (without.difference, without.noise)
 
 
@@ -185,10 +191,12 @@ def test_more_agents_need_a_clearer_difference() -> None:
     """The rate of error is shared among the pairs, of which the third agent, alone in its scene, makes three."""
     rng = np.random.default_rng(1)
     rows = [
-        row(agent, f"p{point}", replicate, "K1", float(rng.random()))
+        score_row(agent, f"p{point}", replicate, "K1", float(rng.random()))
         for agent, point, replicate in product(AGENTS, range(3), range(3))
     ]
-    pair, three = (node(panel(made), "K1") for made in (rows, [*rows, row("third", "p9", 0, "K1", 0.5)]))
+    pair, three = (
+        panel_node(panel_from(made), "K1") for made in (rows, [*rows, score_row("third", "p9", 0, "K1", 0.5)])
+    )
     assert pair.noise is not None
     assert three.noise == pytest.approx(pair.noise * stats.t.ppf(1 - 0.025 / 3, 6) / stats.t.ppf(0.975, 6))
 
@@ -199,26 +207,32 @@ def test_worse_is_better() -> None:
     for point, replicate in product(range(3), range(2)):
         for agent, values in {"good": (0.2, 0.9, 0.0), "poor": (0.6, 0.1, 1.0)}.items():
             names = ("K1", "K2", "O1")
-            rows += [row(agent, f"p{point}", replicate, n, x) for n, x in zip(names, values, strict=True)]
+            rows += [
+                score_row(agent, f"p{point}", replicate, n, x) for n, x in zip(names, values, strict=True)
+            ]
 
-    assert [flag.id for flag in panel(rows, order=("poor", "good")).worse_is_better] == ["K1", "O1"]
-    assert [flag.id for flag in panel(rows, order=("good", "poor")).worse_is_better] == ["K2"]
-    assert panel(rows).worse_is_better == ()
+    assert [flag.id for flag in panel_from(rows, order=("poor", "good")).worse_is_better] == ["K1", "O1"]
+    assert [flag.id for flag in panel_from(rows, order=("good", "poor")).worse_is_better] == ["K2"]
+    assert panel_from(rows).worse_is_better == ()
     with pytest.raises(ValueError, match="good, poor"):
-        panel(rows, order=("good", "absent"))
+        panel_from(rows, order=("good", "absent"))
 
 
 def test_the_floor_stands_beside_the_best_tested_agent() -> None:
     """Over the scenes that all have flown: what the tested agents reach elsewhere does not count."""
-    rows = [row("good", "p0", 0, "K1", 0.7), row("poor", "p0", 0, "K1", 0.4), row("poor", "p1", 0, "K1", 1.0)]
-    rows.append(row("good", "p1", 0, "K1", 1.0))
-    floor = [row("null-a", "p0", 0, "K1", 0.6), row("oracle", "p0", 0, "K1", 1.0)]
+    rows = [
+        score_row("good", "p0", 0, "K1", 0.7),
+        score_row("poor", "p0", 0, "K1", 0.4),
+        score_row("poor", "p1", 0, "K1", 1.0),
+    ]
+    rows.append(score_row("good", "p1", 0, "K1", 1.0))
+    floor = [score_row("null-a", "p0", 0, "K1", 0.6), score_row("oracle", "p0", 0, "K1", 1.0)]
 
-    result = node(panel(rows, floor), "K1")
+    result = panel_node(panel_from(rows, floor), "K1")
 
     assert (result.floor, result.floor_agents) == (0.6, ("null-a",))
     assert (result.best, result.best_agents) == (0.7, ("good",))
-    assert node(panel(rows), "K1").floor is None
+    assert panel_node(panel_from(rows), "K1").floor is None
 
 
 def made_node(name: str, level: str, separated: bool) -> PanelNode:

@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from made_decompositions import factor_row, leaf, made_decomposition, observed
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.scoring import ScoredRun, difficulty_of_values, score_table, summary_frame
-from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of
+from decompositions import Decomposition, Policies
 
 GRID = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
 FAULTS = {"worker_lost"}
@@ -54,10 +55,6 @@ class Flown:
         return "configured sensor" if node in self.sensor else "counted"
 
     def scored_run(self, decomposition: Decomposition) -> ScoredRun:
-        observed = tuple(
-            Observation(observable=observable, considered=x is not None, x=x)
-            for observable, x in self.xs.items()
-        )
         return ScoredRun(
             self.name,
             self.point,
@@ -66,14 +63,12 @@ class Flown:
             self.outcome,
             # Every observable has a factor of its own, named like it, that rates its value as it is.
             difficulty_of_values(decomposition, self.difficulty, "simulated" if self.sensor else "elsewhere"),
-            observed,
+            observed(self.xs),
         )
 
 
 class Reference:
-    """The rulings 4 to 17 and 25 read aloud, node by node and run by run; it shares nothing with the
-    implementation.
-    """
+    """The rulings 4 to 17 and 25 read aloud, node by node and run by run; it shares nothing with the implementation."""
 
     def __init__(self, decomposition: Decomposition) -> None:
         self.decomposition, self.rules = decomposition, decomposition.policies
@@ -157,9 +152,7 @@ class Reference:
 
 
 def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
-    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the
-    observables.
-    """
+    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the observables."""
     counts = [draw(st.integers(1, most)) for most in (3, 3, 5, 6)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
     layers = []
@@ -183,28 +176,15 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
     observables = []
     for name in names:
         partial = draw(st.booleans())
-        row = {
-            "factor": name,
-            "unit": "1",
-            "ratings": [0, 100],
-            "values": [0, 100],
-            "absent": -1,
-            "reason": "For the test.",
-        }
         observables.append(
-            {
-                "id": name,
-                "title": name,
-                "asks": "?",
-                "measure": "m",
-                "threshold": draw(GRID),
-                "threshold_reason": "For the test.",
-                "considered": "Drawn.",
-                "partial_credit": partial,
-                "near_miss": draw(st.none() | GRID) if partial else None,
-                "key_factors": [row],
-                "subject": draw(st.sampled_from(["agent", "agent", "perception"])),
-            }
+            leaf(
+                name,
+                factor_row(name, [0, 100], [0, 100], "1", absent=-1),
+                threshold=draw(GRID),
+                partial_credit=partial,
+                near_miss=draw(st.none() | GRID) if partial else None,
+                subject=draw(st.sampled_from(["agent", "agent", "perception"])),
+            )
         )
     policies = Policies(
         near_miss=draw(st.sampled_from([0.0, 0.2])),
@@ -213,17 +193,9 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
         confidence=draw(st.sampled_from(["observables", "children"])),
         over_runs=draw(st.sampled_from(["mean_of_ratios", "pooled_counts"])),
     )
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "random",
-        "title": "Random",
-        "policies": policies.model_dump(),
-        "principles": layers[0],
-        "key_attributes": layers[1],
-        "vabs": layers[2],
-        "observables": observables,
-    }
-    decomposition = decomposition_of(DecompositionDocument.model_validate(document))
+    decomposition = made_decomposition(
+        observables, layers[2], layers[1], layers[0], policies=policies.model_dump()
+    )
     hard = st.sampled_from([0.0, 20.0, 33.3, 60.0, 100.0, None])
     drawn = [{name: draw(hard) for name in names} for _ in range(3)]
     situations = [

@@ -28,9 +28,7 @@ NOT_IMPLEMENTED = {28}
 
 
 def rulings() -> dict[int, str]:
-    """The text of every ruling by its number, on one line: a phrase may be broken over two lines of the
-    page.
-    """
+    """The text of every ruling by its number, on one line: a phrase may be broken over two lines of the page."""
     parts = re.split(r"^(\d+)\. ", RULINGS.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return {int(number): " ".join(text.split()) for number, text in zip(parts[::2], parts[1::2], strict=True)}
 
@@ -79,9 +77,7 @@ def test_rulings_without_an_implementation_say_what_holds_today() -> None:
 
 
 def test_every_citation_resolves() -> None:
-    """Whoever follows a citation finds the ruling; the page that is not in the repository is cited
-    nowhere.
-    """
+    """Whoever follows a citation finds the ruling; the page that is not in the repository is cited nowhere."""
     numbers = set(rulings())
     assert {str(path): sorted(cited(text) - numbers) for path, text in texts() if cited(text) - numbers} == {}
     assert [str(path) for path, text in texts() if "reading.md" in text] == []

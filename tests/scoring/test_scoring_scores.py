@@ -1,6 +1,4 @@
-"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force
-reference.
-"""
+"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force reference."""
 
 from __future__ import annotations
 
@@ -12,75 +10,36 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import (
+    WORKED,
+    leaf,
+    made_decomposition,
+    node,
+    observed,
+    worked_decomposition,
+)
 
 from bench.contracts import Observation
 from bench.scoring import score_run
-from decompositions import Decomposition, DecompositionDocument, Level, decomposition_of
-
-
-def leaf(name: str, **changes: Any) -> dict[str, Any]:
-    row = {
-        "factor": "fog_level",
-        "unit": "level",
-        "ratings": [0, 100],
-        "values": [0, 100],
-        "reason": "For the test.",
-    }
-    return {
-        "id": name,
-        "title": name,
-        "asks": "Is it so?",
-        "measure": "detection_share",
-        "threshold": 0.5,
-        "threshold_reason": "Half.",
-        "considered": "Always.",
-        "key_factors": [row],
-    } | changes
-
-
-def node(name: str, children: list[str]) -> dict[str, Any]:
-    return {"id": name, "title": name, "asks": "Is it so?", "children": children}
-
-
-def build(
-    observables: list[dict[str, Any]],
-    vabs: dict[str, list[str]],
-    attributes: dict[str, list[str]],
-    **fields: Any,
-) -> Decomposition:
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "made",
-        "title": "Made",
-        "key_attributes": [node(name, children) for name, children in attributes.items()],
-        "vabs": [node(name, children) for name, children in vabs.items()],
-        "observables": observables,
-    }
-    return decomposition_of(DecompositionDocument.model_validate(document | fields))
-
-
-def observations_of(values: Mapping[str, float | None]) -> tuple[Observation, ...]:
-    return tuple(Observation(observable=name, considered=x is not None, x=x) for name, x in values.items())
+from decompositions import Decomposition, Level
 
 
 def node_of(threshold: float = 0.5, **changes: Any) -> Decomposition:
     """A single observable under a single key attribute."""
-    return build([leaf("O", threshold=threshold, **changes)], {"V": ["O"]}, {"KA": ["V"]})
-
-
-WORKED_DIFFICULTY = {"OBS1": 30.0, "OBS2": 80.0, "OBS3": 50.0}
+    return made_decomposition(
+        [leaf("O", threshold=threshold, **changes)], {"V": ["O"]}, {"KA": ["V"]}, given=True
+    )
 
 
 @pytest.fixture
 def worked() -> Decomposition:
     """The graph of the paper's scoring example."""
-    names = [leaf(name) for name in WORKED_DIFFICULTY]
-    return build(names, {"VAB1": ["OBS1", "OBS2"], "VAB2": ["OBS3"]}, {"KA1": ["VAB1", "VAB2"]})
+    return worked_decomposition()
 
 
 def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
     """Run 1: 30 (2/2), 50, 30 (3/3). Run 2, where OBS1 fails: 80 (1/2), 50, 50 (2/3)."""
-    first = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
+    first = score_run(worked, WORKED, observed({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert [first[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [
         30,
         80,
@@ -96,7 +55,7 @@ def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
     ]
     assert first["KA1"].confidence == 1.0
 
-    second = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+    second = score_run(worked, WORKED, observed({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert [second[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [
         None,
         80,
@@ -115,23 +74,18 @@ def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
     assert second["KA1"].confidence == 2 / 3
 
 
-def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
-    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is
-    2/2.
-    """
-    document = worked.document.model_dump() | {"policies": {"confidence": "children"}}
-    other = decomposition_of(DecompositionDocument.model_validate(document))
-    second = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+def test_the_papers_text_is_a_policy() -> None:
+    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is 2/2."""
+    other = worked_decomposition(policies={"confidence": "children"})
+    second = score_run(other, WORKED, observed({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert (second["VAB1"].confidence, second["KA1"].confidence) == (0.5, 1.0)
-    unscored = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
+    unscored = score_run(other, WORKED, observed({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
     assert (unscored["VAB2"].confidence, unscored["KA1"].confidence) == (None, 0.0)
 
 
 def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
-    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above
-    it.
-    """
-    scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": None, "OBS2": 1.0}))
+    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above it."""
+    scores = score_run(worked, WORKED, observed({"OBS1": None, "OBS2": 1.0}))
     assert (scores["OBS1"].score, scores["OBS1"].confidence, scores["OBS1"].considered) == (None, None, 0)
     assert (scores["VAB1"].score, scores["VAB1"].confidence) == (80.0, 1.0)
     assert (scores["VAB2"].score, scores["VAB2"].confidence) == (
@@ -143,7 +97,7 @@ def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
 
 def test_failed_is_not_not_considered(worked: Decomposition) -> None:
     """Everything failed: no score anywhere, and a confidence of 0 that counts."""
-    scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": 0.0}))
+    scores = score_run(worked, WORKED, observed({"OBS1": 0.0, "OBS2": 0.0, "OBS3": 0.0}))
     assert (scores["KA1"].score, scores["KA1"].confidence) == (None, 0.0)
 
 
@@ -181,11 +135,9 @@ def test_failed_is_not_not_considered(worked: Decomposition) -> None:
 def test_credit_and_near_misses(
     x: float, tau: float, partial: bool, near_miss: float | None, d: float, score: float | None, achieved: int
 ) -> None:
-    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is
-    clipped.
-    """
+    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is clipped."""
     scores = score_run(
-        node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observations_of({"O": x})
+        node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observed({"O": x})
     )
     assert scores["O"].score == scores["KA"].score == score
     assert (scores["O"].achieved, scores["O"].considered, scores["O"].confidence) == (
@@ -197,25 +149,24 @@ def test_credit_and_near_misses(
 
 def test_credit_points_are_a_policy() -> None:
     """The paper's four points can be others."""
-    other = build(
+    other = made_decomposition(
         [leaf("O", partial_credit=True)],
         {"V": ["O"]},
         {"KA": ["V"]},
+        given=True,
         policies={"credit_points": 10.0, "inner_score": "mean"},
     )
-    assert score_run(other, {"O": 40.0}, observations_of({"O": 1.0}))["KA"].score == 45.0
+    assert score_run(other, {"O": 40.0}, observed({"O": 1.0}))["KA"].score == 45.0
 
 
 def test_what_cannot_be_scored_is_refused(worked: Decomposition) -> None:
-    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs
-    upstream.
-    """
+    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
     with pytest.raises(ValueError, match="OBS9"):
-        score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS9": 1.0}))
+        score_run(worked, WORKED, observed({"OBS9": 1.0}))
     with pytest.raises(ValueError, match="two observations of OBS1"):
-        score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 1.0}) * 2)
+        score_run(worked, WORKED, observed({"OBS1": 1.0}) * 2)
     with pytest.raises(ValueError, match="has no value"):
-        score_run(worked, WORKED_DIFFICULTY, [Observation(observable="OBS1", considered=True)])
+        score_run(worked, WORKED, [Observation(observable="OBS1", considered=True)])
     with pytest.raises(ValueError, match="no difficulty of OBS3"):
         score_run(worked, {"OBS1": 30.0, "OBS2": 80.0}, ())
 
@@ -267,9 +218,7 @@ def brute_force(
 
 @st.composite
 def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[str, float | None]]:
-    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some
-    absent.
-    """
+    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some absent."""
     grid = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
     counts = [draw(st.integers(1, max_count)) for max_count in (3, 4, 6, 8)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
@@ -284,17 +233,10 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
         partial = draw(st.booleans())
         near_miss = draw(st.none() | grid) if partial else None
         observables.append(leaf(name, threshold=draw(grid), partial_credit=partial, near_miss=near_miss))
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "random",
-        "title": "Random",
-        "policies": {"near_miss": draw(st.sampled_from([0.0, 0.2]))},
-        "principles": layers[0],
-        "key_attributes": layers[1],
-        "vabs": layers[2],
-        "observables": observables,
-    }
-    decomposition = decomposition_of(DecompositionDocument.model_validate(document))
+    policies = {"near_miss": draw(st.sampled_from([0.0, 0.2]))}
+    decomposition = made_decomposition(
+        observables, layers[2], layers[1], layers[0], given=True, policies=policies
+    )
     difficulties = {name: draw(st.floats(0, 100)) for name in names[3]}
     values = draw(st.lists(st.sampled_from(names[3]), unique=True))
     return decomposition, difficulties, {name: draw(st.none() | grid | st.floats(0, 1)) for name in values}
@@ -305,11 +247,9 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
 def test_scores_are_those_of_a_brute_force_reference(
     situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
 ) -> None:
-    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the
-    same.
-    """
+    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the same."""
     decomposition, difficulties, xs = situation
-    scores = score_run(decomposition, difficulties, observations_of(xs))
+    scores = score_run(decomposition, difficulties, observed(xs))
     for name, expected in brute_force(decomposition, difficulties, xs).items():
         got = scores[name]
         assert Expected(got.score, got.confidence, got.achieved, got.considered) == expected, name
@@ -322,8 +262,6 @@ def test_a_shared_observable_counts_once(
 ) -> None:
     """No node counts more than its distinct descendants, and a principle's count is that of a set."""
     decomposition, difficulties, _ = situation
-    scores = score_run(
-        decomposition, difficulties, observations_of(dict.fromkeys(decomposition.observables, 1.0))
-    )
+    scores = score_run(decomposition, difficulties, observed(dict.fromkeys(decomposition.observables, 1.0)))
     for name in decomposition.at_level(Level.PRINCIPLE):
         assert scores[name].considered == len(set(decomposition.observables_under(name)))

@@ -10,8 +10,9 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import WORKED, factor_row, leaf, observed, worked_decomposition
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     SCORE_COLUMNS,
@@ -34,7 +35,6 @@ from bench.statistics import (
 )
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
     Policies,
     decomposition_of,
     load_decomposition,
@@ -59,8 +59,7 @@ def hard(decomposition: Decomposition, concealment: float = 0.5, density: float 
 
 
 def run(name: str, summary: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
-    observations = tuple(Observation(observable=row, considered=x is not None, x=x) for row, x in xs.items())
-    scored = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observations)
+    scored = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observed(xs))
     return replace(scored, **changes)  # type: ignore[arg-type]
 
 
@@ -78,41 +77,9 @@ def line(
 
 def worked() -> tuple[Decomposition, list[ScoredRun]]:
     """The paper's two runs: observables of 30, 80 and 50 by one table, OBS1 failing in the second."""
-    leaves = []
-    for name, rating in (("OBS1", 30.0), ("OBS2", 80.0), ("OBS3", 50.0)):
-        row = {
-            "factor": "fog_level",
-            "unit": "level",
-            "ratings": [rating, 100],
-            "values": [1, 2],
-            "reason": "Given.",
-        }
-        leaves.append(
-            {
-                "id": name,
-                "title": name,
-                "asks": "?",
-                "measure": "m",
-                "threshold": 0.5,
-                "threshold_reason": "Given.",
-                "considered": "Always.",
-                "key_factors": [row],
-            }
-        )
-    inner = [("VAB1", ["OBS1", "OBS2"]), ("VAB2", ["OBS3"])]
-    decomposition = decomposition_of(
-        DecompositionDocument.model_validate(
-            {
-                "format": "rebar.decomposition/1",
-                "name": "worked",
-                "title": "Worked",
-                "key_attributes": [{"id": "KA1", "title": "KA1", "asks": "?", "children": ["VAB1", "VAB2"]}],
-                "vabs": [
-                    {"id": name, "title": name, "asks": "?", "children": children} for name, children in inner
-                ],
-                "observables": leaves,
-            }
-        )
+    decomposition = worked_decomposition(
+        [leaf(name, factor_row("fog_level", [rating, 100], [1, 2])) for name, rating in WORKED.items()],
+        given=False,
     )
     summary = difficulty_of_values(decomposition, {"fog_level": 1.0})
     passed = everything(decomposition)
@@ -155,9 +122,7 @@ def test_pooled_counts_are_a_policy(decomposition: Decomposition) -> None:
 
 
 def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
-    """Every row of the table equals the run scored alone, with null for what there is not; x stands at
-    observables.
-    """
+    """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
     summary = hard(decomposition)
     xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
     table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
@@ -177,9 +142,7 @@ def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> Non
 
 
 def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposition) -> None:
-    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent
-    counts.
-    """
+    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
     summary = hard(decomposition)
     runs = [
         run("a", summary, everything(decomposition)),
@@ -251,9 +214,7 @@ def test_nothing_flown_is_an_empty_table(decomposition: Decomposition) -> None:
 
 
 def test_a_realization_counts_once(decomposition: Decomposition) -> None:
-    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to
-    mend.
-    """
+    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
     summary = hard(decomposition)
     with pytest.raises(ValueError, match="'a' appears twice"):
         score_table(decomposition, [run("a", summary, {}), run("a", summary, {})])
@@ -262,9 +223,7 @@ def test_a_realization_counts_once(decomposition: Decomposition) -> None:
 
 
 def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
-    """What a campaign writes to disk and reads back is the same table, and sums up the same without the
-    decomposition.
-    """
+    """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
     from io import BytesIO
 
     table = score_table(
@@ -355,9 +314,7 @@ def test_the_exact_interval_covers_at_least_95_percent(n: int) -> None:
 
 
 def test_runs_that_hang_together_are_worth_fewer() -> None:
-    """Replicates that agree within their design point count about as one each; independent ones nearly
-    all.
-    """
+    """Replicates that agree within their design point count about as one each; independent ones nearly all."""
     alike = effective_size(
         0.5, 30, 10, 10 * 1.5**2
     )  # ten points of three equal runs, half of them all passes

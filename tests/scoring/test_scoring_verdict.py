@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_decompositions import leaf, made_decomposition, node, observed
 
-from bench.contracts import Observation, Outcome
+from bench.contracts import Outcome
 from bench.scoring import (
     ScoredRun,
     Sources,
@@ -24,10 +26,7 @@ from bench.scoring import (
 from bench.statistics import clopper_pearson
 from decompositions import (
     Decomposition,
-    DecompositionDocument,
-    DecompositionVocabulary,
     Level,
-    decomposition_of,
     load_decomposition,
     shipped_decompositions,
 )
@@ -35,41 +34,32 @@ from decompositions import (
 LEAVES = ("O1", "O2", "O3", "O4")
 # P names its key attribute K2, which shares O2 with K1; Q names none, so that all of its own are essential.
 ESSENTIAL = {"P": ("O2", "O3"), "Q": ("O1", "O2", "O4")}
-GIVEN = DecompositionVocabulary(difficulty="given")
 X = st.sampled_from([None, 0.0, 0.4, 0.5, 1.0])
 RUN = st.tuples(st.sampled_from([True, True, True, False]), st.tuples(X, X, X, X))
 
 
-def made_decomposition(**changes: Any) -> Decomposition:
-    def node(name: str, *children: str, **more: Any) -> dict[str, Any]:
-        return {"id": name, "title": name, "asks": "?", "children": list(children), **more}
-
-    leaf = {"asks": "?", "threshold": 0.5, "considered": "Always."}
-    document = {
-        "format": "rebar.decomposition/1",
-        "name": "duties",
-        "title": "Duties",
-        "principles": [
-            node("P", "K1", "K2", essential=["K2"], essential_reason="Given."),
-            node("Q", "K1", "K3"),
-        ],
-        "key_attributes": [node("K1", "V1"), node("K2", "V2"), node("K3", "V3")],
-        "vabs": [node("V1", "O1", "O2"), node("V2", "O2", "O3"), node("V3", "O4")],
-        "observables": [{**leaf, "id": name, "title": name} for name in LEAVES],
-    }
-    return decomposition_of(DecompositionDocument.model_validate(document | changes), GIVEN)
+def duties(observables: Iterable[dict[str, Any]] = tuple(map(leaf, LEAVES))) -> Decomposition:
+    """Four observables under three key attributes, those under two principles."""
+    principles = [
+        node("P", ["K1", "K2"], essential=["K2"], essential_reason="Given."),
+        node("Q", ["K1", "K3"]),
+    ]
+    return made_decomposition(
+        observables,
+        {"V1": ["O1", "O2"], "V2": ["O2", "O3"], "V3": ["O4"]},
+        {"K1": ["V1"], "K2": ["V2"], "K3": ["V3"]},
+        principles,
+        given=True,
+    )
 
 
-DUTIES = made_decomposition()
+DUTIES = duties()
 
 
 def run(
     number: int, xs: tuple[float | None, ...], agent: str = "agent", *, spoilt: bool = False
 ) -> ScoredRun:
-    observations = tuple(
-        Observation(observable=leaf, considered=x is not None, x=x)
-        for leaf, x in zip(LEAVES, xs, strict=True)
-    )
+    observations = observed(dict(zip(LEAVES, xs, strict=True)))
     outcome = Outcome.WORKER_LOST if spoilt else Outcome.COMPLETED
     difficulty = stated_difficulty(DUTIES, dict.fromkeys(LEAVES, 30.0))
     return ScoredRun(f"r{number}-{agent}", f"p{number}", 0, agent, outcome, difficulty, observations)
@@ -133,7 +123,7 @@ def test_the_configured_sensor_decides_no_verdict() -> None:
         leaf.model_dump() | {"subject": perceived.get(leaf.id, "agent")}
         for leaf in DUTIES.document.observables
     ]
-    decomposition = made_decomposition(observables=leaves)
+    decomposition = duties(observables=leaves)
     difficulty = stated_difficulty(decomposition, dict.fromkeys(LEAVES, 30.0))
     rated = difficulty.observables["O3"]
     # Stated difficulties count as the agent's own perception, so the standing is set by hand.
@@ -190,12 +180,12 @@ def test_responsible_and_governable_cannot_be_passed_against_their_duty() -> Non
     for name in ("search-and-report", "search-and-report-full"):
         assert "OBS-181" in load_decomposition(name).essential_observables("responsible")
     full = load_decomposition("search-and-report-full")
-    for leaf in full.essential_observables("governable"):
+    for observable in full.essential_observables("governable"):
         # Without such an order in the situation the observable is not exercisable, so the run has no verdict.
         assert any(
             ("order_urgency" in row.factor or row.factor == "handover_s") and row.absent == 0
-            for row in full.key_factors(leaf)
-        ), leaf
+            for row in full.key_factors(observable)
+        ), observable
 
 
 def test_every_principle_has_children_under_its_essential_key_attributes() -> None:

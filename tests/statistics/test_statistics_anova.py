@@ -33,64 +33,11 @@ def crossed(
 
 def test_a_published_two_way_table_comes_out() -> None:
     """R's own example `warpbreaks` by wool and tension: sums of squares, F and p as R prints them."""
-    breaks = [
-        26,
-        30,
-        54,
-        25,
-        70,
-        52,
-        51,
-        26,
-        67,
-        18,
-        21,
-        29,
-        17,
-        12,
-        18,
-        35,
-        30,
-        36,
-        36,
-        21,
-        24,
-        18,
-        10,
-        43,
-        28,
-        15,
-        26,
-    ]
-    breaks += [
-        27,
-        14,
-        29,
-        19,
-        29,
-        31,
-        41,
-        20,
-        44,
-        42,
-        26,
-        19,
-        16,
-        39,
-        28,
-        21,
-        39,
-        29,
-        20,
-        21,
-        24,
-        17,
-        13,
-        15,
-        15,
-        16,
-        28,
-    ]
+    text = (
+        "26 30 54 25 70 52 51 26 67 18 21 29 17 12 18 35 30 36 36 21 24 18 10 43 28 15 26 "
+        "27 14 29 19 29 31 41 20 44 42 26 19 16 39 28 21 39 29 20 21 24 17 13 15 15 16 28"
+    )
+    breaks = [int(word) for word in text.split()]
     factors = factor_columns(
         [{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)]
     )
@@ -250,9 +197,7 @@ def test_a_design_too_small_is_refused_in_words() -> None:
 
 
 def test_spread_and_shape_of_residuals_are_checked() -> None:
-    """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do
-    not.
-    """
+    """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do not."""
     factors, _ = crossed({"a": list(range(5)), "b": [0, 1]}, 30)
     runs = [str(run) for run in range(300)]
     noise = np.random.default_rng(2).normal(size=300)
@@ -293,9 +238,7 @@ def test_independence_of_a_design() -> None:
 
 
 def test_adjusted_p_values_are_statsmodels() -> None:
-    """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for
-    nothing.
-    """
+    """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for nothing."""
     p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
     numbers = [effect for effect in p if effect is not None]
     for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
@@ -335,9 +278,7 @@ def conditional(level: str = "inactive") -> tuple[list[dict[str, object]], list[
 
 
 def test_a_range_that_is_active_in_some_runs_is_a_line_there() -> None:
-    """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside
-    it.
-    """
+    """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside it."""
     rows, y, points = conditional()
     analysis = anova(y, factor_columns(rows), points)
     effects = {effect.term: effect for effect in analysis.effects}
@@ -360,9 +301,7 @@ def test_a_level_that_is_called_inactive_is_a_level() -> None:
 
 
 def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
-    """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own
-    ends.
-    """
+    """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own ends."""
     rows, y, points = conditional()
     columns = factor_columns(rows)
     analysis = correlation(y, columns[1], points)

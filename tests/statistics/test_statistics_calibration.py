@@ -24,9 +24,7 @@ DIFFICULTIES = np.array([20.0, 35.0, 50.0, 65.0, 80.0])
 def simulated_slope(
     seed: int, points: int, slope: float, abilities: tuple[float, ...] = (-1.0, 0.5), spread: float = 0.7
 ) -> DifficultySlope:
-    """A fit to three runs of each agent at each design point; design points have a normal effect of their
-    own.
-    """
+    """A fit to three runs of each agent at each design point; design points have a normal effect of their own."""
     random = np.random.default_rng([seed, points])
     difficulty = np.repeat(random.choice(DIFFICULTIES, points), 3)
     effect = np.repeat(random.normal(0.0, spread, points), 3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from bench.statistics import claim
-from bench.statistics._claims import further_passes_for_claim, pass_rate_at_least, passes_for_claim
+from bench.statistics._claims import further_passes_for_claim, pass_rate_at_least
 
 
 def test_what_fourteen_passes_say() -> None:
@@ -39,7 +39,7 @@ def test_with_failures_with_none_and_with_nothing() -> None:
 def test_fifty_nine_straight_passes() -> None:
     """0.95^59 < 0.05 <= 0.95^58, and the same rule elsewhere."""
     assert 0.95**59 < 0.05 <= 0.95**58
-    assert [passes_for_claim(share) for share in (0.5, 0.9, 0.95, 0.99)] == [5, 29, 59, 299]
+    assert [further_passes_for_claim(0, 0, share) for share in (0.5, 0.9, 0.95, 0.99)] == [5, 29, 59, 299]
 
 
 @settings(deadline=None)

@@ -1,8 +1,6 @@
 # mypy: disable-error-code="call-overload, index, operator"
 # Pairs of the reference hold a place and two booleans, whose common type is object.
-"""Two agents on the same scenes: sizes, tests, divergence and power against published tables and made
-truths.
-"""
+"""Two agents on the same scenes: sizes, tests, divergence and power against published tables and made truths."""
 
 from __future__ import annotations
 
@@ -33,9 +31,7 @@ from bench.statistics._effect_sizes import PairedCounts, cliffs_delta
 
 
 def test_a_published_paired_table_comes_out() -> None:
-    """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact
-    McNemar 0.070.
-    """
+    """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact McNemar 0.070."""
     counts = PairedCounts(both=1, only_first=7, only_second=1, neither=12)
     result = counts.difference()
     assert result is not None
@@ -84,9 +80,7 @@ def test_tangos_interval_covers() -> None:
 
 
 def test_cliffs_delta_counts_wins() -> None:
-    """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another
-    way to it.
-    """
+    """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another way to it."""
     draw = np.random.default_rng(2)
     a, b = draw.normal(size=25).round(1).tolist(), (draw.normal(size=30) + 0.5).round(1).tolist()
     result = cliffs_delta(a, b)
@@ -278,9 +272,7 @@ def test_the_number_of_pairs_has_its_power_and_no_more_than_needed() -> None:
 
 
 def test_runs_for_a_claim_and_for_a_width() -> None:
-    """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes
-    104.
-    """
+    """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes 104."""
     assert [runs_for_claim(0.95, failures) for failures in (0, 1, 2)] == [59, 93, 124]
     assert runs_for_claim(0.9) == 29
     assert runs_for_half_width(0.5, 0.1) == 104
@@ -406,9 +398,7 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: int) -> None:
-    """Two nodes, design points of one to five runs, runs that one side never considered or that the bench
-    spoilt.
-    """
+    """Two nodes, design points of one to five runs, runs that one side never considered or that the bench spoilt."""
     rng = np.random.default_rng(seed)
     places = [
         (f"p{point}", replicate) for point, size in enumerate((5, 1, 3, 2)) for replicate in range(size)

@@ -1,6 +1,4 @@
-"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises
-either.
-"""
+"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises either."""
 
 from __future__ import annotations
 
@@ -8,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from competence_trials import competence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +14,6 @@ from bench.statistics import (
     Direction,
     Trials,
     competence,
-    competence_of,
     count_trials,
     difficulty_slope,
     failures_rise,
@@ -43,9 +41,7 @@ def competence_from(trial_list: list[Trial], share: tuple[int, int]) -> tuple[fl
 
 
 def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
-    """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the
-    share.
-    """
+    """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the share."""
     hard = sorted({d for d, _, _ in trial_list})
 
     def mean(low: float, high: float) -> Fraction:
@@ -107,9 +103,7 @@ def test_failing_never_raises_it_over_hundreds_of_difficulties(share: tuple[int,
 
 
 def test_straight_passes() -> None:
-    """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine
-    tenths.
-    """
+    """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine tenths."""
     for share, needed in ((HALF, 5), (NINE_TENTHS, 33)):
         assert competence_from([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
         assert competence_from([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
@@ -126,9 +120,7 @@ def test_what_is_harder_counts_for_what_is_easier() -> None:
 
 
 def test_replicates_of_a_design_point_count_as_one() -> None:
-    """Ten replicates in each of four design points are four units for the bound, whatever they have in
-    common.
-    """
+    """Ten replicates in each of four design points are four units for the bound, whatever they have in common."""
     alike = [(40.0, True, str(i % 4)) for i in range(40)]
     assert competence_from(alike, HALF) == (40.0, 0.0, True)
     assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (
@@ -156,8 +148,7 @@ def test_nothing_tried_is_no_competence_of_zero() -> None:
 @pytest.mark.parametrize("share", [HALF, NINE_TENTHS])
 @pytest.mark.parametrize("spread", [0.0, 0.6])
 def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: float) -> None:
-    """4000 campaigns at each of three worst cases: pass probabilities that lie a hair below the share from
-    some level on.
+    """4000 campaigns at each of three worst cases: pass probabilities that lie a hair below the share from some level on.
 
     Replicates of a design point share a propensity that is `spread` apart from its mean, as far as it may be:
     with 0.6 they nearly agree. Seeded; 5 % is allowed to be too much, and three standard errors for the
@@ -184,9 +175,7 @@ def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: fl
 
 
 def test_the_bound_is_worth_having() -> None:
-    """An agent that nearly always passes up to 50 and seldom beyond is claimed up to 50 by 70 design points a
-    level.
-    """
+    """An agent that nearly always passes up to 50 and seldom beyond is claimed up to 50 by 70 design points a level."""
     rng = np.random.default_rng(5)
     hard = np.repeat([10.0, 30.0, 50.0, 70.0], 70)
     claimed = [

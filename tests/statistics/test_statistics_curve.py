@@ -1,13 +1,12 @@
-"""Difficulty-response curves: finite where passes and failures are separated, honest about what is not
-there.
-"""
+"""Difficulty-response curves: finite where passes and failures are separated, honest about what is not there."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from competence_trials import competence_of
 
-from bench.statistics import CurveState, competence_of, difficulty_response
+from bench.statistics import CurveState, difficulty_response
 from bench.statistics._curve import _dispersion
 
 HARD = np.repeat([10.0, 30.0, 50.0, 70.0, 90.0], 8)
@@ -29,9 +28,7 @@ def test_it_finds_the_curve_that_made_the_runs() -> None:
 
 
 def test_its_band_covers() -> None:
-    """At the middle and at the ends, 40 runs each time: 95 % within three points, over 400 seeded
-    campaigns.
-    """
+    """At the middle and at the ends, 40 runs each time: 95 % within three points, over 400 seeded campaigns."""
     rng = np.random.default_rng(32)
     inside = []
     for _ in range(400):
@@ -42,9 +39,7 @@ def test_its_band_covers() -> None:
 
 
 def test_separated_runs_have_a_finite_curve() -> None:
-    """All passes below all failures: the likelihood has no maximum, the penalised one has, and the state says
-    so.
-    """
+    """All passes below all failures: the likelihood has no maximum, the penalised one has, and the state says so."""
     curve = difficulty_response(HARD, HARD < 40.0)
     assert curve.state is CurveState.SEPARATED
     assert curve.half_at == pytest.approx(40.0, abs=1.0)
@@ -77,9 +72,7 @@ def test_what_is_not_drawn() -> None:
 
 
 def test_replicates_that_agree_widen_the_band() -> None:
-    """Four equal runs in each design point: the band is wider than were they independent, the curve the
-    same.
-    """
+    """Four equal runs in each design point: the band is wider than were they independent, the curve the same."""
     rng = np.random.default_rng(33)
     hard = rng.uniform(0.0, 100.0, 60)
     ok = rng.random(60) < chance(hard)
@@ -92,9 +85,7 @@ def test_replicates_that_agree_widen_the_band() -> None:
 
 
 def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:
-    """Why it is drawn and never the number: failing what is easy flattens the curve, and its half may move
-    up.
-    """
+    """Why it is drawn and never the number: failing what is easy flattens the curve, and its half may move up."""
     hard = np.repeat([10.0, 30.0, 50.0, 70.0], 20)
     ok = (np.arange(80) % 20) < np.repeat([20, 19, 10, 1], 20)
     worse = ok & ~((hard == 10.0) & (np.arange(80) % 20 < 8))

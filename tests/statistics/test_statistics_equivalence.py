@@ -43,9 +43,7 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
 
 
 def test_more_runs_rule_out_more() -> None:
-    """Without any effect the bound falls, and straight passes leave open what an exact bound on their number
-    does.
-    """
+    """Without any effect the bound falls, and straight passes leave open what an exact bound on their number does."""
     draws = np.random.default_rng(6)
     bounds = []
     for replicates in (2, 8, 32):

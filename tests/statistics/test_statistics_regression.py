@@ -1,6 +1,4 @@
-"""Odds and correlations: right where there is a closed form, honest where factors separate passes from
-failures.
-"""
+"""Odds and correlations: right where there is a closed form, honest where factors separate passes from failures."""
 
 from __future__ import annotations
 

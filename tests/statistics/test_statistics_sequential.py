@@ -13,18 +13,14 @@ from bench.statistics._sequential import PassRateVerdict
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.5, 0.95])
 def test_the_sequence_covers_at_every_look_at_once(p: float) -> None:
-    """Over 200 looks at each of 2000 seeded sequences at most 5 % ever miss (three standard errors
-    allowed).
-    """
+    """Over 200 looks at each of 2000 seeded sequences at most 5 % ever miss (three standard errors allowed)."""
     passed = np.random.default_rng(21).random((2000, 200)) < p
     low, high = confidence_sequence(passed)
     assert ((low > p) | (high < p)).any(axis=1).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
 
 
 def test_fixed_intervals_do_not() -> None:
-    """The exact interval, looked at after every run, misses far more often than 5 %: what the sequence is
-    for.
-    """
+    """The exact interval, looked at after every run, misses far more often than 5 %: what the sequence is for."""
     passed = np.random.default_rng(22).random((1000, 300)) < 0.5
     low, high = clopper_pearson(np.cumsum(passed, axis=1), np.arange(1, 301))
     assert ((low > 0.5) | (high < 0.5)).any(axis=1).mean() > 0.15
@@ -42,9 +38,7 @@ def test_the_sequence_narrows_and_holds_the_exact_interval_of_its_end() -> None:
 
 
 def test_straight_runs_settle_it() -> None:
-    """2^n / (n + 1) first reaches 20 at n = 8: so many straight passes, or failures, settle a threshold of
-    one half.
-    """
+    """2^n / (n + 1) first reaches 20 at n = 8: so many straight passes, or failures, settle a threshold of one half."""
     rule = StoppingRule(0.5)
     assert rule.decided_after([True] * 7) is None
     assert rule.decided_after([True] * 30) == rule.decided_after([False] * 30) == 8
@@ -124,9 +118,7 @@ def test_after_stopping_the_exact_interval_misses_where_these_hold() -> None:
 
 
 def test_bounds_hold_what_was_seen_and_mirror() -> None:
-    """They lie around the share, a pass is to a failure as low to high, and without trials nothing is
-    known.
-    """
+    """They lie around the share, a pass is to a failure as low to high, and without trials nothing is known."""
     passes, fails = (np.ravel(bound) for bound in np.meshgrid([0, 1, 5, 40, 3000], [0, 1, 7, 900]))
     for bounds in (pass_rate_bounds, mean_bounds):
         low, high = bounds(passes, passes + fails)
@@ -139,9 +131,7 @@ def test_bounds_hold_what_was_seen_and_mirror() -> None:
 
 
 def test_a_point_that_stopped_lies_on_the_side_that_was_said() -> None:
-    """The interval of the trials up to the stop leaves the threshold out, as the rule that ended them
-    does.
-    """
+    """The interval of the trials up to the stop leaves the threshold out, as the rule that ended them does."""
     rng = np.random.default_rng(33)
     for rate, threshold in ((0.95, 0.7), (0.2, 0.5), (1.0, 0.9)):
         passed = rng.random(400) < rate

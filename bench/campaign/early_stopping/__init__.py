@@ -1,3 +1,1 @@
-"""Design points that stop before all their replicates are flown, because their pass rate is already
-decided.
-"""
+"""Design points that stop before all their replicates are flown, because their pass rate is already decided."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome, SessionResult
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from .._document import Stopping
 from ..storage._journal import JournalEntry
@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
 # The text is a key of `outcomes` in manifest.json, so it cannot be reworded.
 FLOWN_AFTER_STOP = "flown past the stop"
-"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass
-rate.
-"""
+"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass rate."""
 
 
 PointKey = tuple[str, str]
@@ -38,7 +36,7 @@ def check_stopping(stopping: Stopping, decomposition: Decomposition) -> None:
     """Raises SetupError if the decomposition has no such node."""
     if stopping.node not in decomposition.nodes:
         remedy = f"name a node of the decomposition {decomposition.name}"
-        raise SetupError(Fault("stopping.node", f"there is no node {stopping.node!r}", remedy))
+        raise SetupError.of("stopping.node", f"there is no node {stopping.node!r}", remedy)
 
 
 def is_after_stop(entry: JournalEntry, stops: Mapping[PointKey, int]) -> bool:
@@ -74,8 +72,7 @@ class EarlyStop:
 
 @dataclass(slots=True)
 class _Replicates:
-    """The replicates of one design point and agent: realizations in order, and whether those with a result
-    passed.
+    """The replicates of one design point and agent: realizations in order, and whether those with a result passed.
 
     `passed` has None for a result that is no trial of the studied node.
     """
@@ -86,15 +83,20 @@ class _Replicates:
 
 
 class StoppingDecisions:
-    """The stopping rule of a campaign applied to the results that are known so far."""
+    """The stopping rule of a campaign, None for none, applied to the results that are known so far.
+
+    Only `entries` can be stopped: whatever else the campaign holds is passed over.
+    """
 
     def __init__(
-        self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[JournalEntry]
+        self, stopping: Stopping | None, decomposition: Decomposition, entries: Iterable[JournalEntry]
     ) -> None:
-        self._rule = _rule(stopping)
-        self._thresholds = _thresholds(decomposition, stopping.node)
         self._points: dict[PointKey, _Replicates] = {}
         self._keys: dict[str, PointKey] = {}
+        if stopping is None:
+            return
+        self._rule = _rule(stopping)
+        self._thresholds = _thresholds(decomposition, stopping.node)
         for entry in entries:
             self._keys[entry.id] = key = (entry.design_point, entry.agent)
             self._points.setdefault(key, _Replicates([])).order.append((entry.replicate, entry.id))
@@ -102,17 +104,19 @@ class StoppingDecisions:
             replicates.order.sort()
 
     @property
-    def keys(self) -> Iterable[PointKey]:
-        """Every design point and agent."""
-        return self._points.keys()
+    def keys(self) -> list[PointKey]:
+        """Every design point and agent; empty without a stopping rule."""
+        return list(self._points)
 
-    def key(self, realization: str) -> PointKey:
-        """Design point and agent of a realization."""
-        return self._keys[realization]
+    def key(self, realization: str) -> PointKey | None:
+        """Design point and agent of a realization; None for one that cannot be stopped."""
+        return self._keys.get(realization)
 
     def record(self, result: SessionResult) -> None:
         """Take up a result. A realization with the outcome SETTLED is remembered as not needed."""
-        replicates = self._points[self._keys[result.realization]]
+        if (key := self.key(result.realization)) is None:
+            return
+        replicates = self._points[key]
         if result.outcome is Outcome.SETTLED:
             replicates.not_needed.add(result.realization)
         else:
@@ -121,9 +125,9 @@ class StoppingDecisions:
 
     def forget(self, realization: str) -> None:
         """Drop the result of a realization."""
-        replicates = self._points[self._keys[realization]]
-        replicates.passed.pop(realization, None)
-        replicates.not_needed.discard(realization)
+        if (key := self.key(realization)) is not None:
+            self._points[key].passed.pop(realization, None)
+            self._points[key].not_needed.discard(realization)
 
     def early_stop(self, key: PointKey) -> EarlyStop | None:
         """Where this design point stops early, None while its pass rate is undecided."""
@@ -151,8 +155,7 @@ class StoppingDecisions:
         return [name for name in later if name not in replicates.passed and name not in replicates.not_needed]
 
     def needed_again(self, key: PointKey) -> list[str]:
-        """Realizations remembered as not needed, if all replicates before them have a result and do not stop
-        the point.
+        """Realizations remembered as not needed, if all replicates before them have a result and do not stop the point.
 
         That happens when replicates or the rule changed since, or when a result before the stop was lost and
         rerun.
@@ -168,15 +171,12 @@ class StoppingDecisions:
         return [name for _, name in replicates.order if name in replicates.not_needed]
 
     def may_start(self, realization: str) -> bool:
-        """Whether no earlier replicate of its design point is remembered as not needed.
-
-        Those are decided first.
-        """
-        replicates = self._points[self._keys[realization]]
-        position = next(
-            position for position, (_, name) in enumerate(replicates.order) if name == realization
-        )
-        return not any(name in replicates.not_needed for _, name in replicates.order[:position])
+        """Whether no earlier replicate of its design point is remembered as not needed: those are decided first."""
+        if (key := self.key(realization)) is None:
+            return True
+        replicates = self._points[key]
+        names = [name for _, name in replicates.order]
+        return replicates.not_needed.isdisjoint(names[: names.index(realization)])
 
 
 def _rule(stopping: Stopping) -> StoppingRule:

@@ -297,12 +297,10 @@ async def open_dask(
             if address is not None:
                 await _check_scheduler(client, address)
         except (OSError, ValueError, TypeError) as error:
-            raise SetupError(
-                Fault(
-                    "--executor",
-                    f"no Dask scheduler answers at {address}: {error}",
-                    "give its address, as in dask=tcp://HOST:8786",
-                )
+            raise SetupError.of(
+                "--executor",
+                f"no Dask scheduler answers at {address}: {error}",
+                "give its address, as in dask=tcp://HOST:8786",
             ) from error
         executor = DaskExecutor(client, plan, address or "this machine", at_most, recordings, warn)
         async with anyio.create_task_group() as tasks:
@@ -328,10 +326,8 @@ async def _check_scheduler(client: Client, address: str) -> None:
 
     repeats = await client.run_on_scheduler(dask.config.get, "distributed.scheduler.allowed-failures")
     if repeats != 0:
-        raise SetupError(
-            Fault(
-                "--executor",
-                f"the Dask scheduler at {address} repeats the tasks of a lost worker {repeats} times, unseen by the journal",
-                "start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment",
-            )
+        raise SetupError.of(
+            "--executor",
+            f"the Dask scheduler at {address} repeats the tasks of a lost worker {repeats} times, unseen by the journal",
+            "start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment",
         )

@@ -13,7 +13,7 @@ import anyio
 from anyio.abc import TaskGroup
 
 from bench.contracts import Outcome, ProgressUpdate, SessionResult
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.realization import RealizationPlan
 
 from .._events import (
@@ -261,12 +261,8 @@ class Dispatcher:
     def _take_in(self, result: SessionResult) -> None:
         key = self._running.pop(result.realization)
         if result.outcome in _STOPPED_BY_A_FULL_DISK and _is_full(self._folder.path):
-            raise SetupError(
-                Fault(
-                    str(self._folder.path),
-                    "the disk is full",
-                    "free some space and run again; no result is lost",
-                )
+            raise SetupError.of(
+                self._folder.path, "the disk is full", "free some space and run again; no result is lost"
             )
         pause_s = self._attempts.pause_s(result, self._clock())
         if pause_s is not None:

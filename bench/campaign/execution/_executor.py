@@ -17,8 +17,7 @@ from bench.simspec import SimSpec
 
 
 class Job(Protocol):
-    """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the
-    result.
+    """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the result.
 
     The job does not write the result. One with a parameter `on_progress` is given what to tell how far its session is.
     """

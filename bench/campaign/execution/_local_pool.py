@@ -1,6 +1,4 @@
-"""The local executor: worker processes that fly one session after another and are replaced when one is
-lost.
-"""
+"""The local executor: worker processes that fly one session after another and are replaced when one is lost."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.documents import dump_json
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.removal import remove_tree
 from bench.simspec import SimSpec
 from bench.temporary_folders import temporary_folder
@@ -141,7 +139,7 @@ def _allow_open_files(workers: int) -> None:
         remedy = f"raise the limit (`ulimit -n {needed}` as root, or `nofile` in /etc/security/limits.conf)"
         if hard >= FILES_OF_A_SESSION:
             remedy += ", or take fewer workers (--workers)"
-        raise SetupError(Fault("workers", what, remedy))
+        raise SetupError.of("workers", what, remedy)
     if soft != resource.RLIM_INFINITY and soft < needed:
         # The workers inherit it.
         resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))

@@ -72,9 +72,7 @@ def _serve(link: Connection[Any, Any], name: str) -> None:
 
 
 def _die_with_runner(lifeline_fd: int) -> None:
-    """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the
-    result.
-    """
+    """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the result."""
     while os.read(lifeline_fd, 1):
         pass
     kill_tree(os.getpid())

@@ -19,8 +19,7 @@ WIDTH = 80
 def campaign_file(
     proposed: Campaign, previous: Campaign, factors: Sequence[FactorProposal], reasons: Mapping[str, str]
 ) -> str:
-    """The text of the file. `factors` are those of `previous` in order, `reasons` those of the design by
-    field.
+    """The text of the file. `factors` are those of `previous` in order, `reasons` those of the design by field.
 
     What a person reviews comes first, the base SimSpec last.
     """

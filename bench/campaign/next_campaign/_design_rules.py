@@ -52,9 +52,7 @@ def propose_design(
 
 
 def _point_count(old: Design, factors: Sequence[DesignFactor], method: Method) -> int:
-    """Design points of a method over these factors. 0 for a stratified one, whose points depend on
-    difficulty.
-    """
+    """Design points of a method over these factors. 0 for a stratified one, whose points depend on difficulty."""
     if isinstance(method, Sobol):
         return method.points
     return 0 if method.kind == "stratified" else len(_design(old, factors, method).points())

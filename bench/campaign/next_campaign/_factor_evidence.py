@@ -25,8 +25,7 @@ UNDECIDED_PASS_RATES = (0.1, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class OpenDifference:
-    """The largest difference in confidence between two levels of a factor that the runs of one agent do not
-    rule out.
+    """The largest difference in confidence between two levels of a factor that the runs of one agent do not rule out.
 
     `difference` is between 0 and 1, at 95 %. None if the design points cannot separate the factor from the
     others.
@@ -74,9 +73,7 @@ class FactorEvidence:
         return cls(factor_effects(data).frame, runs, levels, _open_differences(runs, levels, design), aliases)
 
     def tests_of(self, factor: str) -> list[dict[str, Any]]:
-        """Tests of a factor and of its interactions, by analysis of variance and by regression, without
-        failed ones.
-        """
+        """Tests of a factor and of its interactions, by analysis of variance and by regression, without failed ones."""
         rows = self.tests.filter(pl.col("test").is_in(["anova", "logistic"])).iter_rows(named=True)
         return [
             row for row in rows if factor in row["factor"].split(" x ") and not math.isnan(row["p"] or 0.0)
@@ -121,8 +118,7 @@ class FactorEvidence:
         return len({levels[factor] for levels in self.levels.values()})
 
     def undecided_range(self, factor: str, *, by_band: bool) -> tuple[float, float] | None:
-        """The values of a numeric factor at which passing is undecided, over all nodes and agents that follow
-        it.
+        """The values of a numeric factor at which passing is undecided, over all nodes and agents that follow it.
 
         By the logistic curve, or by its 95 % band, which is wider. None if nothing follows the factor.
         """

@@ -28,9 +28,7 @@ NARROWING_SHARE = 0.8
 """A range is narrowed only if less than this share of it would be left. Chosen, not measured."""
 
 MIN_VALUES = 3
-"""A factor flown at fewer values is not narrowed: between two, only the curve's shape would say where passing
-turns.
-"""
+"""A factor flown at fewer values is not narrowed: between two, only the curve's shape would say where passing turns."""
 
 
 @dataclass(frozen=True, slots=True)

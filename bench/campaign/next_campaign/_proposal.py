@@ -1,5 +1,4 @@
-"""Proposes the campaign to fly after a finished one: a campaign file with its reasons, for a person to
-review.
+"""Proposes the campaign to fly after a finished one: a campaign file with its reasons, for a person to review.
 
 By fixed rules: a factor is removed if it has no effect and the runs would have shown one, a range is narrowed
 to where passing is undecided, and replicates are added where little is known. What was chosen from results is
@@ -38,8 +37,7 @@ class CampaignProposal:
 
 
 def propose_next(folder: Path, output_folder: Path | None = None) -> CampaignProposal:
-    """The next campaign after the one in `folder`, as a file for `output_folder`, by default the working
-    folder.
+    """The next campaign after the one in `folder`, as a file for `output_folder`, by default the working folder.
 
     Raises SetupError if the folder is not a campaign, is not finished, or varies nothing.
     """

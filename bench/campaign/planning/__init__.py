@@ -1,3 +1,1 @@
-"""From a campaign document to realizations: SimSpecs, placed scenes, and an estimate before anything is
-flown.
-"""
+"""From a campaign document to realizations: SimSpecs, placed scenes, and an estimate before anything is flown."""

@@ -1,6 +1,4 @@
-"""Estimates a campaign with surrogates before anything is flown: outcomes, pass rates, cost, and statistical
-power.
-"""
+"""Estimates a campaign with surrogates before anything is flown: outcomes, pass rates, cost, and statistical power."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ from ..storage._folder import (
     campaign_of,
     realization_in,
 )
-from ..storage._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
+from ..storage._journal import Journal, JournalEntry, RealizationState
+from ..storage._journal_file import open_journal_to_read
 from ..storage._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ..storage._recovery import is_unnoted
 from ..storage._results import read_result
@@ -139,7 +140,7 @@ def _check_is_folder(folder: CampaignFolder) -> None:
     """Raises SetupError for what can be no campaign folder: nothing, a file, the folder of one run."""
     path = folder.path
     if not path.exists():
-        raise SetupError(Fault(str(path), "does not exist", "give the folder that `rebar run` wrote"))
+        raise SetupError.of(path, "does not exist", "give the folder that `rebar run` wrote")
     run = path if path.is_dir() else path.parent
     if path.is_dir() and (
         folder.manifest.is_file() or folder.journal.is_file() or not (run / RECORDING).is_file()
@@ -150,7 +151,7 @@ def _check_is_folder(folder: CampaignFolder) -> None:
     remedy = "give the folder of a campaign" if campaign is None else f"give its campaign: {campaign.path}"
     if (run / RECORDING).is_file():
         remedy += f"; `rebar score {shlex.quote(str(run))}` checks one recording, against its result or by its own checksums"
-    raise SetupError(Fault(str(path), what, remedy))
+    raise SetupError.of(path, what, remedy)
 
 
 def changed_tables(folder: CampaignFolder) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.documents import dump_json
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
 from bench.simspec import AgentSpec, SimSpec
 
@@ -34,12 +34,10 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
     mine = {unit for index, unit in enumerate(dict.fromkeys(units)) if index % count == number - 1}
     if not mine:
         what = "design points" if campaign.stopping else "scenes"
-        raise SetupError(
-            Fault(
-                "--shard",
-                f"the campaign has {len(set(units))} {what}, so shard {campaign.shard} is empty",
-                "take fewer shards",
-            )
+        raise SetupError.of(
+            "--shard",
+            f"the campaign has {len(set(units))} {what}, so shard {campaign.shard} is empty",
+            "take fewer shards",
         )
     return [plan for plan, unit in zip(plans, units, strict=True) if unit in mine]
 

@@ -43,8 +43,7 @@ def write_scenes(
     *,
     with_infeasible: bool = False,
 ) -> WrittenScenes:
-    """Write the realized SimSpec of every plan for which there is room: the same bytes for any number of
-    workers.
+    """Write the realized SimSpec of every plan for which there is room: the same bytes for any number of workers.
 
     `with_infeasible` also writes the SimSpecs of plans that have no room, without places. Plans of one scene follow each
     other, else it is placed again. Raises as `place` does.

@@ -15,7 +15,8 @@ from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realiza
 from ..storage._files import digest_of
 from ..storage._firmware_ends import drawn_out_realizations
 from ..storage._folder import RESULT, CampaignFolder, writing_process
-from ..storage._journal import JournalEntry, open_journal_to_read
+from ..storage._journal import JournalEntry
+from ..storage._journal_file import open_journal_to_read
 from ..storage._results import read_result
 
 

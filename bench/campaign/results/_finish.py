@@ -16,7 +16,7 @@ import polars as pl
 
 from bench.contracts import Outcome, ReportStatements, SessionResult
 from bench.documents import dump_yaml, load_document, load_json_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.reporting import load_page_parts, write_report
 from bench.scoring import (
     Difficulty,
@@ -45,7 +45,8 @@ from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._files import FileDigests, write_whole
 from ..storage._folder import RECORDING, CampaignFolder, existing_campaign, is_campaign, open_lock
-from ..storage._journal import JournalEntry, open_journal
+from ..storage._journal import JournalEntry
+from ..storage._journal_file import open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import write_result
 from ._campaign_results import CampaignResults
@@ -182,9 +183,7 @@ def rescore_campaign(
             name for name, run in runs.items() if name not in elsewhere and dropped_recording(run) is not None
         ]:
             what = f"{len(dropped)} of its recordings were dropped when they were flown (keep), so they cannot be measured"
-            raise SetupError(
-                Fault(str(path), what, "fly it with keep: {recordings: all} into another folder")
-            )
+            raise SetupError.of(path, what, "fly it with keep: {recordings: all} into another folder")
         recorded = {
             name: run for name, run in runs.items() if (run / RECORDING).is_file() or name in elsewhere
         }

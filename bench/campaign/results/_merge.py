@@ -21,7 +21,8 @@ from ..storage._dropped import dropped_recording
 from ..storage._files import digest_of
 from ..storage._firmware_ends import add_firmware_ends, firmware_ends
 from ..storage._folder import RESULT, CampaignFolder, open_lock
-from ..storage._journal import Journal, JournalEntry, open_journal, open_journal_to_read
+from ..storage._journal import Journal, JournalEntry
+from ..storage._journal_file import open_journal, open_journal_to_read
 from ..storage._manifest import Manifest, read_manifest
 from ..storage._results import read_result
 from ._finish import read_campaign_folder
@@ -52,7 +53,7 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
     shards = [_read(folder) for folder in folders]
     _check_together(shards)
     if out.exists() and any(out.iterdir()):
-        raise SetupError(Fault(str(out), "exists already and is not empty", "name another folder with --out"))
+        raise SetupError.of(out, "exists already and is not empty", "name another folder with --out")
     campaign, decomposition = _whole(shards[0]), shards[0].decomposition
     paths = CampaignFolder(out)
     with open_lock(out), open_journal(paths.journal) as journal:
@@ -87,14 +88,12 @@ def _read(path: Path) -> _Shard:
     folder, campaign, decomposition = read_campaign_folder(path, None)
     manifest = read_manifest(folder.manifest)
     if campaign.shard is None:
-        raise SetupError(Fault(str(path), "is no shard", "name folders that were flown with --shard"))
+        raise SetupError.of(path, "is no shard", "name folders that were flown with --shard")
     if manifest is None or manifest.missing:
-        raise SetupError(
-            Fault(
-                str(path),
-                f"shard {campaign.shard} lacks runs",
-                "run it to its end: " + command_line("rebar", "run", folder.campaign, "--out", path),
-            )
+        raise SetupError.of(
+            path,
+            f"shard {campaign.shard} lacks runs",
+            "run it to its end: " + command_line("rebar", "run", folder.campaign, "--out", path),
         )
     return _Shard(folder, campaign, decomposition, manifest, *parse_shard(campaign.shard))
 
@@ -146,12 +145,10 @@ def _adopt(
 ) -> None:
     """Take a result over: its files, and what the journal says of it."""
     if (entry.intent_sha256, entry.simspec_sha256) != (planned.intent_sha256, planned.simspec_sha256):
-        raise SetupError(
-            Fault(
-                str(shard.folder.simspec(entry.id)),
-                "is not the scene that this host places for it",
-                "join the shards where they were flown, with the same versions",
-            )
+        raise SetupError.of(
+            shard.folder.simspec(entry.id),
+            "is not the scene that this host places for it",
+            "join the shards where they were flown, with the same versions",
         )
     source = shard.folder.run(entry.id)
     result = read_result(source, entry.id)

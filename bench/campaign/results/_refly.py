@@ -42,7 +42,7 @@ from ..execution._executor import FLIGHTS, Executor, OpenExecutor, Task, WorkerP
 from ..execution._local_pool import open_local_pool
 from ..storage._dropped import DroppedRecording, dropped_recording
 from ..storage._folder import RECORDING, CampaignFolder
-from ..storage._journal import open_journal_to_read
+from ..storage._journal_file import open_journal_to_read
 from ..storage._results import read_result
 from ._finish import read_campaign_folder
 

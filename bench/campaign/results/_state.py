@@ -14,7 +14,8 @@ from bench.documents import Document, load_document
 from .._document import Campaign
 from ..storage._completeness import noted_completeness
 from ..storage._folder import existing_campaign, writing_process
-from ..storage._journal import RealizationState, open_journal_to_read
+from ..storage._journal import RealizationState
+from ..storage._journal_file import open_journal_to_read
 from ..storage._pause import is_paused
 
 

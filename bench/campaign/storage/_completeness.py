@@ -144,9 +144,7 @@ def adopt_accepted(journal: Journal, realizations: Collection[str]) -> None:
 
 
 def accept(journal: Journal, outcomes: Collection[Outcome], withdrawn: Collection[Outcome] = ()) -> None:
-    """Accept what has one of these outcomes now; nothing that ends so later. `withdrawn` is accepted no
-    more.
-    """
+    """Accept what has one of these outcomes now; nothing that ends so later. `withdrawn` is accepted no more."""
     entries = journal.entries()
     accepted = accepted_realizations(journal) | {entry.id for entry in entries if entry.outcome in outcomes}
     acceptable = {

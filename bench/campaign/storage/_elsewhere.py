@@ -92,12 +92,10 @@ def open_fetched(run: Path, note: DroppedRecording) -> Iterator[Path]:
             system, path = _file_system(note.kept_at)
             system.get_file(path, str(copy / RECORDING))
         if digest_of(copy / RECORDING) != note.recording_sha256:
-            raise SetupError(
-                Fault(
-                    note.kept_at,
-                    "has changed since its session: its digest differs from the one in the campaign's folder",
-                    "restore it from a copy",
-                )
+            raise SetupError.of(
+                note.kept_at,
+                "has changed since its session: its digest differs from the one in the campaign's folder",
+                "restore it from a copy",
             )
         if (run / RESULT).is_file():
             (copy / RESULT).write_bytes((run / RESULT).read_bytes())
@@ -145,6 +143,4 @@ def _store_faults(where: str, url: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise SetupError(
-            Fault(where, f"cannot use {url}: {type(error).__name__}: {error}", _REMEDY)
-        ) from error
+        raise SetupError.of(where, f"cannot use {url}: {type(error).__name__}: {error}", _REMEDY) from error

@@ -47,8 +47,7 @@ class EvidenceEntry(Document):
 
 
 class EvidenceLog:
-    """The chain of one campaign folder as it was when this was made. Only the holder of the folder's lock adds
-    to it.
+    """The chain of one campaign folder as it was when this was made. Only the holder of the folder's lock adds to it.
 
     `faults` names the first line that does not follow from the one before; only the lines before it count. Lines are
     kept as they are in the file, and parsed when they are asked for: parsed, they take five times as much.

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT})
 _REMEDY = "name a folder on another disk, such as one of this machine's own; docs/campaign-folders.md, Network disks"
@@ -70,7 +70,7 @@ def check_file_system(folder: Path, *, with_locks: bool = True) -> None:
             with suppress(FileNotFoundError):
                 os.unlink(path)
     if lacks:
-        raise SetupError(Fault(str(folder), f"lies on a file system without {' and '.join(lacks)}", _REMEDY))
+        raise SetupError.of(folder, f"lies on a file system without {' and '.join(lacks)}", _REMEDY)
 
 
 def _error_of(trial: Callable[[int, str, str], object], file: int, draft: str, target: str) -> OSError | None:

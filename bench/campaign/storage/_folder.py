@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.removal import remove_tree
 
 from ._file_system import check_file_system
@@ -130,10 +130,8 @@ def is_campaign(path: Path) -> bool:
 def existing_campaign(path: Path) -> CampaignFolder:
     """The folder of a campaign. Raises SetupError for any other path; nothing is made there."""
     if not is_campaign(path):
-        raise SetupError(
-            Fault(
-                str(path), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
-            )
+        raise SetupError.of(
+            path, "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
         )
     return CampaignFolder(path)
 
@@ -177,7 +175,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / LOCK).exists() and not (folder / LOCK).is_file():
-        raise SetupError(Fault(str(folder / LOCK), "is no file", "remove it"))
+        raise SetupError.of(folder / LOCK, "is no file", "remove it")
     with _opened_lock(folder) as file:
         check_file_system(folder)
         if not _take_lock(file):
@@ -186,12 +184,10 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
             if reentrant and holder == str(os.getpid()):
                 yield False
                 return
-            raise SetupError(
-                Fault(
-                    str(folder),
-                    f"is in use by another run (process {holder})",
-                    "wait until it ends, stop it, or name another folder",
-                )
+            raise SetupError.of(
+                folder,
+                f"is in use by another run (process {holder})",
+                "wait until it ends, stop it, or name another folder",
             )
         file.truncate(0)
         file.write(str(os.getpid()))
@@ -209,7 +205,7 @@ def _opened_lock(folder: Path) -> IO[str]:
             "name another folder, or copy this one; the commands status, verify, compare, calibrate, next, "
             "score --explain and report --out read it as it is"
         )
-        raise SetupError(Fault(str(folder), f"cannot be written ({error.strerror})", remedy)) from error
+        raise SetupError.of(folder, f"cannot be written ({error.strerror})", remedy) from error
 
 
 def _take_lock(file: IO[str]) -> bool:

@@ -1,5 +1,4 @@
-"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any
-moment.
+"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any moment.
 
 Tables:
 
@@ -17,44 +16,20 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import json
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from urllib.parse import quote
 
 from bench.contracts import Outcome, SessionResult
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.realization import RealizationPlan
-from bench.temporary_folders import temporary_folder
 
 from ._evidence_log import EvidenceLog
-from ._file_system import may_be_shared
-from ._files import digest_of
-from ._folder import EVIDENCE, lock_holder
-
-_TABLES = """
-CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS realizations (
-    id TEXT PRIMARY KEY, number INTEGER NOT NULL UNIQUE,
-    design_point TEXT NOT NULL, replicate INTEGER NOT NULL, agent TEXT NOT NULL, levels TEXT NOT NULL,
-    intent_sha256 TEXT NOT NULL, simspec_sha256 TEXT NOT NULL,
-    state TEXT NOT NULL DEFAULT 'planned' CHECK (state IN ('planned', 'running', 'done')),
-    outcome TEXT, reason TEXT NOT NULL DEFAULT '', wall_s REAL, result_sha256 TEXT,
-    CHECK ((state = 'done') = (outcome IS NOT NULL)));
-CREATE TABLE IF NOT EXISTS attempts (
-    realization TEXT NOT NULL REFERENCES realizations (id), number INTEGER NOT NULL, worker TEXT NOT NULL,
-    started_utc TEXT NOT NULL, ended_utc TEXT, outcome TEXT, reason TEXT NOT NULL DEFAULT '',
-    PRIMARY KEY (realization, number));
-CREATE TABLE IF NOT EXISTS recordings (realization TEXT PRIMARY KEY REFERENCES realizations (id), sha256 TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS stops (
-    design_point TEXT NOT NULL, agent TEXT NOT NULL, replicate INTEGER NOT NULL,
-    PRIMARY KEY (design_point, agent)) WITHOUT ROWID;
-"""
+from ._folder import EVIDENCE
 
 # Each table in an order that does not depend on where SQLite put its rows. Without the digest's own fact.
 _CONTENT = (
@@ -66,8 +41,6 @@ _CONTENT = (
     "SELECT * FROM stops ORDER BY design_point, agent",
 )
 _CONTENT_SHA256 = "content_sha256"
-# Host seconds to wait for another process's transaction. Chosen: each takes milliseconds.
-_BUSY_S = 30.0
 
 INTERRUPTED = "interrupted"
 """What the journal notes as the outcome of an attempt whose runner ended first. No session ends with it."""
@@ -104,9 +77,7 @@ class JournalEntry:
 
 @dataclass(frozen=True, slots=True)
 class PlannedRealization:
-    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in
-    simspecs/.
-    """
+    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in simspecs/."""
 
     plan: RealizationPlan
     intent_sha256: str
@@ -134,12 +105,13 @@ class Journal:
         try:
             return self._entries()
         except (ValueError, TypeError, sqlite3.DatabaseError) as error:
-            raise _damaged(self._path, str(error)) from error
+            raise damaged(self._path, str(error)) from error
 
     def _entries(self) -> list[JournalEntry]:
-        rows = self._database.execute(
-            "SELECT r.id, design_point, replicate, agent, levels, intent_sha256, simspec_sha256, state, "
-            "(SELECT count(*) FROM attempts a WHERE a.realization = r.id), outcome, reason, wall_s, result_sha256 "
+        rows = self._database.cursor()
+        rows.row_factory = sqlite3.Row
+        rows.execute(
+            "SELECT *, (SELECT count(*) FROM attempts a WHERE a.realization = r.id) AS attempts "
             "FROM realizations r ORDER BY number"
         )
         # Realizations share design points, agents and levels: each is one object, however many have it.
@@ -202,41 +174,34 @@ class Journal:
             )
 
     def finish(self, result: SessionResult, result_sha256: str) -> None:
-        """Note the lasting result of a realization.
-
-        A second result for the same realization changes nothing.
-        """
+        """Note the lasting result of a realization. A second result for the same realization changes nothing."""
         with self._change():
             self._end_attempt(result.realization, result.outcome, result.reason)
-            updated = self._database.execute(
-                "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
-                "WHERE id = ? AND state != 'done'",
-                (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
-            )
-            if updated.rowcount and result.recording_sha256 is not None:
-                row = (result.realization, result.recording_sha256)
-                self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
-            if updated.rowcount:
-                # Before the journal's commit: a result that the journal has is in the chain.
+            # Before the journal's commit: a result that the journal has is in the chain.
+            if self._set_result(result, result_sha256, "AND state != 'done'"):
                 self.evidence.add_result("flown", result, result_sha256)
+
+    def measure(self, result: SessionResult, result_sha256: str) -> None:
+        """Note what measuring a recording again made of a result, in place of the result so far."""
+        with self._change():
+            self._set_result(result, result_sha256)
+            self.evidence.add_result("measured", result, result_sha256)
+
+    def _set_result(self, result: SessionResult, result_sha256: str, condition: str = "") -> bool:
+        updated = self._database.execute(
+            "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
+            f"WHERE id = ? {condition}",
+            (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
+        )
+        if updated.rowcount and result.recording_sha256 is not None:
+            row = (result.realization, result.recording_sha256)
+            self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
+        return updated.rowcount > 0
 
     def drop(self, realization: str, policy: str) -> None:
         """Note in the chain that the recording behind a result is about to be deleted."""
         with self._change():
             self.evidence.drop(realization, policy)
-
-    def measure(self, result: SessionResult, result_sha256: str) -> None:
-        """Note what measuring a recording again made of a result, in place of the result so far."""
-        with self._change():
-            self._database.execute(
-                "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
-                "WHERE id = ?",
-                (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
-            )
-            if result.recording_sha256 is not None:
-                row = (result.realization, result.recording_sha256)
-                self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
-            self.evidence.add_result("measured", result, result_sha256)
 
     def forget(self, realization: str, reason: str = "") -> None:
         """Plan a realization again because its result is lost, damaged or no longer wanted."""
@@ -254,9 +219,7 @@ class Journal:
         return dict(self._database.execute("SELECT realization, sha256 FROM recordings").fetchall())
 
     def set_stops(self, stops: Mapping[tuple[str, str], int]) -> None:
-        """Note the last replicate that counts, by design point and agent, in place of all that was noted
-        before.
-        """
+        """Note the last replicate that counts, by design point and agent, in place of all that was noted before."""
         with self._change():
             self._database.execute("DELETE FROM stops")
             rows = [(*key, replicate) for key, replicate in sorted(stops.items())]
@@ -306,7 +269,7 @@ class Journal:
             return sealed is None or sealed == self._content_sha256()
         # A damaged name of a column is no UTF-8.
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            raise _damaged(self._path, str(error)) from error
+            raise damaged(self._path, str(error)) from error
 
     def _content_sha256(self) -> str:
         digest = hashlib.sha256()
@@ -337,123 +300,12 @@ class Journal:
         self._changed = True
 
 
-@contextmanager
-def open_journal(path: Path) -> Iterator[Journal]:
-    """Yield the journal, created if it does not exist.
-
-    Raises SetupError if the file is not a campaign journal, or is damaged.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with closing(sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)) as database:
-        database.text_factory = _text
-        try:
-            _set_journal_mode(database, path.parent)
-            database.execute("PRAGMA foreign_keys = ON")
-            database.executescript(_TABLES)
-            # Noise in the middle of the file shows only where it is read, which may be after hours of flights.
-            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
-        except sqlite3.OperationalError:
-            # A full or read-only disk: no fault of the journal.
-            raise
-        except sqlite3.DatabaseError as error:
-            raise _damaged(path, str(error)) from error
-        if found != ["ok"]:
-            raise _damaged(path, "; ".join(found))
-        journal = Journal(database, path)
-        try:
-            yield journal
-        finally:
-            # After an error of the disk there is nothing to seal, and the error is what the caller must see.
-            with suppress(sqlite3.DatabaseError):
-                journal.seal_if_changed()
-
-
-def _set_journal_mode(database: sqlite3.Connection, folder: Path) -> None:
-    # The index of a write-ahead log is memory that all processes share, so it serves those of one machine alone; and some
-    # file systems cannot share memory even there.
-    if not may_be_shared(folder):
-        with suppress(sqlite3.OperationalError):
-            if database.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",):
-                # A power cut may lose the last transactions but never damages the file; `result.json` brings them
-                # back.
-                database.execute("PRAGMA synchronous = NORMAL")
-                return
-    # With SQLite's default of synchronous = FULL, without which a power cut could damage the file in this mode.
-    database.execute("PRAGMA journal_mode = DELETE")
-
-
-@contextmanager
-def open_journal_to_read(path: Path) -> Iterator[Journal]:
-    """Yield the journal of a folder that is not to be changed by a byte, also on a disk that is read-only.
-
-    Raises SetupError if the file is not a campaign journal, or is damaged.
-    """
-    try:
-        with _opened_to_read(path) as database:
-            database.text_factory = _text
-            findings = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
-            if findings != ["ok"]:
-                raise _damaged(path, "; ".join(findings))
-            yield Journal(database, path)
-    # The last two: a damaged name of a column, and a damaged fact, whatever the caller asked for.
-    except (sqlite3.DatabaseError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise _damaged(path, str(error)) from error
-
-
-@contextmanager
-def _opened_to_read(path: Path) -> Iterator[sqlite3.Connection]:
-    # What a transaction has beside the file: changes that are not in it yet, or what it takes to undo those in it.
-    unsettled = [
-        file
-        for ending in ("-wal", "-journal")
-        if (file := path.with_name(path.name + ending)).is_file() and file.stat().st_size
-    ]
-    with ExitStack() as stack:
-        if lock_holder(path.parent) is not None:
-            # SQLite's locks keep reader and runner apart.
-            mode = "mode=ro"
-        elif not unsettled:
-            # Without locks, and without an index of changes beside the file.
-            mode = "mode=ro&immutable=1"
-        else:
-            # A killed runner has left them, and SQLite would write here to take them up.
-            copy = stack.enter_context(temporary_folder("journal"))
-            for file in (path, *unsettled):
-                shutil.copyfile(file, copy / file.name)
-            path, mode = copy / path.name, "mode=rw&vfs=unix-none"
-        uri = f"file:{quote(str(path.resolve()))}?{mode}"
-        database = stack.enter_context(
-            closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S))
-        )
-        if mode.endswith("unix-none"):
-            # Nobody else opens the copy, so it needs no locks, which its disk may lack.
-            database.execute("PRAGMA locking_mode = EXCLUSIVE")
-        yield database
-
-
-def settled_journal_sha256(path: Path) -> str | None:
-    """Seal the journal, move all its changes into its own file, and return the SHA-256 of that file.
-
-    None if another process reads the journal and so keeps changes beside it.
-    """
-    with open_journal(path) as journal:
-        journal.seal()
-        return digest_of(path) if journal.settle() else None
-
-
-def _text(data: bytes) -> str:
-    # A damaged text is found by its digest, not by an exception in the middle of a query.
-    return data.decode(errors="surrogateescape")
-
-
-def _damaged(path: Path, what: str) -> SetupError:
+def damaged(path: Path, what: str) -> SetupError:
     remedy = (
         f"restore it from a copy, or move {path.name}* away and run again: it is made anew, with the results in runs/ "
         f"that {EVIDENCE} knows"
     )
-    return SetupError(
-        Fault(str(path), f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
-    )
+    return SetupError.of(path, f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
 
 
 def _now() -> str:
@@ -467,37 +319,22 @@ def _row(number: int, realization: PlannedRealization) -> tuple[str | int, ...]:
     return (*ids, levels, realization.intent_sha256, realization.simspec_sha256)
 
 
-def _entry(row: tuple[object, ...], texts: dict[str, str], known_levels: dict[str, Levels]) -> JournalEntry:
-    # The columns of the query in `entries`, in its order.
-    (
-        realization,
-        point,
-        replicate,
-        agent,
-        levels,
-        intent,
-        simspec,
-        state,
-        attempts,
-        outcome,
-        reason,
-        wall,
-        result,
-    ) = row
-    if str(levels) not in known_levels:
-        known_levels[str(levels)] = json.loads(str(levels))
+def _entry(row: sqlite3.Row, texts: dict[str, str], known_levels: dict[str, Levels]) -> JournalEntry:
+    levels, outcome, wall_s = str(row["levels"]), row["outcome"], row["wall_s"]
+    if levels not in known_levels:
+        known_levels[levels] = json.loads(levels)
     return JournalEntry(
-        id=str(realization),
-        design_point=texts.setdefault(str(point), str(point)),
-        replicate=int(str(replicate)),
-        agent=texts.setdefault(str(agent), str(agent)),
-        levels=known_levels[str(levels)],
-        intent_sha256=str(intent),
-        simspec_sha256=str(simspec),
-        state=RealizationState(str(state)),
-        attempts=int(str(attempts)),
+        id=str(row["id"]),
+        design_point=texts.setdefault(str(row["design_point"]), str(row["design_point"])),
+        replicate=int(str(row["replicate"])),
+        agent=texts.setdefault(str(row["agent"]), str(row["agent"])),
+        levels=known_levels[levels],
+        intent_sha256=str(row["intent_sha256"]),
+        simspec_sha256=str(row["simspec_sha256"]),
+        state=RealizationState(str(row["state"])),
+        attempts=int(str(row["attempts"])),
         outcome=None if outcome is None else Outcome(str(outcome)),
-        reason=str(reason),
-        wall_s=None if wall is None else float(str(wall)),
-        result_sha256=None if result is None else str(result),
+        reason=str(row["reason"]),
+        wall_s=None if wall_s is None else float(str(wall_s)),
+        result_sha256=None if row["result_sha256"] is None else str(row["result_sha256"]),
     )

@@ -17,7 +17,7 @@ from ._completeness import Completeness
 from ._evidence_log import EvidenceLog
 from ._files import FileDigests, digest_of, is_deleted_over_nfs, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
-from ._journal import settled_journal_sha256
+from ._journal_file import settled_journal_sha256
 from ._pause import PAUSE, RETRY
 
 JOURNAL = "journal.sqlite"
@@ -157,12 +157,10 @@ def manifest_differences(path: Path) -> list[Fault]:
             )
         ]
     if manifest is None:
-        raise SetupError(
-            Fault(
-                str(file),
-                "cannot be read: it is missing or holds no manifest",
-                "only a complete campaign has a manifest: run the campaign to its end",
-            )
+        raise SetupError.of(
+            file,
+            "cannot be read: it is missing or holds no manifest",
+            "only a complete campaign has a manifest: run the campaign to its end",
         )
     listed = manifest.files | manifest.host_files
     present = set(_listed_files(path))

@@ -117,24 +117,46 @@ class ViewerDeriver:
         self.malformed: Counter[str] = Counter()
         topics = VehicleTopics(self._vehicle)
         self._derivations: dict[str, Callable[[Record], Iterator[Derived] | None]] = {
-            TRUTH_ODOMETRY: self._from_odometry,
             TRUTH_ACTORS: self._from_actors,
-            TRUTH_CAST: self._from_cast,
-            TRUTH_VIEW: self._from_view,
-            TRUTH_VEHICLE: self._from_condition,
-            SESSION_EVENTS: self._from_event,
-            TF: self._from_transforms,
-            topics.detections: self._from_detections,
-            topics.intelligence: self._from_intelligence,
-            topics.tracks: self._from_tracks,
-            topics.reports: self._from_report,
-            topics.decisions: self._from_decision,
-            topics.status: self._from_status,
-            topics.orders: self._from_order,
-            topics.answers: self._from_answer,
-            topics.consent_requests: self._from_consent_request,
-            topics.consents: self._from_consent,
-            topics.operator_link: self._from_operator_link,
+            TRUTH_ODOMETRY: _of(Odometry, self._from_odometry),
+            TRUTH_CAST: _of(CastDocument, self._from_cast),
+            TRUTH_VIEW: _of(ViewDocument, self._from_view),
+            TRUTH_VEHICLE: _of(VehicleDocument, self._from_condition),
+            TF: _of(TFMessage, self._from_transforms),
+            topics.detections: _of(Detection2DArray, self._from_detections),
+            topics.intelligence: _of(IntelligenceDocument, self._from_intelligence),
+            topics.tracks: _of(AgentTracks, self._from_tracks),
+            topics.reports: _of(TargetReport, self._from_report),
+            topics.status: _of(AgentStatus, self._from_status),
+            topics.operator_link: _of(OperatorLinkDocument, self._from_operator_link),
+            SESSION_EVENTS: _of(EventDocument, _logged(lambda event: f"{event.name} {event.text}")),
+            topics.decisions: _of(
+                Decision,
+                _logged(
+                    lambda decision: f"decision: {decision.action} {decision.subject}: {decision.reason}"
+                ),
+            ),
+            topics.orders: _of(OrderDocument, _logged(lambda order: f"order {order.id}: {order.kind}")),
+            topics.answers: _of(
+                OrderAnswer,
+                _logged(
+                    lambda answer: (
+                        f"order {answer.order} {'accepted' if answer.accepted else 'refused'}: {answer.reason}"
+                    )
+                ),
+            ),
+            topics.consent_requests: _of(
+                ConsentRequest,
+                _logged(
+                    lambda request: f"asks to mark {request.class_label}, {_place(request)} ({request.id})"
+                ),
+            ),
+            topics.consents: _of(
+                ConsentAnswer,
+                _logged(
+                    lambda answer: f"request {answer.request} {'granted' if answer.granted else 'refused'}"
+                ),
+            ),
         }
         # Of the cameras alone that have boxes in their frames.
         for camera in simspec.perceiving_cameras:
@@ -145,8 +167,8 @@ class ViewerDeriver:
                     self._from_camera_info, topic=topic
                 )
             if not is_main:
-                self._derivations[topics.camera_detections(camera.name)] = partial(
-                    self._from_further_detections, topic=detections_topic(camera.name)
+                self._derivations[topics.camera_detections(camera.name)] = _of(
+                    Detection2DArray, partial(_boxes, topic=detections_topic(camera.name))
                 )
 
     def ground(self, time: Time) -> Iterator[Derived]:
@@ -165,37 +187,19 @@ class ViewerDeriver:
             return
         yield from derived
 
-    # Each derivation returns None when the record cannot be decoded.
+    def _from_odometry(self, record: Record, odometry: Odometry) -> Iterator[Derived]:
+        yield VEHICLE, vehicle_scene(self._vehicle, odometry)
+        yield FIX, self._fix(odometry.header.stamp, odometry.pose.pose.position)
+        yield STATE, self._state(odometry)
 
-    def _from_odometry(self, record: Record) -> Iterator[Derived] | None:
-        odometry = decode(Odometry, record.data)
-        if odometry is None:
-            return None
-        place = odometry.pose.pose.position
-        return iter(
-            (
-                (VEHICLE, vehicle_scene(self._vehicle, odometry)),
-                (FIX, self._fix(odometry.header.stamp, place)),
-                (STATE, self._state(odometry)),
-            )
-        )
-
-    def _from_transforms(self, record: Record) -> Iterator[Derived] | None:
-        message = decode(TFMessage, record.data)
-        if message is None:
-            return None
-        fixes: list[Derived] = []
+    def _from_transforms(self, record: Record, message: TFMessage) -> Iterator[Derived]:
         for transform in message.transforms:
             if transform.child_frame_id == self._base:
                 place = transform.transform.translation
                 self._estimate = Point(place.x, place.y, place.z)
-                fixes.append((ESTIMATE_FIX, self._fix(transform.header.stamp, self._estimate)))
-        return iter(fixes)
+                yield ESTIMATE_FIX, self._fix(transform.header.stamp, self._estimate)
 
-    def _from_cast(self, record: Record) -> Iterator[Derived] | None:
-        cast = _document(CastDocument, record)
-        if cast is None:
-            return None
+    def _from_cast(self, record: Record, cast: CastDocument) -> Iterator[Derived]:
         self._cast = cast.members
         return iter(())
 
@@ -209,123 +213,54 @@ class ViewerDeriver:
         self._bystanders_m = positions_m[np.array(protected, dtype=bool)]
         return iter(((ACTORS, actor_scene(self._cast, positions_m, quaternions, Time.of(stamp_ns))),))
 
-    def _from_view(self, record: Record) -> Iterator[Derived] | None:
-        view = _document(ViewDocument, record)
-        if view is None:
-            return None
-        boxes = truth_boxes(view, self._cast, Time.of(record.time.ns))
-        return iter(((truth_boxes_topic(view.camera), boxes),))
+    def _from_view(self, record: Record, view: ViewDocument) -> Iterator[Derived]:
+        yield truth_boxes_topic(view.camera), truth_boxes(view, self._cast, Time.of(record.time.ns))
 
     def _from_camera_info(self, record: Record, topic: str) -> Iterator[Derived] | None:
         info = decode(CameraInfo, record.data)
         picture = None if info is None else empty_picture(info)
         return None if picture is None else iter(((topic, picture),))
 
-    def _from_detections(self, record: Record) -> Iterator[Derived] | None:
-        message = decode(Detection2DArray, record.data)
-        if message is None:
-            return None
+    def _from_detections(self, record: Record, message: Detection2DArray) -> Iterator[Derived]:
         self._detections = len(message.detections)
-        return iter(((DETECTIONS, detection_boxes(message)),))
+        return _boxes(record, message, DETECTIONS)
 
-    def _from_further_detections(self, record: Record, topic: str) -> Iterator[Derived] | None:
-        message = decode(Detection2DArray, record.data)
-        return None if message is None else iter(((topic, detection_boxes(message)),))
-
-    def _from_condition(self, record: Record) -> Iterator[Derived] | None:
-        condition = _document(VehicleDocument, record)
-        if condition is None:
-            return None
-        previous = self._condition
-        self._condition = condition
+    def _from_condition(self, record: Record, condition: VehicleDocument) -> Iterator[Derived]:
+        previous, self._condition = self._condition, condition
         if previous is not None and condition.failsafe and condition.failsafe != previous.failsafe:
-            return self._log(record, f"failsafe: {condition.failsafe}", LogLevel.WARNING)
-        return iter(())
+            yield _log(record, f"failsafe: {condition.failsafe}", LogLevel.WARNING)
 
-    def _from_tracks(self, record: Record) -> Iterator[Derived] | None:
-        tracks = _document(AgentTracks, record)
-        if tracks is None:
-            return None
+    def _from_tracks(self, record: Record, tracks: AgentTracks) -> Iterator[Derived]:
         self._tracks = len(tracks.tracks)
         self._agent.replace_tracks(tracks)
-        return iter((self._agent_scene(record),))
+        yield self._agent_scene(record)
 
-    def _from_intelligence(self, record: Record) -> Iterator[Derived] | None:
-        intelligence = _document(IntelligenceDocument, record)
-        if intelligence is None:
-            return None
+    def _from_intelligence(self, record: Record, intelligence: IntelligenceDocument) -> Iterator[Derived]:
         self._agent.add_intelligence(intelligence)
-        text = f"intelligence {intelligence.id}: {intelligence.class_label}, {_place(intelligence)}"
-        return iter((self._agent_scene(record), *self._log(record, text)))
+        yield self._agent_scene(record)
+        place = _place(intelligence)
+        yield _log(record, f"intelligence {intelligence.id}: {intelligence.class_label}, {place}")
 
-    def _from_report(self, record: Record) -> Iterator[Derived] | None:
-        report = _document(TargetReport, record)
-        if report is None:
-            return None
+    def _from_report(self, record: Record, report: TargetReport) -> Iterator[Derived]:
         self._reports += 1
         self._agent.add_report(report)
-        marked = ", marked" if report.mark else ""
-        text = (
-            f"report {report.id}: {report.class_label}, {_place(report)}, "
-            f"confidence {report.confidence:.2f}{marked}. {report.reason}"
-        )
-        return iter((self._agent_scene(record), *self._log(record, text)))
+        yield self._agent_scene(record)
+        text = f"confidence {report.confidence:.2f}{', marked' if report.mark else ''}. {report.reason}"
+        yield _log(record, f"report {report.id}: {report.class_label}, {_place(report)}, {text}")
 
-    def _from_decision(self, record: Record) -> Iterator[Derived] | None:
-        decision = _document(Decision, record)
-        if decision is None:
-            return None
-        return self._log(record, f"decision: {decision.action} {decision.subject}: {decision.reason}")
-
-    def _from_status(self, record: Record) -> Iterator[Derived] | None:
-        status = _document(AgentStatus, record)
-        if status is None:
-            return None
+    def _from_status(self, record: Record, status: AgentStatus) -> Iterator[Derived]:
         # An agent repeats its phase; only a new one is worth a line.
-        changed = status.phase != self._phase
+        if status.phase != self._phase:
+            yield _log(record, f"phase: {status.phase} {status.text}")
         self._phase = status.phase
-        return self._log(record, f"phase: {status.phase} {status.text}") if changed else iter(())
 
-    def _from_event(self, record: Record) -> Iterator[Derived] | None:
-        event = _document(EventDocument, record)
-        return None if event is None else self._log(record, f"{event.name} {event.text}")
-
-    def _from_order(self, record: Record) -> Iterator[Derived] | None:
-        order = _document(OrderDocument, record)
-        return None if order is None else self._log(record, f"order {order.id}: {order.kind}")
-
-    def _from_answer(self, record: Record) -> Iterator[Derived] | None:
-        answer = _document(OrderAnswer, record)
-        if answer is None:
-            return None
-        verdict = "accepted" if answer.accepted else "refused"
-        return self._log(record, f"order {answer.order} {verdict}: {answer.reason}")
-
-    def _from_consent_request(self, record: Record) -> Iterator[Derived] | None:
-        request = _document(ConsentRequest, record)
-        if request is None:
-            return None
-        return self._log(record, f"asks to mark {request.class_label}, {_place(request)} ({request.id})")
-
-    def _from_consent(self, record: Record) -> Iterator[Derived] | None:
-        answer = _document(ConsentAnswer, record)
-        if answer is None:
-            return None
-        return self._log(record, f"request {answer.request} {'granted' if answer.granted else 'refused'}")
-
-    def _from_operator_link(self, record: Record) -> Iterator[Derived] | None:
-        link = _document(OperatorLinkDocument, record)
-        if link is None:
-            return None
+    def _from_operator_link(self, record: Record, link: OperatorLinkDocument) -> Iterator[Derived]:
         self._operator_link_up = link.up
         level = LogLevel.INFO if link.up else LogLevel.WARNING
-        return self._log(record, f"operator link {'up' if link.up else 'down'}", level)
+        yield _log(record, f"operator link {'up' if link.up else 'down'}", level)
 
     def _agent_scene(self, record: Record) -> Derived:
         return AGENT, self._agent.update(Time.of(record.time.ns))
-
-    def _log(self, record: Record, text: str, level: LogLevel = LogLevel.INFO) -> Iterator[Derived]:
-        return iter(((LOG, Log(Time.of(record.time.ns), level, text.strip(" :"), record.topic)),))
 
     def _fix(self, stamp: Time, place: Point) -> NavSatFix:
         origin = self._simspec.world.origin
@@ -373,9 +308,34 @@ class ViewerDeriver:
         return float(np.sqrt((away * away).sum(axis=1).min()))
 
 
+def _of(
+    kind: type[D], derive: Callable[[Record, D], Iterator[Derived]]
+) -> Callable[[Record], Iterator[Derived] | None]:
+    """What derives messages from a record that carries a message or a document of this kind; None where it does not."""
+
+    def derive_from(record: Record) -> Iterator[Derived] | None:
+        value = decode(kind, record.data) if hasattr(kind, "TYPE") else _document(kind, record)
+        return None if value is None else derive(record, value)
+
+    return derive_from
+
+
 def _document(kind: type[D], record: Record) -> D | None:
     message = decode(String, record.data)
     return None if message is None else parse_document(kind, message.data)
+
+
+def _logged(text: Callable[[D], str]) -> Callable[[Record, D], Iterator[Derived]]:
+    """What derives one line of the log."""
+    return lambda record, value: iter((_log(record, text(value)),))
+
+
+def _log(record: Record, text: str, level: LogLevel = LogLevel.INFO) -> Derived:
+    return LOG, Log(Time.of(record.time.ns), level, text.strip(" :"), record.topic)
+
+
+def _boxes(record: Record, message: Detection2DArray, topic: str) -> Iterator[Derived]:
+    yield topic, detection_boxes(message)
 
 
 def _place(document: TargetReport | ConsentRequest | IntelligenceDocument) -> str:

@@ -28,29 +28,29 @@ def detection_boxes(message: Detection2DArray) -> ImageAnnotations:
     found, although they were published later.
     """
     time = message.header.stamp
-    points, texts = [], [_caption(time, len(message.detections))]
+    boxes, texts = [], [_caption(time, len(message.detections))]
     for detection in message.detections:
-        centre, box = detection.bbox.center.position, detection.bbox
-        left, top = centre.x - box.size_x / 2.0, centre.y - box.size_y / 2.0
-        right, bottom = centre.x + box.size_x / 2.0, centre.y + box.size_y / 2.0
-        points.append(_box(time, (left, top, right, bottom), DETECTION_COLOR))
+        centre, bbox = detection.bbox.center.position, detection.bbox
+        left, top = centre.x - bbox.size_x / 2.0, centre.y - bbox.size_y / 2.0
+        right, bottom = centre.x + bbox.size_x / 2.0, centre.y + bbox.size_y / 2.0
+        boxes.append(_box(time, (left, top, right, bottom), DETECTION_COLOR))
         for result in detection.results[:1]:
-            name = f"{result.hypothesis.class_id} {result.hypothesis.score:.2f} {detection.id}".rstrip()
-            texts.append(_text(time, (left, top), name, DETECTION_COLOR))
-    return ImageAnnotations(time, points=tuple(points), texts=tuple(texts))
+            words = f"{result.hypothesis.class_id} {result.hypothesis.score:.2f} {detection.id}".rstrip()
+            texts.append(_text(time, (left, top), words, DETECTION_COLOR))
+    return ImageAnnotations(time, points=tuple(boxes), texts=tuple(texts))
 
 
 def truth_boxes(view: ViewDocument, cast: tuple[CastMember, ...], time: Time) -> ImageAnnotations:
     """A box with the actor's name in the colour of its role for each actor that the frame shows."""
     sightings = [sighting for sighting in view.sightings if 0 <= sighting.actor < len(cast)]
-    points, texts = [], [_caption(time, len(sightings))]
+    boxes, texts = [], [_caption(time, len(sightings))]
     for sighting in sightings:
         member = cast[sighting.actor]
         left, _, _, bottom = sighting.box
-        points.append(_box(time, sighting.box, ROLE_COLORS[member.role]))
+        boxes.append(_box(time, sighting.box, ROLE_COLORS[member.role]))
         # Below the box: the label of a detection stands above it.
         texts.append(_text(time, (left, bottom + FONT_PIXELS), member.id, ROLE_COLORS[member.role]))
-    return ImageAnnotations(time, points=tuple(points), texts=tuple(texts))
+    return ImageAnnotations(time, points=tuple(boxes), texts=tuple(texts))
 
 
 def empty_picture(info: CameraInfo) -> CompressedImage | None:
@@ -83,13 +83,13 @@ def _png(width: int, height: int) -> bytes:
     """A uniform grey picture. Written by hand: OpenCV would cost a second of start for these few bytes."""
     # Each row begins with its filter, 0 for none.
     row = b"\0" + bytes([EMPTY_PICTURE_GREY]) * width
-    packer = zlib.compressobj(9)
-    rows = b"".join([*(packer.compress(row) for _ in range(height)), packer.flush()])
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    compressor = zlib.compressobj(9)
+    pixels = b"".join([*(compressor.compress(row) for _ in range(height)), compressor.flush()])
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
-        + _png_chunk(b"IHDR", head)
-        + _png_chunk(b"IDAT", rows)
+        + _png_chunk(b"IHDR", header)
+        + _png_chunk(b"IDAT", pixels)
         + _png_chunk(b"IEND", b"")
     )
 

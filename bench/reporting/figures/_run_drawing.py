@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import Tape
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from .._html import template_text
 from ..map._run_map import RunMap
@@ -35,7 +35,7 @@ def run_drawing(runs: Sequence[tuple[RunMap, Tape]], *, film: bool = False) -> s
     for chart, _ in runs:
         if _start(chart) != _start(scene):
             what = f"{chart.run.realization} and {scene.run.realization} are not of one scene"
-            raise SetupError(Fault("rebar draw", what, "name runs of one scene, by different agents"))
+            raise SetupError.of("rebar draw", what, "name runs of one scene, by different agents")
     label = "; ".join(chart.run.realization for chart, _ in runs)
     plot = empty_map([chart for chart, _ in runs], label)
     end_s = max((chart.flight[-1][0] for chart, _ in runs if chart.flight), default=0.0)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from markupsafe import Markup
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from decompositions import Decomposition, KeyFactor, Level
 
 from .._campaign_data import ReportData, Tally
@@ -54,9 +54,7 @@ NUMBER_CHARACTERS = 7
 
 @dataclass(frozen=True, slots=True)
 class NodeColour:
-    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands
-    for.
-    """
+    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands for."""
 
     step: str
     text: str
@@ -203,17 +201,11 @@ def _agent(data: ReportData | None, agent: str | None) -> str:
     if data is None:
         return ""
     if agent is not None and agent not in data.agents:
-        raise SetupError(
-            Fault(
-                "--agent",
-                f"{agent!r} did not fly in {data.name}",
-                f"agents: {', '.join(data.agents) or 'none'}",
-            )
+        raise SetupError.of(
+            "--agent", f"{agent!r} did not fly in {data.name}", f"agents: {', '.join(data.agents) or 'none'}"
         )
     if not data.agents:
-        raise SetupError(
-            Fault("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
-        )
+        raise SetupError.of("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
     return agent or data.agents[0]
 
 
@@ -310,9 +302,7 @@ def _table(row: KeyFactor) -> dict[str, Any]:
 
 
 def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
-    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign
-    has.
-    """
+    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign has."""
     trials = trials_of(data.scores)
     return {
         agent: {

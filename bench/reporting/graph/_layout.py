@@ -1,6 +1,4 @@
-"""The positions of the nodes in a drawing of a decomposition: a column for each level, a row for each
-leaf.
-"""
+"""The positions of the nodes in a drawing of a decomposition: a column for each level, a row for each leaf."""
 
 from __future__ import annotations
 
@@ -27,9 +25,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Columns count from 0 at the most general level there is; rows are in heights of one node and may be
-    fractions.
-    """
+    """Columns count from 0 at the most general level there is; rows are in heights of one node and may be fractions."""
 
     columns: tuple[Level, ...]
     column: Mapping[str, int]

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, Role, endangered_roles
 
@@ -139,7 +139,7 @@ class _ReportTruth:
     def _role(self, target: int) -> Role | None:
         return self._cast[target].role if target >= 0 else None
 
-    def _targets(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _targets(self, places: Floats) -> Counts:
         targets = np.full(len(places), -1)
         labels = np.array([report.value.class_label for report in self._reports], dtype=object)
         actors = [i for i, member in enumerate(self._cast) if member.role in TARGET_ROLES]
@@ -154,16 +154,14 @@ class _ReportTruth:
         return targets
 
 
-def _distances(positions: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(positions: Floats, centres: Floats) -> Floats:
     """(n, k) metres from positions (n, k, 2) to centres (n, 2)."""
     offsets = positions - centres[:, None]
-    distances: NDArray[np.float64] = np.hypot(offsets[..., 0], offsets[..., 1])
+    distances: Floats = np.hypot(offsets[..., 0], offsets[..., 1])
     return distances
 
 
-def _chosen(
-    reports: Sequence[Timed[TargetReport]], targets: NDArray[np.int64], forbidden: NDArray[np.bool_]
-) -> list[int]:
+def _chosen(reports: Sequence[Timed[TargetReport]], targets: Counts, forbidden: Bools) -> list[int]:
     """Rows of the reports that are drawn, in order: all of them, or MAX_DRAWN."""
     about = ((int(target), report.value.mark) for target, report in zip(targets, reports, strict=True))
     squares = (
@@ -183,6 +181,6 @@ def _chosen(
     return chosen_rows(len(reports), groups)
 
 
-def rounded_track(path: NDArray[np.float64]) -> Track:
+def rounded_track(path: Floats) -> Track:
     """Places (n, 2) in metres to the decimetre."""
     return tuple((round(float(east), 1), round(float(north), 1)) for east, north in path)

@@ -7,8 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import Decision, Tape, Timed
 from bench.simspec import Polygon, Role, SimSpec
 
@@ -168,7 +168,7 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     )
 
 
-def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _simplified(path: Floats) -> Floats:
     """The corners that Ramer-Douglas-Peucker keeps: the path stays within PATH_TOLERANCE_M of them."""
     keep = {0}
     # A list of spans and not recursion, whose depth would grow with the path.

@@ -12,13 +12,13 @@ from typing import Any
 
 import polars as pl
 
-from bench.errors import Fault, SetupError, command_line
+from bench.errors import Fault, SetupError
 from bench.scoring import EXCLUDED_OUTCOMES
 from bench.simspec import SimSpec
 from bench.statistics import NodeComparison, UnpairedNodeComparison, compare_nodes, compare_unpaired_nodes
 
 from .._campaign_data import ReportData
-from .._campaign_folder import load_report_data
+from .._campaign_folder import load_scored
 from ._sensor import perception_in_short
 
 
@@ -72,13 +72,11 @@ def compare_campaigns(
         return _compared_unpaired(first, second, nodes, seed)
     if not comparison.scenes:
         # The scenes may be harder for one agent than for the other: nothing could be said about the agents.
-        raise SetupError(
-            Fault(
-                f"{first.label} and {second.label}",
-                "flew no scene in common",
-                "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent; only one agent "
-                "is compared with itself on other scenes",
-            )
+        raise SetupError.of(
+            f"{first.label} and {second.label}",
+            "flew no scene in common",
+            "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent; only one agent "
+            "is compared with itself on other scenes",
         )
     return comparison
 
@@ -133,21 +131,13 @@ def _with_observables(data: ReportData, nodes: Sequence[str]) -> tuple[str, ...]
 
 def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
     if len(folders) not in (1, 2) or len(agents) not in (0, 2):
-        raise SetupError(
-            Fault("compare", "two sides are compared", "name one folder or two, and two agents or none")
+        raise SetupError.of(
+            "compare", "two sides are compared", "name one folder or two, and two agents or none"
         )
-    data = [load_report_data(folder) for folder in folders]
-    if faults := [
-        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
-        for folder, campaign in zip(folders, data, strict=True)
-        if not campaign.scores.height
-    ]:
-        raise SetupError(faults)
+    data = load_scored(folders)
     # One folder is both sides: its first and its last entry are the same.
-    places, known_agents = (
-        [(folders[0], data[0]), (folders[-1], data[-1])],
-        [_agents(data[0]), _agents(data[-1])],
-    )
+    places = [(folders[0], data[0]), (folders[-1], data[-1])]
+    known_agents = [_agents(campaign) for _, campaign in places]
     chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
         Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(flown)}")
@@ -156,8 +146,8 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
     ]:
         raise SetupError(faults)
     if chosen[0] == chosen[1] and len(folders) == 1:
-        raise SetupError(
-            Fault("--agents", "both sides are the same agent of the same campaign", "name two agents")
+        raise SetupError.of(
+            "--agents", "both sides are the same agent of the same campaign", "name two agents"
         )
     labels = _labels(chosen, folders)
     first, second = (
@@ -184,12 +174,10 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
     agents_by_folder = "; ".join(
         f"{folder} has {', '.join(agents)}" for folder, agents in zip(folders, known_agents, strict=False)
     )
-    raise SetupError(
-        Fault(
-            "--agents",
-            f"it is not plain which two are meant: {agents_by_folder}",
-            "name them: --agents FIRST SECOND",
-        )
+    raise SetupError.of(
+        "--agents",
+        f"it is not plain which two are meant: {agents_by_folder}",
+        "name them: --agents FIRST SECOND",
     )
 
 
@@ -248,15 +236,13 @@ def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
         }
         if shared:
             sides = ((first, tuple(shared.values())), (second, tuple(shared)))
-            return SharedScenes(
-                shared,
-                _descriptions(sides, lambda spec: perception_in_short(spec.perception))
-                if ignored == _PERCEPTION
-                else None,
-                _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
-                if ignored == _AUTOPILOT
-                else None,
-            )
+            if ignored == _PERCEPTION:
+                perceptions = _descriptions(sides, lambda spec: perception_in_short(spec.perception))
+                return SharedScenes(shared, perceptions=perceptions)
+            if ignored == _AUTOPILOT:
+                autopilots = _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
+                return SharedScenes(shared, autopilots=autopilots)
+            return SharedScenes(shared)
     return SharedScenes({})
 
 

@@ -7,7 +7,7 @@ considered observable under the node is achieved.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from bench.statistics import DifficultySlope, ScaleProof, difficulty_slope, prov
 from decompositions import Decomposition, Level
 
 from .._campaign_data import ReportData
-from .._campaign_folder import load_report_data, require_distinct
+from .._campaign_folder import load_scored, require_distinct
 from ._agent_comparison import scene_digest
 
 
@@ -82,7 +82,7 @@ def fit_difficulty(folders: Sequence[Path]) -> DifficultyScale:
     scale = fit_scale(source.decomposition, trials, source.features(), source.flown())
     if not scale.nodes:
         what = f"no key attribute has {MIN_OUTCOMES} failures and {MIN_OUTCOMES} passes, so there is no scale to fit"
-        raise SetupError(Fault(", ".join(map(str, folders)), what, "add folders of more agents or scenes"))
+        raise SetupError.of(", ".join(map(str, folders)), what, "add folders of more agents or scenes")
     return scale
 
 
@@ -100,16 +100,14 @@ def calibrate(
     for which nothing can be checked.
     """
     source = _Source.of(folders)
-    flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
+    flown = source.flown().agents
     source = source.of_agents(chosen := _chosen_agents(source, agents))
     scale = scale or shipped_scale(source.decomposition)
     if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
-        raise SetupError(
-            Fault(
-                str(folders[0]),
-                f"is scored over another version of {scale.decomposition} than the scale",
-                f"`{command_line('rebar', 'score', folders[0])}` scores it again",
-            )
+        raise SetupError.of(
+            folders[0],
+            f"is scored over another version of {scale.decomposition} than the scale",
+            f"`{command_line('rebar', 'score', folders[0])}` scores it again",
         )
     features = source.features() if scale else {}
     nodes = tuple(
@@ -201,8 +199,7 @@ class _Source:
     @classmethod
     def of(cls, folders: Sequence[Path]) -> _Source:
         require_distinct(folders)
-        data = [load_report_data(folder) for folder in folders]
-        _require_scores(folders, data)
+        data = load_scored(folders)
         _require_one_decomposition(folders, data)
         frames: list[pl.DataFrame] = []
         simspecs: dict[str, SimSpec] = {}
@@ -309,7 +306,7 @@ def _slope(trials: pl.DataFrame) -> DifficultySlope:
 
 
 def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
-    flown = tuple(dict.fromkeys(source.trials["agent"].sort()))
+    flown = source.flown().agents
     faults = [
         Fault("--agent", f"{agent!r} has no considered run here", f"agents: {', '.join(flown)}")
         for agent in agents
@@ -323,25 +320,13 @@ def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(agents)) or tuple(agent for agent in flown if agent not in others)
     if len(chosen) < 2:
         only = f"only {chosen[0]!r}" if chosen else "none"
-        raise SetupError(
-            Fault(
-                "calibrate",
-                f"needs two agents or more, and there is {only} (null agents and the oracle do not count)",
-                "a single agent cannot tell a hard situation from its own weakness; "
-                "add folders of other agents over the same decomposition",
-            )
+        raise SetupError.of(
+            "calibrate",
+            f"needs two agents or more, and there is {only} (null agents and the oracle do not count)",
+            "a single agent cannot tell a hard situation from its own weakness; "
+            "add folders of other agents over the same decomposition",
         )
     return chosen
-
-
-def _require_scores(folders: Iterable[Path], data: Iterable[ReportData]) -> None:
-    faults = [
-        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
-        for folder, campaign in zip(folders, data, strict=True)
-        if not campaign.scores.height
-    ]
-    if faults:
-        raise SetupError(faults)
 
 
 def _require_one_decomposition(folders: Sequence[Path], data: Sequence[ReportData]) -> None:
@@ -366,12 +351,10 @@ def _require_difficulties(calibration: Calibration) -> None:
     # Observables differ in difficulty in a single scene, too, but that says nothing about a situation.
     slopes = [proof.slope for node in calibration.nodes for proof in (node.rated, node.measured) if proof]
     if max((slope.difficulties for slope in slopes), default=0) < 2:
-        raise SetupError(
-            Fault(
-                ", ".join(map(str, calibration.folders)),
-                "every node has one difficulty in all of these runs, so there is nothing to compare",
-                "vary the key factors in the campaign's design; `rebar difficulty` shows them",
-            )
+        raise SetupError.of(
+            ", ".join(map(str, calibration.folders)),
+            "every node has one difficulty in all of these runs, so there is nothing to compare",
+            "vary the key factors in the campaign's design; `rebar difficulty` shows them",
         )
 
 

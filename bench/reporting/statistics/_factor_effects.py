@@ -152,9 +152,7 @@ def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None
 
 
 def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, FactorLevel | None]:
-    """Levels with None for conditional factors that are inactive; of any other factor that word is a
-    level.
-    """
+    """Levels with None for conditional factors that are inactive; of any other factor that word is a level."""
     return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 

@@ -84,9 +84,7 @@ def _readings(scores: pl.DataFrame, agents: Sequence[str]) -> dict[str, list[Sen
 
 
 def only_about_sensor(scores: pl.DataFrame) -> set[tuple[str, str]]:
-    """Agents and observables whose every exercisable run is about the detector: their numbers describe no
-    agent.
-    """
+    """Agents and observables whose every exercisable run is about the detector: their numbers describe no agent."""
     exercisable = scores.select("agent", "node", "standing").filter(
         pl.col("standing").is_not_null(), pl.col("standing") != str(Standing.NOT_EXERCISABLE)
     )

@@ -36,9 +36,7 @@ AllTrials = Mapping[tuple[str, str], NodeTrials]
 
 
 def trials_of(scores: pl.DataFrame) -> AllTrials:
-    """Every node's trials, by the rule of competence: considered, and ended by something that the agent
-    answers for.
-    """
+    """Every node's trials, by the rule of competence: considered, and ended by something that the agent answers for."""
     # Outcomes that do not count, such as a lost worker, say nothing about the agent.
     counted = (
         # Without the columns that are not needed: a filter copies all, and a table may be large.

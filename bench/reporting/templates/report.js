@@ -180,7 +180,7 @@
       try {
         const test = input.value.trim() ? condition(input.value) : () => true;
         rows = everyRow.filter((row) => test(row) === true);
-        says.textContent = `${rows.length} of ${source.rows} runs`;
+        says.textContent = `${rows.length} of ${source.rows} run${source.rows === 1 ? "" : "s"}`;
         says.classList.remove("bad");
       } catch (error) {
         says.textContent = error.message;

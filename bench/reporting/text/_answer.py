@@ -5,7 +5,7 @@ Every number in it stands in the tables of the page.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from bench.contracts import TruthGiven, TruthSightings
 
@@ -100,41 +100,37 @@ def _weakest(data: ReportData, tallies: Sequence[Tally]) -> str:
     )
 
 
-def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str]:
+def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> Iterator[str]:
     """What weakens the answer, most serious first; the last one always holds."""
-    sentences = []
-    if informed := [run for run in data.runs if run.agent == agent and run.fact(TruthSightings)]:
-        sentences.append(
-            f"It saw the truth in {plural(len(informed), 'run')}: it reported a honeypot, which nothing but the SimSpec shows."
-        )
-    if incomplete := missing_sentence(data):
-        sentences.append(incomplete.strip())
-    if note := fidelity_note(data.campaign):
-        sentences.append(f"{note} No session was flown.")
-    if any(run.fact(TruthGiven) for run in data.runs if run.agent == agent):
-        sentences.append(
-            "It was given the truth, so this shows what can be reached, and is no agent’s result."
-        )
-    if (confinement := confinement_note(data, agent)) is not None:
-        sentences.append(confinement.text)
+    yield from _caveats_of_runs(data, agent)
     if unseen := [tally.node for tally in tallies if not tally.considered]:
-        sentences.append(
-            f"Nothing is known about {listed(unseen)}: no run considered {'it' if len(unseen) == 1 else 'them'}."
-        )
-    flawed = _undiscriminating_under_study(data)
-    if flawed:
-        sentences.append(
-            f"{plural(len(flawed), 'observable')} under the key attributes under study {'does' if len(flawed) == 1 else 'do'} not "
+        known = "it" if len(unseen) == 1 else "them"
+        yield f"Nothing is known about {listed(unseen)}: no run considered {known}."
+    if flawed := len(_undiscriminating_under_study(data)):
+        yield (
+            f"{plural(flawed, 'observable')} under the key attributes under study {'does' if flawed == 1 else 'do'} not "
             "discriminate: agents without merit reach them too, so passing shows less than it seems."
         )
     elif not data.floors:
-        sentences.append("What an agent without merit would reach was not flown (rebar run --floor).")
+        yield "What an agent without merit would reach was not flown (rebar run --floor)."
     if stopped_early(data.scores):
-        sentences.append("The number of runs depended on the results; the bounds allow for that.")
-    sentences.append(
-        "This holds for the situations of this campaign and as far as the simulation does; it is no claim about harder ones."
-    )
-    return sentences
+        yield "The number of runs depended on the results; the bounds allow for that."
+    yield "This holds for the situations of this campaign and as far as the simulation does; it is no claim about harder ones."
+
+
+def _caveats_of_runs(data: ReportData, agent: str) -> Iterator[str]:
+    """How the agent was flown, as far as that weakens what its runs say."""
+    runs = [run for run in data.runs if run.agent == agent]
+    if seen := sum(run.fact(TruthSightings) is not None for run in runs):
+        yield f"It saw the truth in {plural(seen, 'run')}: it reported a honeypot, which nothing but the SimSpec shows."
+    if incomplete := missing_sentence(data):
+        yield incomplete.strip()
+    if note := fidelity_note(data.campaign):
+        yield f"{note} No session was flown."
+    if any(run.fact(TruthGiven) for run in runs):
+        yield "It was given the truth, so this shows what can be reached, and is no agent’s result."
+    if (confinement := confinement_note(data, agent)) is not None:
+        yield confinement.text
 
 
 def _undiscriminating_under_study(data: ReportData) -> list[str]:

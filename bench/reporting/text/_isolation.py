@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bench.agents.confinement import wall_text
-from bench.contracts import Confinement, ServicesLetIn
+from bench.contracts import Confinement, ServicesLetIn, ServiceUse
 
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
 from ._format import listed, plural
-from ._service_use import services_sentence
 
 NOT_RECORDED = "not recorded"
 UNCONFINED = "none"
 OWN_NETWORK = "own"
+_COUNTS = ("connections", "failed", "refused", "bytes_sent", "bytes_received")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
     for way, count in sorted(ways.items(), key=lambda item: (_rank(item[0]), -item[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
         sentences.append(_sentence(way, where))
-    if services := services_sentence(runs):
+    if services := _services_sentence(runs):
         sentences.append(services)
     free = [way for way in ways if way is not None and way.isolation == UNCONFINED]
     open_walls = dict.fromkeys(gap for way in free for gap in _gaps(way))
@@ -74,6 +75,30 @@ def _sentence(way: Confinement | None, where: str) -> str:
     missing = f" Walls that were missing: {'; '.join(_gaps(way))}." if way.open_walls else ""
     complete = " No wall was missing." if way.open_walls == () else ""
     return f"It was confined by {way.isolation}{where}{network}.{missing}{complete}"
+
+
+def _services_sentence(runs: Sequence[Run]) -> str:
+    """The services of these runs and what went over each; empty where nothing was let in."""
+    served = [services for run in runs if (services := run.fact(ServicesLetIn))]
+    if not served:
+        return ""
+    totals = _totals(use for services in served for use in services.uses)
+    return (
+        f"Services from outside were let in, in {plural(len(served), 'run')}: {'; '.join(map(str, totals))}. "
+        "Nobody can repeat what they answered."
+    )
+
+
+def _totals(uses: Iterable[ServiceUse]) -> list[ServiceUse]:
+    """One use for each service, in the order in which they come; counted when every run could tell."""
+    totals: dict[tuple[str, str, int], ServiceUse] = {}
+    for use in uses:
+        total = totals.setdefault((use.name, use.host, use.port), use)
+        if total is not use:
+            sums = {count: getattr(total, count) + getattr(use, count) for count in _COUNTS}
+            sums["counted"] = total.counted and use.counted
+            totals[use.name, use.host, use.port] = total.model_copy(update=sums)
+    return list(totals.values())
 
 
 def isolation_cell(run: Run) -> str:

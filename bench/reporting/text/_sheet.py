@@ -161,19 +161,8 @@ def _rows(data: ReportData, agent: str) -> Iterator[SheetRow]:
 
 def _not_shown(data: ReportData, agent: str) -> Iterator[str]:
     """What a reader of the table might take for shown."""
-    unseen_texts = []
-    for level, words in (("ka", "key attribute"), ("observable", "observable")):
-        nodes = [node.id for node in data.nodes.values() if node.level == level]
-        unseen = [
-            node for node in nodes if (tally := data.tally(agent, node)) is None or not tally.considered
-        ]
-        if unseen:
-            names = ", ".join([*unseen[:NAMED], *_rest(len(unseen))]) if level == "ka" else ""
-            unseen_texts.append(
-                f"{len(unseen)} of {plural(len(nodes), words)}{f' ({names})' if names else ''}"
-            )
-    if unseen_texts:
-        yield f"{listed(unseen_texts)}: considered in no run."
+    if unseen := list(_unseen(data, agent)):
+        yield f"{listed(unseen)}: considered in no run."
     tallies = [data.tally(agent, node.id) for node in data.nodes.values() if node.level == "principle"]
     if any(tally is not None and "90" not in tally.competence for tally in tallies):
         yield "A limit of difficulty where “not given” stands."
@@ -184,3 +173,15 @@ def _not_shown(data: ReportData, agent: str) -> Iterator[str]:
     if stopped_early(data.scores):
         yield "A number of runs fixed beforehand: points stopped early."
     yield "Anything harder than was flown, outside the campaign’s factors, or real."
+
+
+def _unseen(data: ReportData, agent: str) -> Iterator[str]:
+    """How many key attributes and observables no run considered, and the names of some of the first."""
+    for level, noun in (("ka", "key attribute"), ("observable", "observable")):
+        nodes = [node.id for node in data.nodes.values() if node.level == level]
+        unseen = [
+            node for node in nodes if (tally := data.tally(agent, node)) is None or not tally.considered
+        ]
+        if unseen:
+            names = f" ({', '.join([*unseen[:NAMED], *_rest(len(unseen))])})" if level == "ka" else ""
+            yield f"{len(unseen)} of {plural(len(nodes), noun)}{names}"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 from bench.simspec import (
     ActorGroup,
+    Along,
+    Between,
     Consent,
     CountRange,
+    Facing,
     Motion,
     Placement,
     PlaceReference,
@@ -56,40 +60,43 @@ def _distances(place: Placement) -> Iterator[str]:
         yield f"{span} from {target}"
 
 
+def _along_text(along: Along) -> str:
+    return f"on {along.road}" if along.where == "on" else f"beside {along.road}, {along.gap_text} off it"
+
+
+def _between_text(between: Between) -> str:
+    same = between.first == between.second
+    return f"between two of {between.first}" if same else f"between {between.first} and {between.second}"
+
+
+def _facing_text(facing: Facing) -> str:
+    if facing.heading_deg is not None:
+        return f"heading {facing.heading_deg:g}°"
+    return f"facing {_reference_text(facing)}"
+
+
+# By the field of a placement that is told, in this order.
+_PLACES: dict[str, Callable[[Any], str]] = {
+    "at": lambda at: f"at {at.east_m:g}, {at.north_m:g} m",
+    "region": lambda region: f"in a region of {region.area_m2:.0f} m²",
+    "inside": lambda inside: f"inside {inside.area or inside.of}",
+    "along": _along_text,
+    "between": _between_text,
+    "bearing": lambda ray: f"{ray.from_deg:g} to {ray.to_deg:g}° from {_reference_text(ray)}",
+    "facing": _facing_text,
+    "hidden_from": lambda observer: f"hidden from {_reference_text(observer)}",
+    "visible_from": lambda observer: f"visible from {_reference_text(observer)}",
+}
+
+
 def _places(place: Placement) -> Iterator[str]:
-    if place.at:
-        yield f"at {place.at.east_m:g}, {place.at.north_m:g} m"
-    if place.region:
-        yield f"in a region of {place.region.area_m2:.0f} m²"
-    if place.inside:
-        yield f"inside {place.inside.area or place.inside.of}"
-    if place.along:
-        yield (
-            f"on {place.along.road}"
-            if place.along.where == "on"
-            else f"beside {place.along.road}, {place.along.gap_text} off it"
-        )
-    if place.between and place.between.first == place.between.second:
-        yield f"between two of {place.between.first}"
-    elif place.between:
-        yield f"between {place.between.first} and {place.between.second}"
-    if place.bearing:
-        yield f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g}° from {_reference_text(place.bearing)}"
-    if place.facing:
-        yield (
-            f"heading {place.facing.heading_deg:g}°"
-            if place.facing.heading_deg is not None
-            else f"facing {_reference_text(place.facing)}"
-        )
-    if place.hidden_from:
-        yield f"hidden from {_reference_text(place.hidden_from)}"
-    if place.visible_from:
-        yield f"visible from {_reference_text(place.visible_from)}"
+    for field, text in _PLACES.items():
+        if value := getattr(place, field):
+            yield text(value)
     for avoid in place.avoid:
         gap = f"{avoid.at_least_m:g} m or more clear of" if avoid.at_least_m else "outside"
         yield f"{gap} {avoid.area or f'every {avoid.of}'}"
-    for count in place.counts:
-        yield f"{count.text} of them inside {count.area}"
+    yield from (f"{count.text} of them inside {count.area}" for count in place.counts)
     if place.spread_m:
         yield f"{place.spread_m:g} m apart or more"
     if place.extent_m:

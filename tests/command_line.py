@@ -1,0 +1,48 @@
+"""Commands called in this process, and a campaign that is flown in seconds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.cli._app import run
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "search.yaml"
+CAMPAIGN = """
+format: rebar.campaign/1
+name: short
+base_file: scene.yaml
+agents: [{manifest: reference-naive}]
+design:
+  seed: 3
+  method: {kind: full_factorial}
+  factors:
+    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
+"""
+
+
+def json_of(line: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> Any:
+    """What a command prints for a machine, which ends with this code."""
+    capsys.readouterr()
+    assert run(line) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def short_campaign(folder: Path, more: str = "", time_limit_s: float = 10.0) -> Path:
+    """The file of a campaign of two scenes that run out of time after some simulated seconds."""
+    scene = EXAMPLE.read_text()
+    assert "time_limit_s: 300.0" in scene
+    (folder / "scene.yaml").write_text(scene.replace("time_limit_s: 300.0", f"time_limit_s: {time_limit_s}"))
+    file = folder / "short.yaml"
+    file.write_text(CAMPAIGN + more)
+    return file
+
+
+def fly_short(folder: Path, more: str = "", time_limit_s: float = 10.0) -> Path:
+    """The folder of such a campaign that was flown."""
+    line = ["run", str(short_campaign(folder, more, time_limit_s)), "--out", str(folder / "out")]
+    assert run([*line, "--workers", "1"]) == 0
+    return folder / "out"
