@@ -21,7 +21,6 @@ _PARENT, _SESSION, _CPU, _NICE, _START, _POLICY = 1, 3, slice(11, 15), 16, 19, 3
 # SCHED_OTHER and SCHED_BATCH. An idle or real-time thread chose its own place in the queue.
 _ORDINARY_POLICIES = (0, 3)
 
-
 # Fifty-two numbers and a name of 16 bytes, escaped.
 _STAT_BYTES = 4096
 

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Self
 
 from pydantic import AliasChoices, Field
 
@@ -119,9 +119,9 @@ class Observation(Document):
 
     observable: str
     considered: bool
-    x: Annotated[float | None, Field(ge=0.0, le=1.0)] = None
+    x: float | None = Field(None, ge=0.0, le=1.0)
     evidence: tuple[Evidence, ...] = ()
-    failure: Annotated[Words, Field(exclude_if=is_default(""))] = ""
+    failure: Words = Field("", exclude_if=is_default(""))
 
 
 PROBES = {
@@ -178,7 +178,7 @@ class SessionResult(Document):
     recording_sha256: str | None = None
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
-    facts: Annotated[Facts, Field(validation_alias=AliasChoices("facts", "details"))] = {}
+    facts: Facts = Field({}, validation_alias=AliasChoices("facts", "details"))
     """What the parts of the session tell, by key. Results of earlier versions have `details`."""
 
     def fact(self, kind: type[AnyFact]) -> AnyFact | None:

@@ -27,20 +27,16 @@ _INSTALL = "install them (pip install 'rebar-bench[grounded]'), or name another 
 class GroundedOptions(Document):
     """`perception.detector_options` of the detector `grounded`."""
 
-    model: Annotated[
-        str,
-        Field(
-            min_length=1,
-            description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
-        ),
-    ] = "IDEA-Research/grounding-dino-tiny"
-    sam: Annotated[
-        str | None,
-        Field(
-            min_length=1,
-            description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
-        ),
-    ] = None
+    model: str = Field(
+        "IDEA-Research/grounding-dino-tiny",
+        min_length=1,
+        description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
+    )
+    sam: str | None = Field(
+        None,
+        min_length=1,
+        description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
+    )
     prompts: Annotated[
         dict[str, tuple[Annotated[str, Field(min_length=1, max_length=80)], ...]],
         Field(
@@ -48,17 +44,15 @@ class GroundedOptions(Document):
             description="Phrases by class label of the catalogue, in lower case. Default: the names of its assets.",
         ),
     ] = Field(default_factory=default_prompts)
-    min_score: Annotated[float, Field(gt=0.0, lt=1.0, description="Least score of a detection.")] = 0.3
-    most_overlap: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            le=1.0,
-            description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
-        ),
-    ] = 0.7
-    max_detections: Annotated[int, Field(ge=1, le=900, description="The surest so many of a picture.")] = 100
-    device: Annotated[Literal["cpu", "cuda"], Field(description="Where the networks are computed.")] = "cpu"
+    min_score: float = Field(0.3, gt=0.0, lt=1.0, description="Least score of a detection.")
+    most_overlap: float | None = Field(
+        0.7,
+        gt=0.0,
+        le=1.0,
+        description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
+    )
+    max_detections: int = Field(100, ge=1, le=900, description="The surest so many of a picture.")
+    device: Literal["cpu", "cuda"] = Field("cpu", description="Where the networks are computed.")
 
     @field_validator("prompts")
     @classmethod

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from pydantic import Field
 
@@ -27,17 +25,15 @@ _MOST_OVERLAP = 0.55
 class SmallDetectorOptions(Document):
     """`perception.detector_options` of the detector `small`."""
 
-    min_object: Annotated[
-        float,
-        Field(
-            ge=0.01,
-            le=0.99,
-            description="Least probability that there is an object at all. Lower finds more, and more that is nothing.",
-        ),
-    ] = DEFAULT_MIN_OBJECT
-    max_detections: Annotated[
-        int, Field(ge=1, le=400, description="At most so many in a picture, those with the highest scores.")
-    ] = 200
+    min_object: float = Field(
+        DEFAULT_MIN_OBJECT,
+        ge=0.01,
+        le=0.99,
+        description="Least probability that there is an object at all. Lower finds more, and more that is nothing.",
+    )
+    max_detections: int = Field(
+        200, ge=1, le=400, description="At most so many in a picture, those with the highest scores."
+    )
 
 
 class SmallDetector:

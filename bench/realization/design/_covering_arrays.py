@@ -26,9 +26,7 @@ from ._factors import FactorLevel, FactorLevels
 # A factor of a row that has no level yet.
 UNSET = -1
 
-
 MAX_COMBINATIONS = 500_000
-
 
 # Assignments that are tried before the rules count as too complex. Chosen, not measured.
 MAX_ASSIGNMENTS = 200_000

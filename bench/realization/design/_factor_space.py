@@ -13,7 +13,6 @@ from ._factors import INACTIVE, DesignFactor, FactorLevel, FactorLevels
 # little ...
 MAX_DRAWS_PER_POINT = 1000
 
-
 # ... and for so many that are still to be found.
 MIN_POINTS_FOR_LIMIT = 10
 

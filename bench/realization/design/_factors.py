@@ -14,21 +14,16 @@ from ._expression import MAX_CHARACTERS, parse_expression
 
 MAX_POINTS = 100_000
 
-
 FactorLevel = bool | int | float | str
 
-
 FactorLevels = dict[str, FactorLevel]
-
 
 # The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing
 # there.
 INACTIVE = "inactive"
 
-
 BASE = "base"
 """The path of the whole base SimSpec: the levels of the factor that sets it are names of situations."""
-
 
 ExpressionText = Annotated[str, Field(min_length=1, max_length=MAX_CHARACTERS)]
 

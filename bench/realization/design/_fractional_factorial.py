@@ -23,7 +23,6 @@ from ._factors import DesignFactor, FactorLevels
 
 MAX_RUNS = 4096
 
-
 # Columns that the search for a fraction looks at before it takes more runs instead.
 MAX_COLUMNS_TRIED = 20_000
 

@@ -6,7 +6,7 @@ Latin hypercube, and so are those at high fidelity among themselves.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,9 @@ class Nested(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"
-    points: Annotated[int, Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")]
-    high: Annotated[int, Field(ge=1, description="How many of them are flown at high fidelity too.")]
-    fidelity: Annotated[Identifier, Field(description="The factor with two levels, the low fidelity first.")]
+    points: int = Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")
+    high: int = Field(ge=1, description="How many of them are flown at high fidelity too.")
+    fidelity: Identifier = Field(description="The factor with two levels, the low fidelity first.")
 
     @model_validator(mode="after")
     def _divides(self) -> Self:

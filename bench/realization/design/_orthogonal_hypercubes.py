@@ -9,7 +9,7 @@ search included, is in whole numbers: a correlation of 0 is exact, and every mac
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -22,24 +22,18 @@ from ._factors import FactorLevels
 
 MAX_ORTHOGONAL_POINTS = 1025
 
-
 MAX_NEARLY_ORTHOGONAL_POINTS = 500
-
 
 # Random starts of the search for a nearly orthogonal hypercube; the best result is kept.
 SEARCHES = 4
-
 
 # Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison
 # takes long.
 COLUMN_CHOICES = 60
 
-
 MAX_COMPARED_POINTS = 300
 
-
 MAX_SWEEPS = 60
-
 
 # The search stops at correlations below 1 / 500; nearly orthogonal designs are customarily allowed 0.03.
 CORRELATION_DIVISOR = 500
@@ -74,7 +68,7 @@ class NearlyOrthogonalLatinHypercube(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["nearly_orthogonal_latin_hypercube"] = "nearly_orthogonal_latin_hypercube"
-    points: Annotated[int, Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)]
+    points: int = Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         square = nearly_orthogonal_latin_hypercube(self.points, len(space.free), seed)

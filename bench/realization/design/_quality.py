@@ -10,7 +10,6 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +25,18 @@ from ._factors import INACTIVE, DesignFactor, FactorLevel
 # Equal parts of a range without steps, when combinations of levels are counted.
 RANGE_PARTS = 3
 
-
 # Above this number, discrepancy and distance are not computed: their time grows with the square of the
 # points.
 MAX_POINTS_FOR_DISTANCE = 2000
 
-
 MAX_COMBINATIONS = 200_000
-
 
 SHOWN_CONFIGURATIONS = 20
 
-
 SHOWN_ALIASES = 8
-
 
 # Points times two-factor interactions, above which interactions are not measured.
 MAX_INTERACTION_TERMS = 5_000_000
-
 
 TOLERANCE = 1e-9
 
@@ -53,7 +46,7 @@ class Coverage(Document):
 
     t: int
     covered: int
-    possible: Annotated[int, Field(description="Without those that are forbidden.")]
+    possible: int = Field(description="Without those that are forbidden.")
 
     @property
     def share(self) -> float:
@@ -67,7 +60,7 @@ class DesignQuality(Document):
     """
 
     points: int
-    pairs: Annotated[int, Field(description="Of design point and replicate.")]
+    pairs: int = Field(description="Of design point and replicate.")
     max_abs_correlation: float | None = Field(
         None,
         description="The largest absolute Pearson correlation between two factors that are numbers or have two levels.",

@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ class LatinHypercube(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["latin_hypercube"] = "latin_hypercube"
-    points: Annotated[int, Field(ge=1, le=10_000)]
+    points: int = Field(ge=1, le=10_000)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.every([space.at(row) for row in _latin(self.points, len(space.free), seed)], self.kind)
@@ -41,7 +41,7 @@ class Halton(Document):
 
     grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
-    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+    points: int = Field(ge=1, le=MAX_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, halton_shares(len(space.free), seed)), self.points)
@@ -54,7 +54,7 @@ class Sobol(Document):
 
     grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"
-    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+    points: int = Field(ge=1, le=MAX_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, _sobol_shares(len(space.free), seed)), self.points)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -19,7 +19,6 @@ Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float | None]]
 where a node has no difficulty there.
 """
 
-
 DECIMALS = 6
 
 
@@ -33,7 +32,7 @@ class Stratified(Document):
 
     grows: ClassVar[bool] = True
     kind: Literal["stratified"] = "stratified"
-    points: Annotated[int, Field(ge=1, le=10_000)]
+    points: int = Field(ge=1, le=10_000)
     candidates: int = Field(
         1000,
         ge=10,

@@ -29,7 +29,6 @@ from ._check_geometry import (
 
 SLACK_DEG = 1e-5
 
-
 # Repeated here on purpose: the judge imports nothing from the modules that it judges.
 HOME_CLEARANCE_M = 3.0
 

@@ -43,10 +43,8 @@ from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_pla
 # well inside.
 REPORT_ERROR_SHARE = 0.8
 
-
 # Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier.
 MAX_ATTEMPTS = 32
-
 
 # When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not
 # measured.

@@ -26,7 +26,6 @@ from ._capacity import count_path, grown_area_m2
 
 HOME_FIELD = "vehicle.home"
 
-
 Kind = Literal[
     "home",  # the point that actors keep clear of
     "at",  # the point at which the group is fixed

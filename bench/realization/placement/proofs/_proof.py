@@ -60,10 +60,8 @@ from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced
 # Rounds in which groups cut each other's ground before the proof looks at what is left. Chosen, not measured.
 NARROWING_ROUNDS = 6
 
-
 # Parts into which the ground of a single member is split at the most. Chosen, not measured.
 MAX_CASES = 48
-
 
 # A part narrower than this is not split further. Chosen, not measured.
 MIN_CASE_SIDE_M = 2.0
@@ -351,10 +349,7 @@ class _Relaxation:
     def _capacity(self, group: ActorGroup, part: GroundPart, counts: Sequence[AreaCount]) -> int:
         """At most so many members stand in a part of the ground."""
         apart_m, gap_m = self._least_apart_m(group.id), group.placement.separation_m
-        bounds = [
-            float(member_count(self.simspec, group)),
-            max(1.0, max_spaced_points(part.ground, apart_m)),
-        ]
+        bounds = [float(member_count(self.simspec, group)), max(1.0, max_spaced_points(part.ground, apart_m))]
         if self._facts_of("need_m2", group.id):
             zone = grown_at_least(part.ground, outer_radius_m(group) + gap_m / 2.0)
             for count, is_inside in zip(counts, part.inside, strict=True):

@@ -29,10 +29,8 @@ from ._relation import Relation, field_path
 # How far inside the border a route point beyond it is moved; the simulation does the same.
 BORDER_INSET_M = 0.5
 
-
 # Extra width over what the simulation needs, so that rounding on either side blocks no way.
 ROUNDING_MARGIN_M = 1e-6
-
 
 # Beyond EVERYWHERE, so that a wall's shadow ends outside any ground.
 _SHADOW_M = 1e6

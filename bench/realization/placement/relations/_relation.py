@@ -22,7 +22,6 @@ from .._geometry import EVERYWHERE, Geometry
 
 HOME_CLEARANCE_M = 3.0
 
-
 Quantifier = Literal["some", "every", "first"]
 
 

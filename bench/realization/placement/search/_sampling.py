@@ -34,17 +34,13 @@ from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
 
 MAX_POOLS = 5
 
-
 POOL_SIZE = 4096
-
 
 # The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured.
 CROWDING_RATIO = 4
 
-
 # Places of which the first that keeps a group's relations is where the group gathers. Chosen, not measured.
 GATHERING_PLACES = 400
-
 
 Placed = dict[str, Footprints]
 

@@ -32,12 +32,7 @@ from ..relations._distance_bands import lone_member_ground
 from ..relations._ground import clearance
 from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._other_groups import group_relations
-from ..relations._patrol_routes import (
-    blocking_pairs,
-    is_obstacle,
-    patrols,
-    placed_obstacles,
-)
+from ..relations._patrol_routes import blocking_pairs, is_obstacle, patrols, placed_obstacles
 from ..relations._relation import GroupRelation, Relation, common_ground
 from ._lattices import lattices
 from ._sampling import (
@@ -51,31 +46,24 @@ from ._sampling import (
 
 MAX_ATTEMPTS = 2
 
-
 # Attempts when members stand in or between others, which are placed first and without knowing the later
 # groups.
 MAX_DEPENDENT_ATTEMPTS = 12
 
-
 # Share of a host's ground that its guests are assumed to fill. Chosen, not measured.
 HOST_FILL = 0.5
-
 
 # CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same
 # places.
 ATTEMPT_LIMIT = 1.0
 
-
 MAX_PLACES = 6000
-
 
 # Places of one lattice that are tried for each place wanted. Chosen, not measured.
 TRIED_PER_WANTED = 12
 
-
 # Number of hosts in which lattices for guests are tried. Chosen, not measured.
 MAX_LATTICE_HOSTS = 12
-
 
 Literal = cp_model.IntVar
 
