@@ -50,8 +50,7 @@ TRUTH_FILE = "truth.json"
 
 @contextmanager
 def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
-    """Start the agent on the rung that its manifest asks for; leaving the block ends it and whatever it
-    started, by force if need be.
+    """Start the agent on the rung that its manifest asks for; leaving the block ends it and what it started.
 
     The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an
     agent never survives its session. Once the agent has started, the bench opens nothing in a folder that the agent can

@@ -49,8 +49,7 @@ AgentRole = Literal["tested", "floor", "ceiling"]
 
 
 class AgentManifest(Document):
-    """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group
-    `rebar.agents`.
+    """How an agent is started, connected, paced and reset: a YAML file, or a plug-in of `rebar.agents`.
 
     In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the

@@ -55,9 +55,7 @@ class Outcome(StrEnum):
 
     @property
     def counts(self) -> bool:
-        """Whether observables of such a run are scored: what the agent did or failed to do counts, bench
-        errors do not.
-        """
+        """Whether observables of such a run are scored: what the agent did counts, bench errors do not."""
         return self in _SCORED_OUTCOMES
 
     @property

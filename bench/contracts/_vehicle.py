@@ -120,16 +120,12 @@ class Vehicle(Protocol):
         """Simulated seconds of one step: 1 / controller_hz, a whole number of physics steps."""
 
     def endpoints(self) -> Mapping[str, str]:
-        """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`,
-        `tcp:127.0.0.1:5760`).
-        """
+        """Each link's connection string for pymavlink: `udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`."""
 
     # Counts since the start and not differences: a session compares them with those in an Ack, and none can
     # be lost on the way.
     def receive(self) -> Mapping[str, int]:
-        """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so
-        far, by link.
-        """
+        """Move what waits in the sockets to the inboxes, without blocking; messages so far, by link."""
 
     def sent(self) -> Mapping[str, int]:
         """Whole MAVLink messages sent so far, by link."""

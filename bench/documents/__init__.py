@@ -1,5 +1,4 @@
-"""Documents that people write or read: closed pydantic models, and files of them with every fault reported at
-once.
+"""Documents that people write or read: closed pydantic models, and files of them with all their faults.
 
 The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values` and
 `bench.visible_text`, and every room may stand on them.

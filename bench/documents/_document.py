@@ -72,9 +72,7 @@ def load_document(path: Path | str, kind: type[D]) -> D:
 
 
 def load_json_document(path: Path | str, kind: type[D]) -> D:
-    """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much
-    faster.
-    """
+    """As `load_document`, for a JSON file that the bench wrote itself: much faster."""
     # 0.4 ms against 3 ms for the SimSpec of examples/search.yaml.
     path = Path(path)
     return read_json_document(read_text(path), kind, source=str(path))
@@ -137,9 +135,7 @@ def dump_yaml(document: BaseModel) -> str:
 
 
 def dump_json(document: BaseModel, exclude: set[str] | None = None) -> str:
-    """JSON text of a document, with escapes of what is not seen: the same bytes for the same values, so it can be
-    digested.
-    """
+    """JSON text, with escapes of what is not seen: the same bytes for the same values, for digests."""
     return visible(document.model_dump_json(indent=1, exclude=exclude)) + "\n"
 
 

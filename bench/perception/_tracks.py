@@ -16,9 +16,7 @@ TRACK_GAP_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class UntrackedDetection:
-    """A detection that has no track yet, and what it is of: an actor's number, or a negative number for each
-    false detection.
-    """
+    """A detection without a track, and what it is of: an actor's number, or minus a false detection's."""
 
     detection: Detection
     subject: int

@@ -117,9 +117,7 @@ def _as_setup_error(draw: Callable[[], T]) -> T:
 
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
-    """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing
-    scene.
-    """
+    """The 63-bit root seed of one scene; it depends on nothing else, so later points change no scene."""
     # CRC-32 instead of hash(): Python salts the hash of a string in every process.
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     # 63 bits: the SimSpec's seeds are below 2**63.
@@ -356,9 +354,7 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
 
 
 def _set_twice(factors: Sequence[DesignFactor], paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo
-    the other.
-    """
+    """Faults of fields that two factors set, also as part of a larger value: one would undo the other."""
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in factors:
         for text in _paths_of(factor):

@@ -14,8 +14,7 @@ _PARALLEL = 1e-12
 def crosses_box(
     start: NDArray[np.float64], end: NDArray[np.float64], half: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether the segment from `start` to `end` touches the box from `-half` to `half`; the last axis holds
-    the dimensions.
+    """Whether the segment from `start` to `end` (..., axes) touches the box from `-half` to `half`.
 
     Source: Kay, T. L. and Kajiya, J. T. (1986), "Ray tracing complex scenes", SIGGRAPH '86, 269-278.
     """

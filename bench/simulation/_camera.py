@@ -68,9 +68,7 @@ class PinholeCamera:
         return self.lens.name
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
-        """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera
-        coordinates.
-        """
+        """(3, 3) the camera's right, down and forward axes as rows: takes ENU differences to them."""
         # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the
         # camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)

@@ -1,6 +1,4 @@
-"""What the agent may know, tick by tick: the clock first, then the vehicle's estimated pose, then what is
-new.
-"""
+"""What the agent may know, tick by tick: the clock, the vehicle's estimated pose, then what is new."""
 
 from __future__ import annotations
 
@@ -112,9 +110,7 @@ class MissionInformation:
         self._detections.publish(now, detector)
 
     def _publish_operator_messages(self, now: SimTime) -> None:
-        """Publish what the operator has sent while the link is up: reports before the orders that may refer
-        to them.
-        """
+        """Publish what the operator has sent while the link is up, reports before orders about them."""
         up = not in_outage(self._outages, "operator_link", now)
         if up is not self._link_up:
             self._link_up = up

@@ -91,9 +91,7 @@ class CameraPictures:
 
     @property
     def wanted(self) -> bool:
-        """Whether the next picture is for anything: the SimSpec asks for it, its detector works on pictures, or the
-        agent listens.
-        """
+        """Whether the SimSpec asks for the next picture, its detector needs it, or the agent listens."""
         perceiving = self._is_main or self._settings.name in self._spec.perception.more_cameras
         detected = perceiving and self._spec.perception.on_pixels
         listened = self._raw.listened or self._compressed.listened

@@ -142,8 +142,6 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
 
 
 def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
-    """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for
-    the agent.
-    """
+    """The vehicle's side: it listens where the system chooses, or sends to a port kept for the agent."""
     port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
     return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)

@@ -131,9 +131,7 @@ class Periodic:
 
 
 def standalone_simspec(plan: StandalonePlan) -> SimSpec:
-    """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
-    middle.
-    """
+    """A SimSpec from a home place alone: still air, an empty square kilometre, the vehicle amid it."""
     autopilot = plan.autopilot
     if autopilot not in DEFAULT_LINKS:
         raise SetupError(
@@ -178,8 +176,7 @@ def fly(
     steps: StepClock | None = None,
     clock: HostClock | None = None,
 ) -> None:
-    """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start,
-    not added up.
+    """Step a vehicle at `speed` times the host's clock, without drift: moments count from the start.
 
     When the host falls behind by a quarter of a second, the lost time is dropped. `steps` keeps how late the steps are.
     Without a `clock` it is the host's, and a `stop` ends its pauses.

@@ -151,9 +151,7 @@ class TruthRecorder:
         self._wire[key] = self._wire[key] + frames if key in self._wire else frames
 
     def write_mavlink(self, began: SimTime, ended: SimTime) -> None:
-        """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its
-        end.
-        """
+        """Write a step's MAVLink: the agent's at its beginning, what went to it at its end."""
         if not self._wire:
             return
         # What came from the agent sorts before what went to it.
@@ -268,9 +266,7 @@ class TruthRecorder:
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:
-    """What makes a condition new: everything but the charge, which changes all the time, and failures, which
-    have events.
-    """
+    """What makes a condition new: not the charge, which always changes, nor failures, which have events."""
     return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
 
 

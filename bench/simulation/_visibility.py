@@ -52,9 +52,7 @@ _SAMPLES = (
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides
-    others.
-    """
+    """(n, 3) half length, width, height; (n,) radius of its sphere; (n,) whether it hides others."""
 
     half_m: Floats
     radius_m: Floats
@@ -71,9 +69,7 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True)
 class _Posed:
-    """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as
-    rows, halves, radii.
-    """
+    """(k,) indices, (k, 3) centres, (k, 3, 3) axes as rows, halves and radii, in camera coordinates."""
 
     index: NDArray[np.intp]
     centre: Floats
@@ -90,9 +86,7 @@ class _Posed:
 def sightings(
     camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: Floats, headings_rad: Floats
 ) -> tuple[Sighting, ...]:
-    """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of
-    each footprint.
-    """
+    """Truth about every actor in the picture, in order of the cast; `foot_enu_m` (n, 3) mid footprint."""
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
     # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
@@ -206,9 +200,7 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
 
 
 def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
-    """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body
-    ends.
-    """
+    """(k, s) whether a solid's cone overlaps a shown body's and begins before that body ends."""
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
     cosine = product(shown.centre, solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
     apart = np.arccos(cosine.clip(-1.0, 1.0))
@@ -224,8 +216,7 @@ def _cone(radius: Floats, distance: Floats) -> Floats:
 
 
 def _sample_points(shown: _Posed) -> Floats:
-    """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down
-    it.
+    """(k, 9, 3) points of each body, spread over its silhouette: three across times three down.
 
     They are laid out on the plane through the body's middle, then drawn in to the body.
     """

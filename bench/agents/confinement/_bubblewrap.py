@@ -269,9 +269,7 @@ class BubblewrapProcess:
         return True
 
     def _limit_as(self, user: int) -> bool:
-        """By a program of the agent's user: root may limit others only with a capability that containers do
-        not have.
-        """
+        """By a program of the agent's user: for root it takes a capability that containers do not have."""
         limits = {kind: min(value, _hard_limit(kind)) for kind, value in self._process_limits.items()}
         options = [f"--{_PRLIMIT_NAMES[kind]}={value}:{value}" for kind, value in limits.items()]
         command = ["prlimit", "--pid", str(self._inner_pid), *options]

@@ -135,9 +135,7 @@ class UnconfinedProcess:
 
 
 def _processes_with_home(home: str) -> Iterator[int]:
-    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
-    moved.
-    """
+    """Other processes that were started with this HOME: the agent's own, wherever they moved."""
     wanted = f"HOME={home}".encode()
     for entry in os.scandir("/proc"):
         if entry.name.isdigit() and int(entry.name) != os.getpid():

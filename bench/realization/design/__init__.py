@@ -1,6 +1,4 @@
-"""Designs of experiments: factors, their levels, the methods that combine them, and how good the result
-is.
-"""
+"""Designs of experiments: factors, their levels, methods that combine them, and how good a design is."""
 
 from __future__ import annotations
 

@@ -36,8 +36,7 @@ class Combines(Protocol):
     """Whether more points leave the earlier ones as they were, number and levels."""
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        """The points in order, each with the levels of all factors; the same for the same factors, options
-        and seed.
+        """The points in order, with the levels of all factors; the same for equal factors, options and seed.
 
         Raises ValueError with a sentence when the method cannot combine these factors.
         """
@@ -141,9 +140,7 @@ class Design(Document):
         return any(isinstance(method, Stratified) for method in self.methods)
 
     def points(self, difficulties: Difficulties | None = None) -> list[DesignPoint]:
-        """Every design point, in the design's own order; the same for the same document (and difficulties,
-        where it is `rated`).
-        """
+        """Every design point, in the design's own order; the same for the same document and difficulties."""
         return [point for block in self._blocks(difficulties) for point in block]
 
     def pairs(self, difficulties: Difficulties | None = None) -> list[tuple[DesignPoint, int]]:

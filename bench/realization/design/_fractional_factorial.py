@@ -82,9 +82,7 @@ class FractionalFactorial(Document):
 
 
 def fraction(factors: int, resolution: int) -> tuple[int, ...]:
-    """The columns of the smallest fraction found with at least this resolution; all base factors where only
-    the whole has it.
-    """
+    """The columns of the smallest fraction found with at least this resolution, else all base factors."""
     for bases in range(2, factors):
         if columns := _search(factors, bases, resolution):
             return columns

@@ -23,9 +23,7 @@ MAXIMIN_DRAWS = 20
 
 
 class Nested(Document):
-    """A Latin hypercube at low fidelity; a smaller one among its points is flown at high fidelity too, in the
-    same scenes.
-    """
+    """A Latin hypercube at low fidelity, and some of its points, in the same scenes, at high fidelity."""
 
     grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"

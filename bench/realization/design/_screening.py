@@ -1,5 +1,4 @@
-"""Designs that find the few factors that matter: two-level fractions, Plackett-Burman, and definitive
-screening.
+"""Designs that find the few factors that matter: Plackett-Burman and definitive screening.
 
 Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions,
 resolution). Plackett, R. L. and Burman, J. P. (1946), "The design of optimum multifactorial experiments",

@@ -129,9 +129,7 @@ class _Judge:
                 yield _fault([actor], "is too close to the vehicle's home", remedy)
 
     def _is_hosted(self, first: PlacedActor, second: PlacedActor) -> bool:
-        """Whether one of them lies wholly in the other, and its group belongs inside the other's, directly or
-        through other hosts.
-        """
+        """Whether one of them lies in the other, and its group belongs inside the other's or its hosts'."""
         return any(
             host.group in self._hosts(guest.group)
             and self.outlines[host.id].buffer(SLACK_M).covers(self.outlines[guest.id])
@@ -316,9 +314,7 @@ class _Judge:
                 yield _fault([actor], f"heads {off:.2f} degrees off what it faces", remedy)
 
     def _sight(self, group: ActorGroup, actor: PlacedActor) -> Iterator[Fault]:
-        """Faults of sight: `hidden_from` must hold for every member of the other group, `visible_from` for one
-        of them.
-        """
+        """`hidden_from` must hold for every member of the other group, `visible_from` for one of them."""
         hidden, visible = group.placement.hidden_from, group.placement.visible_from
         if hidden and any(self._is_visible(actor, eye, hidden.height_m) for eye in self._spots(hidden)):
             what = "is visible from where it must be hidden"

@@ -1,6 +1,4 @@
-"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, and places drawn
-at random.
-"""
+"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, places."""
 
 from __future__ import annotations
 

@@ -51,9 +51,7 @@ def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
 
 
 def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
-    """The chain of hosts: the group that members stand inside, the group that this one stands inside, and so
-    on.
-    """
+    """The group that members stand inside, the group that this one stands inside, and so on."""
     hosts: list[str] = []
     inside = group.placement.inside
     while inside and inside.of and inside.of not in hosts:

@@ -120,8 +120,7 @@ def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -
 
 
 def _anchored(simspec: SimSpec, order: list[ActorGroup]) -> Placed | None:
-    """Places where members whom later groups need nearby are drawn first, on the ground that helps; None when none
-    were found.
+    """Places where members whom later groups need nearby are drawn first, where they help; None without any.
 
     Last, so that no scene that is found without it is placed otherwise than before.
     """
@@ -275,9 +274,7 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
 
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
-    """A report's position: uniform over the disc of its error around the truth, or over the part of the disc
-    inside the area.
-    """
+    """A report's position: uniform over the disc of its error, as far as that lies in the area."""
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

@@ -1,6 +1,4 @@
-"""The constraints of a scene, each with the field that states it, for proofs and for the messages about
-them.
-"""
+"""The constraints of a scene, each with its field, for proofs and for messages about them."""
 
 from __future__ import annotations
 

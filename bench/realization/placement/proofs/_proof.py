@@ -68,9 +68,7 @@ MIN_CASE_SIDE_M = 2.0
 
 
 def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
-    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is
-    proved.
-    """
+    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; else None."""
     terms = scene_constraints(simspec, order)
     # The cheapest proof first; the others include it.
     for proof in (_Relaxation.narrow, _Relaxation.check_areas, _Relaxation.check_cases):
@@ -92,9 +90,7 @@ def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placement
 
 
 def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
-    """For each group with members, ground that contains its centres in every arrangement; for the vehicle's
-    home its point.
-    """
+    """Ground that holds the centres of each group with members in every arrangement, and home."""
     scene = _Relaxation(simspec, order, scene_constraints(simspec, order))
     # What is left of a contradiction is still true of every arrangement: there is none.
     with suppress(_Contradiction):
@@ -268,9 +264,7 @@ class _Relaxation:
         )
 
     def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
-        """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from
-        the group's ground.
-        """
+        """A lone member keeps the mean itself, and so does a lone target seen from the group's ground."""
         if self._alone(group_id):
             self._keep_mean(group_id, mean.of, mean, 0.0)
         if not is_home(self.simspec, mean.of) and self._alone(mean.of):
@@ -283,9 +277,7 @@ class _Relaxation:
         self._cut(name, band_ground(simplified(self.ground[other]), *band))
 
     def _narrow_by_extent(self, group_id: str, extent_m: float) -> None:
-        """Everybody is within the extent of the member that each count puts into its area, and of the mean of all
-        distances.
-        """
+        """Everybody is within the extent of each counted member, and of the mean of all distances."""
         for count in self._facts_of("count", group_id):
             if count.low:
                 area = named_area(self.simspec, count.area)
@@ -310,9 +302,7 @@ class _Relaxation:
         self._check_zones(free)
 
     def _check_spread(self, group_id: str, spread_m: float) -> None:
-        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
-        centres.
-        """
+        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds."""
         count, ground = member_count(self.simspec, self.simspec.group(group_id)), self.ground[group_id]
         room_m2 = shapely.area(grown_at_least(ground, spread_m / 2.0))
         fits = count * pi * spread_m**2 / 4.0 <= room_m2 and count <= max_spaced_points(ground, spread_m)
@@ -423,9 +413,7 @@ class _Relaxation:
                 _Contradiction.unless(not self._always_fails(name, len(relations)))
 
     def _always_fails(self, name: str, relation_count: int) -> bool:
-        """Whether the scene fails wherever that member stands; a part that does not fail at once is
-        halved.
-        """
+        """Whether the scene fails wherever that member stands; parts that do not fail are halved."""
         # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // relation_count)):

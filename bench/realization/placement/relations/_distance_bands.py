@@ -1,6 +1,4 @@
-"""Distances that a group is to keep from others, as bands: which ground keeps them, and whether two can be
-kept at once.
-"""
+"""Distances to keep from others, as bands: which ground keeps them, and whether two exclude each other."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ from ._relation import field_path
 
 @dataclass(frozen=True, slots=True)
 class DistanceBand:
-    """Distances from `low_m` to `high_m` to some or every member of a group, or in the mean to its first
-    member.
-    """
+    """Distances to some or every member of a group, or in the mean to its first member."""
 
     of: str
     quantifier: Literal["some", "every", "mean"]
@@ -43,9 +39,7 @@ class DistanceBand:
 
 
 def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBand]:
-    """The bands around groups and the vehicle's home by field path; bands around roles and points are left
-    out.
-    """
+    """The bands around groups and the vehicle's home by field path, without those around roles and points."""
     place = group.placement
     bands: dict[str, DistanceBand] = {}
     if place.near:
@@ -81,9 +75,7 @@ def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBan
 
 
 def band_ground(others: Geometry, min_m: float, max_m: float | None) -> Geometry | None:
-    """Ground within `max_m` of some place and not closer than `min_m` to all of them; None when
-    unrestricted.
-    """
+    """Ground within `max_m` of some place, and not closer than `min_m` to all; None when unrestricted."""
     if max_m is None and min_m <= 0.0:
         return None
     # At least: ground may be too large, never too small (`_relation`).

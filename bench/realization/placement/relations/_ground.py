@@ -120,9 +120,7 @@ def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relati
 
 
 def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
-    """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand
-    in.
-    """
+    """Clearance from everything placed and from the vehicle's home, except from the group's hosts."""
     around = hosts_of(simspec, group)
     obstacles = joined(
         [home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)]

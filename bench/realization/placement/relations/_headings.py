@@ -1,6 +1,4 @@
-"""Headings of members: drawn for places, and, as arcs of the compass, whether two wishes can be kept at
-once.
-"""
+"""Headings of members: drawn for places, and, as arcs of the compass, whether two can both be kept."""
 
 from __future__ import annotations
 
@@ -27,9 +25,7 @@ def sampled_headings_deg(
     targets: Footprints | None,
     rng: np.random.Generator,
 ) -> Floats:
-    """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else
-    uniform.
-    """
+    """(n,) headings drawn for (n, 2) places: within the group's heading relations, else uniform."""
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
     if facing and facing.heading_deg is not None:
@@ -69,8 +65,7 @@ _TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class RequiredHeading:
-    """A required heading: one of these courses (either way along a road), or towards a target, within some
-    degrees.
+    """A required heading, within some degrees: one of these courses (either way), or towards a target.
 
     `lines` are the stretches of the road, one for each course. Off roads there is one course, or none when
     members face a target: the group `of` or the place `point`.
@@ -86,18 +81,14 @@ class RequiredHeading:
 
     @property
     def common(self) -> tuple[float, float] | None:
-        """One course, and within how many degrees of it or its opposite all members head; None where no
-        course is known.
-        """
+        """One course, and within how many degrees of it or its opposite all head; None for a target."""
         if not self.courses_deg:
             return None
         first = self.courses_deg[0]
         return first, self.within_deg + max(_slant_deg(first, other) for other in self.courses_deg)
 
     def arc(self, ground: Geometry, theirs: Geometry) -> tuple[float, float] | None:
-        """The middle of all courses that lead from some place to another, and how far they reach from it;
-        None for any course.
-        """
+        """The middle and the half width of all courses from some place to another; None for any course."""
         if self.courses_deg:
             return self.courses_deg[0], 0.0
         ways = hull_ways(ground, theirs)

@@ -157,9 +157,7 @@ def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_d
 
 @dataclass(frozen=True, slots=True)
 class _Sector:
-    """All ground in a sector seen from anywhere in the given ground, out beyond any document's
-    coordinates.
-    """
+    """All ground in a sector seen from anywhere in the given ground, beyond any coordinates."""
 
     from_deg: float
     span_deg: float

@@ -134,9 +134,7 @@ def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
 
 
 def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
-    """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start
-    that is possible.
-    """
+    """(n,) which of the walls block the route, for each possible start, inside the area or outside."""
     outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
         inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
@@ -191,9 +189,7 @@ def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> R
 def open_legs(
     simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints
 ) -> tuple[Floats, Bools]:
-    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to
-    straight.
-    """
+    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which are open."""
     area = polygon_ground(simspec.world.area)
     inside: Bools = np.asarray(
         shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1])
@@ -234,9 +230,7 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
 
 
 def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
-    """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside
-    the other too.
-    """
+    """Whether segments touch the box from `-half` to `half`: inside both slabs at some moment."""
     way = end - begin
     # A way parallel to a side would divide by zero.
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
@@ -335,9 +329,7 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 def _blocking_groups(
     simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
 ) -> list[ActorGroup]:
-    """The fewest fixed obstacles that block the route wherever its walkers start; none when it is open to
-    some.
-    """
+    """The fewest fixed obstacles that block the route from every start; none when one is open."""
 
     def fails(subset: Sequence[ActorGroup]) -> bool:
         return all(

@@ -1,6 +1,4 @@
-"""Seeded sampling: one group after the other, each place drawn at random and accepted if it keeps every
-relation.
-"""
+"""Seeded sampling: group after group, each place drawn at random and accepted if it keeps all relations."""
 
 from __future__ import annotations
 
@@ -391,9 +389,7 @@ def gathering_ground(
 
 
 class _Ring:
-    """The rings around the members of another group: where to look when a relation leaves little of the
-    region.
-    """
+    """Rings around the members of another group: where to look when they leave little of the region."""
 
     def __init__(self, relation: Near, centres_m: Floats) -> None:
         self._inner, self._outer, self._centres = relation.min_m, relation.max_m, centres_m

@@ -1,5 +1,4 @@
-"""Places by CP-SAT, for scenes in which sampling stalls: the solver chooses from pools of places so that all
-relations hold.
+"""Places by CP-SAT, for scenes in which sampling stalls: a choice from pools of places.
 
 Every group gets a pool of places that keep its relations to the ground and to what is placed: tight lattices
 and random places. Each place has one Boolean; places that are too close exclude each other, and relations
@@ -179,9 +178,7 @@ class _Phase:
         return {**self.standing, **{group.id: self._members(group, solver) for group in self.groups}}
 
     def _members(self, group: ActorGroup, solver: cp_model.CpSolver) -> Footprints:
-        """The chosen places in a drawn order, behind the one that relations to the first member were kept
-        to.
-        """
+        """The chosen places in a drawn order, behind the one that stands for the first member."""
         if group.id not in self.pools:
             return empty_footprints()
         chosen = np.array(
@@ -237,9 +234,7 @@ class _Phase:
         return areal_parts(room.intersection(shapely.Point(places.centre_m[0]).buffer(extent_m)))
 
     def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
-        """Random places and lattices in turn, the random ones where the group's relations leave room for
-        them.
-        """
+        """Random places and lattices in turn, the random ones where the group's relations have room."""
         if group.placement.counts:
             # By parts, because small areas would get hardly any of the places.
             parts = areal_ground_parts(self.simspec, group, room)
@@ -282,9 +277,7 @@ class _Phase:
         return footprints(ASSETS[group.asset], centre_m, heading_deg, group.placement.separation_m)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
-        """One Boolean for each place, as many of them true as the group has members, and one for the first
-        member.
-        """
+        """One Boolean for each place, as many true as there are members, and one for the first member."""
         led = {
             name
             for group in groups
@@ -307,9 +300,7 @@ class _Phase:
                         self.model.add_implication(leads, literal)
 
     def _keep_clear(self, groups: Sequence[ActorGroup]) -> None:
-        """Places that are too close, closer than the spread of their group or farther apart than its extent, exclude
-        each other.
-        """
+        """Places too close, closer than the spread or farther than the extent exclude each other."""
         everywhere = joined([self.pools[group.id] for group in groups])
         all_taken = [literal for group in groups for literal in self.taken[group.id]]
         whose = np.concatenate(
@@ -321,9 +312,7 @@ class _Phase:
             self._exclude(all_taken[index], [all_taken[other] for other in others])
 
     def _keep_routes_open(self, groups: Sequence[ActorGroup]) -> None:
-        """An obstacle's place that blocks a walker's shortest open way to its route excludes the walker's
-        place.
-        """
+        """An obstacle's place on a walker's shortest way to its route excludes the walker's place."""
         walls = placed_obstacles(self.simspec, self.standing)
         for walker in groups:
             for other in groups if patrols(self.simspec, walker) else ():
