@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.contracts import AgentManifest, AgentRole, load_plugin, plugins
 from bench.documents import load_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import agent_name, is_manifest_file
 
 
@@ -45,10 +45,8 @@ def _path_of_plugin(name: str) -> Path:
     path = provider() if callable(provider) else provider
     if not isinstance(path, str | Path):
         raise SetupError(
-            Fault(
-                f"rebar.agents: {name}",
-                f"gives {type(path).__name__}, not the path of a manifest",
-                "return a pathlib.Path",
-            )
+            f"rebar.agents: {name}",
+            f"gives {type(path).__name__}, not the path of a manifest",
+            "return a pathlib.Path",
         )
     return Path(path)

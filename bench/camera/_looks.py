@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from bench.arrays import Bools, Floats, product
 from bench.contracts import CastMember, Geometry, Look
 from bench.documents import Document, load_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import ASSETS, Asset
 
 from ._concealment import concealed
@@ -148,11 +148,9 @@ def look_of(member: CastMember, concealment: float, random: np.random.Generator,
     looks = look_tables()
     if member.asset not in looks:
         raise SetupError(
-            Fault(
-                "camera looks",
-                f"there is no look for the asset {member.asset!r}",
-                f"the tables have {', '.join(sorted(looks))}",
-            )
+            "camera looks",
+            f"there is no look for the asset {member.asset!r}",
+            f"the tables have {', '.join(sorted(looks))}",
         )
     look, table = looks[member.asset]
     posture, size, seed = (float(value) for value in random.random(3))
@@ -351,8 +349,6 @@ def _bgr(text: str) -> Floats:
             raise ValueError(text)
     except ValueError:
         raise SetupError(
-            Fault(
-                "camera looks", f"there is no paint {text!r}", "name a paint of the table, or write #rrggbb"
-            )
+            "camera looks", f"there is no paint {text!r}", "name a paint of the table, or write #rrggbb"
         ) from None
     return np.array((value & 255, value >> 8 & 255, value >> 16), dtype=np.float64)

@@ -64,8 +64,7 @@ class Outcome(StrEnum):
         return _BLAME[self]
 
 
-# Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on
-# purpose.
+# Listed and not derived: whether a run counts decides over every number.
 _SCORED_OUTCOMES = frozenset(
     {
         Outcome.COMPLETED,
@@ -211,8 +210,7 @@ class SessionFailure:
             case SetupError():
                 return cls(Outcome.SETUP_INVALID, str(error))
             case VehicleFault():
-                # The model's numbers ran away: the text says which, and the frames of our stack would say
-                # nothing more.
+                # The model's numbers ran away: the text says which, and our frames would say nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
             case AgentBoxKilled():
                 return cls(Outcome.BENCH_ERROR, str(error))

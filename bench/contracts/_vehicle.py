@@ -122,8 +122,7 @@ class Vehicle(Protocol):
     def endpoints(self) -> Mapping[str, str]:
         """Each link's connection string for pymavlink: `udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`."""
 
-    # Counts since the start and not differences: a session compares them with those in an Ack, and none can
-    # be lost on the way.
+    # Counts since the start: a session compares them with those in an Ack, and none can be lost.
     def receive(self) -> Mapping[str, int]:
         """Move what waits in the sockets to the inboxes, without blocking; messages so far, by link."""
 

@@ -22,8 +22,7 @@ from ._plain_values import DocumentPath, dotted, dump_value, parse_text, shown
 # collected. The largest shipped file that is written by hand has 6,246 values. In JSON a value takes ten characters and more.
 MANY_VALUES = 20_000
 MANY_CHARACTERS = 10 * MANY_VALUES
-# Beyond it the slower reader is asked at once, which stops where a document becomes too large. A SimSpec with 5,000 placed
-# actors has 800,000 characters.
+# Beyond it the slower reader is asked at once, which stops. 5,000 placed actors have 800,000 characters.
 MAX_JSON_CHARACTERS = 2_000_000
 
 
@@ -124,7 +123,7 @@ def validate_document(
         "rebar."
     ):  # every other fault would be one of mistaken identity
         expected = str(kind.model_fields["format"].default)
-        raise SetupError(Fault(source, f"is a {shown(mismatch['input'])}", f"name a {expected} here"))
+        raise SetupError(source, f"is a {shown(mismatch['input'])}", f"name a {expected} here")
     faults = [_fault_of(detail, kind, source, lines) for detail in details[:MAX_FAULTS]]
     raise SetupError(faults, more=len(details) - len(faults))
 

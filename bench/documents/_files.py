@@ -29,8 +29,7 @@ def open_file(path: Path, field: str = "") -> BufferedReader:
     cannot be opened; it names the path, and the field of the document that states it where one is given.
     """
     try:
-        # Without waiting for the other end of a pipe, and without becoming the terminal's process. Regular files know no
-        # waiting.
+        # Waits for no other end of a pipe, and becomes no terminal's process. Files know no waiting.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         raise SetupError(_fault(path, field, *_reason(path, error))) from None
@@ -59,7 +58,7 @@ def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         what = f"cannot be read: 0x{content[error.start]:02x} is no character of UTF-8"
-        raise SetupError(Fault(f"{path}:{line}", what, "save it as UTF-8")) from None
+        raise SetupError(f"{path}:{line}", what, "save it as UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -19,8 +19,7 @@ def crosses_box(
     Source: Kay, T. L. and Kajiya, J. T. (1986), "Ray tracing complex scenes", SIGGRAPH '86, 269-278.
     """
     along = end - start
-    # A segment parallel to a slab becomes a very steep one: its crossings lie far outside [0, 1], on both
-    # sides or on one.
+    # A segment parallel to a slab becomes a steep one, whose crossings lie far outside [0, 1].
     along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
     first = (-half - start) / along
     last = (half - start) / along

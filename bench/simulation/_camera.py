@@ -69,15 +69,13 @@ class PinholeCamera:
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
         """(3, 3) the camera's right, down and forward axes as rows: takes ENU differences to them."""
-        # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the
-        # camera.
+        # A level mount cancels roll and pitch alone; the vehicle's heading still turns the camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
         # A fixed camera beside one on the gimbal keeps its direction.
         yaw = state.yaw_rad + ((state.camera_pan_rad or 0.0) if self.gimbal else 0.0)
         sy, cy = math.sin(yaw), math.cos(yaw)
-        # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down
-        # turned up.
+        # Body axes in ENU: the usual yaw-pitch-roll matrix, north and east swapped, down turned up.
         ahead = (cp * sy, cp * cy, sp)
         right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
         below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
@@ -93,8 +91,7 @@ class PinholeCamera:
         in_camera = product(
             np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m, self.axes_enu(state).T
         )
-        # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every
-        # comparison false.
+        # A point behind the camera would have a mirrored pixel; NaN makes every comparison false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         return self.lens.pixels(in_camera[..., :2] / depth[..., None])
 
@@ -107,8 +104,7 @@ class PinholeCamera:
         return CameraNumbers(
             width=lens.width_px,
             height=lens.height_px,
-            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the
-            # same.
+            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros.
             distortion_model="plumb_bob",
             d=lens.distortion,
             k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),

@@ -8,7 +8,7 @@ import socket
 import struct
 
 from bench.contracts import LinkSpec
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.network_namespace import outside_socket
 
 # From <linux/sockios.h> and <linux/if.h>: the address of an interface, and a list of those that have one.
@@ -28,7 +28,7 @@ def interface_address(name: str, field: str) -> str:
         except OSError as error:
             named = ", ".join(f"{other} ({address})" for other, address in interfaces(probe).items())
             what = f"no interface {name!r} with an IPv4 address: {error.strerror}"
-            raise SetupError(Fault(field, what, f"there are {named or 'none'}")) from None
+            raise SetupError(field, what, f"there are {named or 'none'}") from None
     return socket.inet_ntoa(answer[20:24])
 
 

@@ -7,10 +7,9 @@ import socket
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
-# Below the range from which Linux picks ephemeral ports (32768 on), so that no other program's client takes
-# one by chance.
+# Below Linux's ephemeral ports (32768 on), so that no other program's client takes one by chance.
 PORTS = range(14600, 30000)
 
 
@@ -27,7 +26,7 @@ def reserved_udp_port(host: str = "127.0.0.1") -> Generator[int]:
                 yield port
                 return
     raise SetupError(
-        Fault("MAVLink", f"no UDP port in {PORTS.start} to {PORTS.stop - 1} is free", "end what uses them")
+        "MAVLink", f"no UDP port in {PORTS.start} to {PORTS.stop - 1} is free", "end what uses them"
     )
 
 

@@ -21,7 +21,7 @@ from bench.contracts import (
     losses_of,
 )
 from bench.documents import validate_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, BoardAutopilot, SimSpec
 
 from ._host_clock import HostClock
@@ -38,8 +38,7 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     ),
 }
 DEFAULT_HOME = (47.3977, 8.5456, 488.0, 0.0)
-# A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not
-# measured.
+# A host that is further behind drops the lost time, and flies no burst. Chosen, not measured.
 _LATE_S = 0.25
 # Until a real autopilot tells its version at the earliest; the rest of its start is flown before the eyes of its clients.
 _HELLO_S = 4.0
@@ -134,9 +133,7 @@ def standalone_simspec(plan: StandalonePlan) -> SimSpec:
     """A SimSpec from a home place alone: still air, an empty square kilometre, the vehicle amid it."""
     autopilot = plan.autopilot
     if autopilot not in DEFAULT_LINKS:
-        raise SetupError(
-            Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
-        )
+        raise SetupError("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
     latitude, longitude, altitude, heading = plan.home
     corners = [
         {"east_m": east, "north_m": north}

@@ -182,8 +182,7 @@ class TruthRecorder:
 
     def flooded_link(self, time: SimTime) -> str | None:
         """A link on which the agent has sent more than is recorded of one."""
-        # Asked in every step: only what has grown can have become too much, and what a link may carry at once is
-        # compared first.
+        # Asked in every step: only what has grown can be too much, and `at_once` is compared first.
         if not self._grown:
             return None
         self._grown = False

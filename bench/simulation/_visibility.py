@@ -157,8 +157,7 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     """
     outline = _CORNERS if camera.lens.distortion == NO_DISTORTION else _EDGE_POINTS
     corners = posed.centre[:, None, :] + product(outline, posed.axes * posed.half[:, :, None])
-    # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
-    # should.
+    # A corner behind the camera is cut just before it: its box then reaches beyond the border.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
     pixels = camera.lens.pixels(corners[..., :2] / depth)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
@@ -187,13 +186,11 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     if not len(body):
         return np.zeros(len(shown.index))
     points = _sample_points(shown)[body]
-    # In the axes of each solid the box is axis-aligned, which is what the slab test needs. The camera is the
-    # origin.
+    # In a solid's axes the box is axis-aligned, as the slab test needs. The camera is the origin.
     eye = -solids.centre[solid][:, None, :]
     turn = solids.axes[solid].transpose(0, 2, 1)
     hits = crosses_box(product(eye, turn), product(points + eye, turn), solids.half[solid][:, None, :])
-    # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last
-    # row.
+    # Not `blocked[body] |= hits`: a body occurs once for each solid, and its last row would win.
     np.logical_or.at(blocked, body, hits)
     hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
@@ -223,8 +220,7 @@ def _sample_points(shown: _Posed) -> Floats:
     edges = shown.axes * shown.half[:, :, None]
     extent = np.abs(edges[..., :2]).sum(axis=1)
     on_plane = _SAMPLES * extent[:, None, :]
-    # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the
-    # body.
+    # A body seen at an angle is narrower than its rectangle: clipping keeps samples on it.
     local = product(on_plane, shown.axes[..., :2].transpose(0, 2, 1))
     bound = shown.half[:, None, :]
     points: Floats = shown.centre[:, None, :] + product(local.clip(-bound, bound), shown.axes)

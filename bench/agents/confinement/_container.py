@@ -161,8 +161,7 @@ class ContainerProcess:
     def exceeded_limit(self) -> str:
         if self.poll() is None:
             return ""
-        # Podman 4.3 states nothing with version 1 of control groups. The agent cannot write the note: it sees
-        # another scratch folder.
+        # Podman 4.3 states nothing with version 1 of control groups. The agent cannot see the note.
         killed = self._state().get("OOMKilled") or self._note.exists()
         return f"{self._limits.memory_mb} MB of memory" if killed else ""
 

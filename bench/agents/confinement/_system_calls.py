@@ -56,8 +56,7 @@ _NUMBERS: dict[str, dict[str, int]] = {
 _ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 _ENGINE_NAMES = {"x86_64": "SCMP_ARCH_X86_64", "aarch64": "SCMP_ARCH_AARCH64"}
 _SHARED_MEMORY = ("shmget", "msgget", "semget", "mq_open")
-# Landlock has no rights for what they change, and so allows it of every file of the agent's user: modes, owners, times,
-# extended attributes.
+# Of every file of the agent's user Landlock allows these: modes, owners, times, extended attributes.
 _ATTRIBUTES = (
     *(
         "chmod",

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from bench.arrays import Bools, Floats
 from bench.contracts import Detection, Pixels
 from bench.documents import Document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._options import file_digest, option_fault, read_options, require_class_labels, surest_detections
@@ -173,7 +173,7 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
         import transformers
     except ImportError as error:
         raise SetupError(
-            Fault("perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL)
+            "perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL
         ) from error
     if options.device == "cuda" and not torch.cuda.is_available():
         raise option_fault("device", "torch finds no CUDA device", "set device: cpu")

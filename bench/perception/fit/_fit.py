@@ -66,11 +66,9 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     rows = _sightings(matched)
     if not rows.hit.any():
         raise SetupError(
-            Fault(
-                "fit-detector",
-                "no detection in these recordings lies on an actor",
-                "give recordings with detections of actors; with perception.source agent there are none",
-            )
+            "fit-detector",
+            "no detection in these recordings lies on an actor",
+            "give recordings with detections of actors; with perception.source agent there are none",
         )
     unfitted = list(CARRIED_PARAMETERS)
     form = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
@@ -137,7 +135,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
 
 def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
     if not runs:
-        raise SetupError(Fault("fit-detector", "there is no recording", "name one or more"))
+        raise SetupError("fit-detector", "there is no recording", "name one or more")
     models = [simspec.perception.model for simspec, _ in runs]
     if faults := [
         Fault(

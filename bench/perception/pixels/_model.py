@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from bench.arrays import Floats, Narrow
 from bench.documents import Document, read_json_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.temporary_folders import temporary_folder
 
 from ._decoding import RawDetections, cells_of, decode
@@ -125,10 +125,8 @@ def load_model(folder: Traversable | None = None) -> NetworkModel:
     digest = hashlib.sha256(weights).hexdigest()
     if digest != document.weights_sha256:
         raise SetupError(
-            Fault(
-                str(folder / WEIGHTS_NAME),
-                f"has SHA-256 {digest[:12]}..., and {DOCUMENT_NAME} names {document.weights_sha256[:12]}...",
-                "install the package again, or train both files anew",
-            )
+            str(folder / WEIGHTS_NAME),
+            f"has SHA-256 {digest[:12]}..., and {DOCUMENT_NAME} names {document.weights_sha256[:12]}...",
+            "install the package again, or train both files anew",
         )
     return NetworkModel(document, weights)

@@ -9,8 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 from ._expression import Expression, InactiveFactor, parse_expression
 from ._factors import INACTIVE, DesignFactor, FactorLevel, FactorLevels
 
-# Points that a sequence may have refused for each one found, before what is forbidden is said to leave too
-# little ...
+# Points that a sequence may have refused for each one found, until `forbid` leaves too little ...
 MAX_DRAWS_PER_POINT = 1000
 
 # ... and for so many that are still to be found.

@@ -18,8 +18,7 @@ FactorLevel = bool | int | float | str
 
 FactorLevels = dict[str, FactorLevel]
 
-# The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing
-# there.
+# The level of a conditional factor in a point whose other levels do not switch it on: it changes nothing.
 INACTIVE = "inactive"
 
 BASE = "base"

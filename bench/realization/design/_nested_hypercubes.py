@@ -78,8 +78,7 @@ def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator
     columns = []
     for _ in range(factors):
         finer = points // high
-        # One of the fine strata inside each coarse one: so the high points are a Latin hypercube among
-        # themselves as well.
+        # One of the fine strata inside each coarse one: the high points are a Latin hypercube too.
         first = draws.permutation(high) * finer + draws.integers(finer, size=high)
         rest = draws.permutation(np.setdiff1d(np.arange(points), first))
         columns.append((np.concatenate([first, rest]) + draws.random(points)) / points)

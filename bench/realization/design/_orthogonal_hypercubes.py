@@ -27,8 +27,7 @@ MAX_NEARLY_ORTHOGONAL_POINTS = 500
 # Random starts of the search for a nearly orthogonal hypercube; the best result is kept.
 SEARCHES = 4
 
-# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison
-# takes long.
+# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points: it takes long.
 COLUMN_CHOICES = 60
 
 MAX_COMPARED_POINTS = 300

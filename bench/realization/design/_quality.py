@@ -25,8 +25,7 @@ from ._factors import INACTIVE, DesignFactor, FactorLevel
 # Equal parts of a range without steps, when combinations of levels are counted.
 RANGE_PARTS = 3
 
-# Above this number, discrepancy and distance are not computed: their time grows with the square of the
-# points.
+# Discrepancy and distance take time by the square of the points, and are not computed above this.
 MAX_POINTS_FOR_DISTANCE = 2000
 
 MAX_COMBINATIONS = 200_000

@@ -74,11 +74,9 @@ def plackett_burman(factors: int) -> Counts:
     if factors >= MAX_FACTORS:
         raise ValueError(f"a plackett_burman takes at most {MAX_FACTORS - 1} factors here, not {factors}")
     for runs in range(4 * (factors // 4 + 1), 2 * MAX_FACTORS, 4):
-        # Not every multiple of four has a construction here; a power of two always does, and there is one
-        # below twice the start.
+        # A power of two always has a construction, and there is one below twice the start.
         if (square := hadamard_matrix(runs)) is not None:
-            # The first column is made constant and left out: it would be the mean, and the others are
-            # balanced against it.
+            # The first column, made constant, would be the mean; the others are balanced against it.
             return -(square[:, 1:] * square[:, :1])[:, :factors]
     raise AssertionError("a Hadamard matrix of a power of two is always there")
 

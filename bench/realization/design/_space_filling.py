@@ -85,8 +85,7 @@ def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
     # See halton_shares.
     from scipy.stats import qmc
 
-    # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not
-    # measured.
+    # The optimiser takes time by the square of the points. Chosen, not measured.
     optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None
     return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(
         points

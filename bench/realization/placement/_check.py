@@ -294,8 +294,7 @@ class _Judge:
         if bearing and (spots := self._spots(bearing)):
             angle = bearing_deg(spots[0], actor)
             span = (bearing.to_deg - bearing.from_deg) % 360.0
-            # The slack on both sides of the modulo, so that a place a hair before `from_deg` is not 360
-            # degrees past it.
+            # Slack on both sides: a place a hair before `from_deg` is not 360 degrees past it.
             past_deg = (angle - bearing.from_deg + SLACK_DEG) % 360.0 - SLACK_DEG
             if not -SLACK_DEG <= past_deg <= span + SLACK_DEG:
                 sector = f"{bearing.from_deg:g} to {bearing.to_deg:g}"

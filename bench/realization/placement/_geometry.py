@@ -31,16 +31,14 @@ EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 # 5e-5 of the distance by which it shrinks a polygon.
 MARGIN_M = 1e-3
 
-# GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a
-# geometry.
+# GEOS drops corners shallower than this share of the distance by which it grows or shrinks.
 SHALLOW_CORNER = 0.01
 
 MAX_COORDINATES = 64
 
 SIMPLIFY_M = 0.1
 
-# Scenes of a campaign share their few polygons. Large enough for one campaign, and small in memory. Chosen, not
-# measured.
+# Scenes of a campaign share their few polygons. Enough for one campaign; chosen, not measured.
 REMEMBERED_POLYGONS = 256
 
 Corners = tuple[tuple[float, float], ...]

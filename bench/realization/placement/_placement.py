@@ -39,15 +39,13 @@ from .relations._patrol_routes import check_fixed_routes, route_faults
 from .search._anchors import anchor_grounds
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
-# Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies
-# well inside.
+# Share of a report's uncertainty in which its error is drawn, so that the truth lies well inside.
 REPORT_ERROR_SHARE = 0.8
 
 # Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier.
 MAX_ATTEMPTS = 32
 
-# When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not
-# measured.
+# Where crowding leaves a place to fewer, sampling is not tried again. Chosen, not measured.
 RETRY_SHARE = 0.8
 
 

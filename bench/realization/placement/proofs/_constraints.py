@@ -105,8 +105,7 @@ def _wishes(simspec: SimSpec, group: ActorGroup) -> Iterator[tuple[str, str, Kin
         if (room := relation.ground()) is not None:
             yield relation.path, relation.text, "ground", room
     for tie in group_relations(simspec, group):
-        # A relation to fixed points is known ground. One to a group stays a relation until its members are
-        # placed.
+        # A relation to fixed points is known ground; one to a group waits for its members.
         if tie.points is None:
             yield tie.path, tie.text, "relation", tie
         elif (room := tie.bound(tie.points).ground()) is not None:

@@ -13,8 +13,7 @@ from .._geometry import Geometry, areal_parts
 
 _TOLERANCE = 1e-6
 
-# Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a
-# valid bound.
+# Shares of a footprint's length for the axis-parallel rectangle inside it; every one gives a valid bound.
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 

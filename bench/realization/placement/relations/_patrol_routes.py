@@ -218,8 +218,7 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
     for index in range(len(walls)):
         centre, half = walls.centre_m[index], walls.half_m[index]
         begin, end = (starts_m - centre) @ axes[index].T, (ends_m - centre) @ axes[index].T
-        # A walker that stands closer than its half width may walk away, but never through the solid; the
-        # simulation does the same.
+        # As in the simulation, who stands closer may walk away, but never through the solid.
         touching = (np.abs(begin) <= half + need_m).all(axis=1)
         for who, wide in (
             (touching, half + ROUNDING_MARGIN_M),

@@ -179,8 +179,7 @@ class Sampler:
         # Rings larger than the region's box would draw most places outside it.
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
-        # Sectors, roads and distances leave so little of the region's box that drawing from the box would
-        # waste the budget.
+        # These leave so little of the region's box that drawing from it would waste the budget.
         grounds = (where.along, where.bearing, where.distances, where.inside, where.between)
         narrow = any((*grounds, where.avoid, where.counts, where.extent_m))
         room = common_ground(relations) if narrow or remaining is not None else None

@@ -45,15 +45,13 @@ from ._sampling import (
 
 MAX_ATTEMPTS = 2
 
-# Attempts when members stand in or between others, which are placed first and without knowing the later
-# groups.
+# Attempts where members stand in or between others, which are placed first and know no later groups.
 MAX_DEPENDENT_ATTEMPTS = 12
 
 # Share of a host's ground that its guests are assumed to fill. Chosen, not measured.
 HOST_FILL = 0.5
 
-# CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same
-# places.
+# CP-SAT's deterministic limit for one attempt, roughly core seconds: same seed, same places.
 ATTEMPT_LIMIT = 1.0
 
 MAX_PLACES = 6000
