@@ -99,12 +99,11 @@ class ProcessTreeUsage:
 
     def _has_home(self, key: _Key) -> bool:
         # The environment of a process is read once; a session lasts longer than most processes of a host.
-        if self.home is None or key in self._strangers:
-            return False
-        with suppress(OSError):
-            wanted = f"HOME={self.home}".encode()
-            return wanted in (self.proc / str(key[0]) / "environ").read_bytes().split(b"\0")
-        return False
+        return (
+            self.home is not None
+            and key not in self._strangers
+            and has_home(self.proc / str(key[0]), self.home)
+        )
 
     def _keep_ended(self, members: set[_Key], pids: set[int]) -> None:
         """Forget processes that ended, and keep the CPU time that no living parent has taken over."""
@@ -129,6 +128,13 @@ class ProcessTreeUsage:
                 self._delays_s[key] = max(
                     self._delays_s.get(key, 0.0), run_delay_s(Path(task.path, "schedstat"))
                 )
+
+
+def has_home(process: Path, home: str) -> bool:
+    """Whether a process, by its folder in /proc, was started with this HOME; False where nobody may know."""
+    with suppress(OSError):
+        return f"HOME={home}".encode() in (process / "environ").read_bytes().split(b"\0")
+    return False
 
 
 def run_delay_s(schedstat: Path) -> float:

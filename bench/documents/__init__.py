@@ -22,8 +22,6 @@ from ._files import MAX_BYTES as MAX_BYTES
 from ._files import open_file as open_file
 from ._files import read_bytes as read_bytes
 from ._files import read_text as read_text
-from ._files import similar_files as similar_files
-from ._plain_values import DocumentLines as DocumentLines
 from ._plain_values import decimal_number as decimal_number
 from ._plain_values import dump_value as dump_value
 from ._plain_values import parse_text as parse_text

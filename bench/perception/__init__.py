@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from ._detectors import open_detector as open_detector
     from ._detectors import open_detectors as open_detectors
     from ._draws import seeds_of_camera as seeds_of_camera
-    from ._odds import Clarity as Clarity
     from ._odds import DetectionOdds as DetectionOdds
     from ._picture_detector import PictureDetector as PictureDetector
     from ._tracker import KalmanTracker as KalmanTracker

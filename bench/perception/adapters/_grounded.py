@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -71,23 +70,15 @@ class GroundedOptions(Document):
         return prompts
 
 
-@dataclass(frozen=True, slots=True)
-class _Outlines:
-    """SAM and what prepares its input."""
-
-    processor: Any
-    model: Any
-
-
 class GroundedDetector:
-    """Both networks, loaded."""
+    """Both networks, loaded, each behind what prepares its input."""
 
     def __init__(
         self,
         options: GroundedOptions,
         torch: ModuleType,
         finder: tuple[Any, Any],
-        outlines: _Outlines | None,
+        outlines: tuple[Any, Any] | None,
         version: str,
     ) -> None:
         self._options, self._torch = options, torch
@@ -133,7 +124,7 @@ class GroundedDetector:
     def _outlined(self, rgb: Pixels, detections: tuple[Detection, ...]) -> tuple[Detection, ...]:
         """The detections with the boxes of SAM's masks, one mask for each."""
         assert self._outlines is not None
-        processor, model = self._outlines.processor, self._outlines.model
+        processor, model = self._outlines
         prompts = [[list(detection.box) for detection in detections]]
         inputs = processor(rgb, input_boxes=prompts, return_tensors="pt")
         sizes = inputs["original_sizes"], inputs["reshaped_input_sizes"]
@@ -191,9 +182,7 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
     outlines = None
     if options.sam is not None:
         sam = _load(transformers.SamModel, "sam", options.sam, use_safetensors=True)
-        outlines = _Outlines(
-            _load(transformers.SamProcessor, "sam", options.sam), sam.to(options.device).eval()
-        )
+        outlines = _load(transformers.SamProcessor, "sam", options.sam), sam.to(options.device).eval()
         versions.append(_version_of("SAM", options.sam, sam))
     versions += [f"transformers {transformers.__version__}", f"torch {torch.__version__}"]
     return GroundedDetector(

@@ -31,7 +31,7 @@ from bench.simspec import (
 from ._check import check_placement
 from ._footprint import Footprints
 from ._geometry import Geometry, polygon_ground, prepared_ground
-from ._groups import member_count, prerequisite_groups
+from ._groups import member_count, names_in_relations, prerequisite_groups
 from ._honeypot import honeypots
 from .proofs._capacity import check_areas
 from .proofs._proof import narrowed_ground, prove_infeasible
@@ -187,7 +187,7 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         if group.placement.region:
             yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
         if member_count(simspec, group) and (
-            empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]
+            empty := [other for other in sorted(names_in_relations(group)) if least.get(other) == 0]
         ):
             yield Fault(
                 f"{where}.placement",
@@ -215,21 +215,6 @@ def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fa
                 f"needs two members of {other.id!r}, which may have fewer",
                 "give it two, or name two groups",
             )
-
-
-def _groups_named(group: ActorGroup) -> set[str]:
-    """The groups that this one relates to by name: a relation to a group without members would be empty."""
-    place = group.placement
-    names = {
-        relation.of
-        for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside)
-        if relation
-    }
-    names |= {avoid.of for avoid in place.avoid}
-    names |= {place.between.first, place.between.second} if place.between else set()
-    return {
-        name for name in (*names, *(reference.of for reference in place.place_references.values())) if name
-    }
 
 
 def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:

@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import combinations
 from math import ceil, floor, pi
 from typing import Any
 
@@ -49,7 +50,7 @@ from .._groups import (
 )
 from .._infeasible import smallest_failing
 from ..relations._between import BetweenRelation
-from ..relations._distance_bands import band_ground, distance_bands
+from ..relations._distance_bands import band_ground
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground
 from ..relations._relation import HOME_CLEARANCE_M, GroupRelation, field_path
@@ -153,7 +154,7 @@ class _Relaxation:
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         for group in self.order:
-            self._check_bands(group)
+            self._check_bands(group.id)
         self._each("heading", self._check_headings)
 
     def _facts(self, kind: Kind) -> list[tuple[str, Any]]:
@@ -218,16 +219,21 @@ class _Relaxation:
     def _narrow_by_between(self, group_id: str, between: BetweenRelation) -> None:
         self._cut(group_id, between.ground(*(self.ground[name] for name in between.ends)))
 
-    def _check_bands(self, group: ActorGroup) -> None:
-        """No two distances of a group to the same members exclude each other."""
-        bands = distance_bands(self.simspec, group)
-        paths = {
-            term.path for term in self.terms if term.group == group.id and term.kind in ("relation", "mean")
-        }
-        kept = [band for path, band in bands.items() if path in paths]
-        _Contradiction.unless(
-            not any(band.excludes(other) for number, band in enumerate(kept) for other in kept[:number])
-        )
+    def _check_bands(self, group_id: str) -> None:
+        """No two distances of a group to the same members exclude each other.
+
+        Some member who keeps the one, or the mean of all, may be another than who keeps the other.
+        """
+        bands = [
+            (tie.of, tie.quantifier, tie.band_m) for tie in self._facts_of("relation", group_id) if tie.band_m
+        ]
+        for mean in self._facts_of("mean", group_id):
+            # Positions are rounded to the millimetre.
+            slack_m = mean.tolerance * mean.mean_m + 1e-3
+            bands.append(((mean.of,), "mean", (mean.mean_m - slack_m, mean.mean_m + slack_m)))
+        for (of, quantifier, (low_m, high_m)), (other, other_quantifier, band_m) in combinations(bands, 2):
+            if of == other and "every" in (quantifier, other_quantifier):
+                _Contradiction.unless(max(low_m, band_m[0]) <= min(high_m, band_m[1]))
 
     def _check_headings(self, group_id: str, parallel: RequiredHeading) -> None:
         """Some heading of a group follows its road and faces its target."""

@@ -28,25 +28,22 @@ def sampled_headings_deg(
     """(n,) headings drawn for (n, 2) places: within the group's heading relations, else uniform."""
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
+    aimed: Floats
     if facing and facing.heading_deg is not None:
-        # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
-        limit = 0.999 * facing.within_deg
-        fixed: Floats = np.round(facing.heading_deg + rng.uniform(-limit, limit, count), 3) % 360.0
-        return fixed
-    if facing and targets is not None:
+        aimed, within_deg = np.full(count, facing.heading_deg), facing.within_deg
+    elif facing and targets is not None:
         offset = targets.centre_m[0] - places_m
-        towards = np.degrees(np.arctan2(offset[:, 0], offset[:, 1]))
-        limit = 0.999 * facing.within_deg
-        turned: Floats = np.round(towards + rng.uniform(-limit, limit, count), 3) % 360.0
-        return turned
-    if along and along.parallel_deg is not None:
-        road = simspec.world.road(along.road)
-        limit = 0.999 * along.parallel_deg
+        aimed, within_deg = np.degrees(np.arctan2(offset[:, 0], offset[:, 1])), facing.within_deg
+    elif along and along.parallel_deg is not None:
         # Along a road either direction counts, so half of the members are turned around.
-        stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
-        aimed: Floats = np.round(stretch + rng.uniform(-limit, limit, count), 3) % 360.0
-        return aimed
-    return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
+        stretch = road_heading_deg(simspec.world.road(along.road), places_m)
+        aimed, within_deg = stretch + 180.0 * rng.integers(2, size=count), along.parallel_deg
+    else:
+        return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
+    # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
+    limit = 0.999 * within_deg
+    headings: Floats = np.round(aimed + rng.uniform(-limit, limit, count), 3) % 360.0
+    return headings
 
 
 def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
@@ -128,22 +125,18 @@ def facing_heading(group: ActorGroup) -> RequiredHeading | None:
     facing = group.placement.facing
     if facing is None:
         return None
-    path, within = field_path(group, "facing"), facing.within_deg
+    courses_deg: tuple[float, ...] = ()
+    point = None
     if facing.heading_deg is not None:
-        return RequiredHeading(
-            path,
-            f"head {facing.heading_deg:g} degrees within {within:g} degrees",
-            within,
-            (facing.heading_deg,),
-        )
-    if facing.of is not None:
-        return RequiredHeading(
-            path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of
-        )
-    assert facing.point is not None
-    place = shapely.Point(facing.point.east_m, facing.point.north_m)
-    text = f"head towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north within {within:g} degrees"
-    return RequiredHeading(path, text, within, point=place)
+        courses_deg, what = (facing.heading_deg,), f"{facing.heading_deg:g} degrees"
+    elif facing.point is not None:
+        point = shapely.Point(facing.point.east_m, facing.point.north_m)
+        what = f"towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north"
+    else:
+        what = f"towards {facing.of!r}"
+    text = f"head {what} within {facing.within_deg:g} degrees"
+    path = field_path(group, "facing")
+    return RequiredHeading(path, text, facing.within_deg, courses_deg, of=facing.of, point=point)
 
 
 def headings_conflict(

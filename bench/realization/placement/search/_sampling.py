@@ -27,7 +27,7 @@ from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import access_relations, route_clearances
-from ..relations._relation import GroupRelation, Relation, common_ground
+from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
 from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
 
 MAX_POOLS = 5
@@ -221,9 +221,7 @@ class Sampler:
         ground = gathering_ground(self.simspec, self.group, self.ground, extent_m, self.target_m)
         if shapely.area(ground) == 0.0:
             return self
-        places = self._candidates(GATHERING_PLACES, None, ground)
-        for relation in self.relations:
-            places = places[relation.keeps(places)]
+        places = kept_places(self._candidates(GATHERING_PLACES, None, ground), self.relations)
         if not len(places):
             return self
         # Half the extent keeps all of them together wherever they stand; all of it finds other shapes than discs.
@@ -319,10 +317,7 @@ class Sampler:
                 return
             wanted = min(size * 2**turn, 4 * POOL_SIZE)
             self.budget.remaining -= wanted
-            candidates = self._candidates(wanted, self.ring, self.ground)
-            for relation in self.relations:
-                candidates = candidates[relation.keeps(candidates)]
-            yield candidates
+            yield kept_places(self._candidates(wanted, self.ring, self.ground), self.relations)
 
     def _candidates(self, count: int, ring: _Ring | None, room: Geometry | None = None) -> Footprints:
         if room is not None:

@@ -32,7 +32,7 @@ from ..relations._ground import clearance
 from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import blocking_pairs, is_obstacle, patrols, placed_obstacles
-from ..relations._relation import GroupRelation, Relation, common_ground
+from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
 from ._lattices import lattices
 from ._sampling import (
     GATHERING_PLACES,
@@ -208,8 +208,7 @@ class _Phase:
         if group.placement.extent_m:
             room = self._gathered(group, room, relations)
         for candidates in self._candidates(group, room, wanted):
-            for relation in relations:
-                candidates = candidates[relation.keeps(candidates)]
+            candidates = kept_places(candidates, relations)
             # Any part of a lattice is one whose places do not crowd each other.
             if len(candidates) > wanted - len(pool):
                 candidates = candidates[np.sort(self.rng.permutation(len(candidates))[: wanted - len(pool)])]
@@ -224,9 +223,7 @@ class _Phase:
         assert extent_m is not None
         target_m = target_footprints(self.simspec, mean.of, self.standing).centre_m[0] if mean else None
         ground = gathering_ground(self.simspec, group, room, extent_m, target_m)
-        places = self._random(group, ground, GATHERING_PLACES)
-        for relation in relations:
-            places = places[relation.keeps(places)]
+        places = kept_places(self._random(group, ground, GATHERING_PLACES), relations)
         if not len(places):
             return room
         return areal_parts(room.intersection(shapely.Point(places.centre_m[0]).buffer(extent_m)))
