@@ -20,6 +20,7 @@ from bench.contracts import (
     Pixels,
     Stage,
     VehicleState,
+    body_axes_enu,
     cast_of,
     lens_of,
 )
@@ -168,18 +169,7 @@ def pose_of(state: VehicleState, axes_enu: Floats, *, stabilized: bool = False) 
     """
     if stabilized:
         state = _level_motion(state)
-    roll, pitch, yaw = state.roll_rad, state.pitch_rad, state.yaw_rad
-    sr, cr, sp, cp, sy, cy = (
-        math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch), math.sin(yaw), math.cos(yaw),
-    )  # fmt: skip
-    # Body forward, right and down in ENU, as rows.
-    body = np.array(
-        (
-            (cp * sy, cp * cy, sp),
-            (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp),
-            (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp),
-        )
-    )
+    body = np.array(body_axes_enu(state.roll_rad, state.pitch_rad, state.yaw_rad))
     rates_enu = product(np.array(state.rates_body_radps), body)
     return CameraPose(
         state.time,

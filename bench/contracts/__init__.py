@@ -193,5 +193,6 @@ if TYPE_CHECKING:
     from ._vehicle import VehicleCondition as VehicleCondition
     from ._vehicle import VehiclePlan as VehiclePlan
     from ._vehicle import VehicleState as VehicleState
+    from ._vehicle import body_axes_enu as body_axes_enu
 
 __getattr__ = lazy_names(__name__)

@@ -25,6 +25,7 @@ from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, BoardAutopilot, SimSpec
 
 from ._host_clock import HostClock
+from ._interface import interface_address
 from ._parameter_file import HasParameters, ParameterFile
 from ._step_timing import StepClock
 
@@ -68,6 +69,15 @@ class StandalonePlan:
     camera: bool = False
     firmware: str = ""
     board: BoardAutopilot | None = None
+
+
+def interface_links(autopilot: str, name: str) -> list[LinkSpec]:
+    """Links for other computers: they listen on an interface, at the ports of the autopilot's own in simulation."""
+    address = interface_address(name, "--interface")
+    return [
+        replace(link, kind="tcp_in" if link.kind == "tcp_in" else "udp_in", host=address)
+        for link in DEFAULT_LINKS[autopilot]
+    ]
 
 
 def run_standalone(

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scene_simspecs import hovering
 
-from bench.contracts import CastMember
+from bench.contracts import START, CastMember
 from bench.simspec import ActorGroup, Camera, Distortion, Role
 from bench.simulation import PinholeCamera
+from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._visibility import Bodies, sightings
 
 FOCAL_PX = 640.0 / math.tan(math.radians(35.0))
@@ -131,7 +132,7 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
 def test_camera_info_holds_the_intrinsics_of_the_projection() -> None:
     """K maps camera coordinates to the pixels that project() gives."""
     pinhole = camera(90.0)
-    info = pinhole.camera_info()
+    info = CameraMessages(pinhole, "", "").camera_info(START)
     u, v, w = np.array(info.k).reshape(3, 3) @ np.array([3.0, -2.0, 50.0])
 
     assert (u / w, v / w) == pytest.approx(
