@@ -63,9 +63,7 @@ def infeasible(simspec: SimSpec) -> str:
 
 
 def test_paper_scenes() -> None:
-    """Scenes of the paper's experiment keep every relation, the mean proximity within 1 %, and differ from
-    each other.
-    """
+    """Scenes of the paper keep every relation, the mean within 1 %, and differ from each other."""
     plans = realize(
         validate_document(PAPER["base"], SimSpec), validate_document(PAPER["design"], Design), [AgentSpec()]
     )
@@ -78,9 +76,7 @@ def test_paper_scenes() -> None:
 
 
 def test_a_typical_scene_is_quick() -> None:
-    """Some ninety actors of the paper's experiment take milliseconds; the bound is wide, for busy
-    machines.
-    """
+    """Some ninety actors take milliseconds; the bound is wide, for busy machines."""
     simspec = validate_document(PAPER["base"], SimSpec)
     place(simspec)
 
@@ -92,9 +88,7 @@ def test_a_typical_scene_is_quick() -> None:
 
 
 def test_same_seed_same_bytes() -> None:
-    """The same seed places to the byte alike, another one elsewhere, and a group added later moves nobody
-    placed before it.
-    """
+    """The same seed places alike, another elsewhere; a group added later moves nobody before it."""
     people, trees = group("people", "civilian", 10), group("trees", "tree", 5)
 
     assert dump_json(place(scene(people))) == dump_json(place(scene(people)))
@@ -121,9 +115,7 @@ def test_whatever_is_asked_is_kept(
     mean_m: float,
     bay: bool,
 ) -> None:
-    """What placement returns passes the independent check, over random scenes, also in a region with a
-    bay.
-    """
+    """What placement returns passes the independent check, also in a region with a bay."""
     low, span = near_m
     angle = {
         "corners": [
@@ -199,9 +191,7 @@ def test_impossible_by_area() -> None:
 
 
 def test_impossible_by_relations() -> None:
-    """Relations that cannot be kept together are named with their numbers, and those that do no harm are
-    not.
-    """
+    """Relations that cannot be kept together are named with their numbers, harmless ones are not."""
     message = infeasible(
         scene(
             group("radar", "radar-vehicle", region=corners(5.0, 5.0, 20.0, 20.0)),

@@ -590,9 +590,7 @@ def test_what_has_places_is_never_refused_with_proof() -> None:
 
 
 def test_what_is_placed_keeps_the_documents_words() -> None:
-    """Loose scenes find places, but for few, and a judge that shares nothing with the bench finds nothing
-    broken.
-    """
+    """Loose scenes find places, but for few, and an independent judge finds nothing broken."""
     placed = 0
     refused = []
     for seed, simspec, _ in possible(range(40), LOOSE, relations=2):
@@ -610,9 +608,7 @@ def test_what_is_placed_keeps_the_documents_words() -> None:
 
 
 def test_the_check_finds_what_the_documents_words_forbid() -> None:
-    """Of a good scene one actor is moved or turned: the check finds fault exactly where the words do, and
-    often they do.
-    """
+    """One actor is moved or turned: the check finds fault exactly where the words do, and often."""
     broken: set[str] = set()
     for seed, simspec, realized in possible(range(100, 180), TIGHT, relations=3):
         draw = random.Random(seed)

@@ -1,6 +1,4 @@
-"""Inside areas and members, between two, by the compass, from home: kept, found broken by the check, told
-apart.
-"""
+"""Inside areas and members, between two, by the compass, from home: kept, or found broken."""
 
 from __future__ import annotations
 
@@ -159,9 +157,7 @@ HARD: dict[str, list[dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", HARD)
 def test_the_solver_finds_what_chance_does_not(name: str) -> None:
-    """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way
-    that is required for.
-    """
+    """Hosts wait for those to whom their guests relate; guests are tried in rows, turned as required."""
     wanted = scene(*HARD[name], seed=1)
     placed = solve_placement(wanted, placement_order(wanted))
     assert placed is not None
@@ -349,9 +345,7 @@ def test_the_smallest_clash_is_named(name: str) -> None:
 
 
 def test_guests_need_no_ground_of_their_own() -> None:
-    """A yard that its houses fill has room for those who stand in them: areas of guests are not added to
-    those of hosts.
-    """
+    """A yard that its houses fill has room for those in them: areas of guests are not added."""
     yard = corners(0, 0, 30, 30)
     houses = group("houses", "house", 5, region=yard, separation_m=0.1)
     assert (

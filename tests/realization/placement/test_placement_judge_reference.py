@@ -1,5 +1,4 @@
-"""The judge against a brute-force reference written from docs/placement.md: random places, with two of
-everything.
+"""The judge against a reference written from docs/placement.md: random places, two of everything.
 
 Two eyes to be hidden from, two areas, two roads, two walls, two routes, and two groups related to the same
 third. Places are drawn without regard to relations, so about half of these are broken, and both judges must

@@ -1,6 +1,4 @@
-"""Patrols get from their places to their routes and round them: as the simulation walks, by sampling, solver
-and check alike.
-"""
+"""Patrols get to their routes and round them, by sampling, solver and check alike."""
 
 from __future__ import annotations
 
@@ -90,9 +88,7 @@ CROWDED = [free("houses", "house", 8), free("trees", "tree", 12), patrol(4), fre
 
 @pytest.mark.parametrize("seed", range(4))
 def test_every_walker_gets_round_its_route(seed: int) -> None:
-    """Among houses placed before and after them, all walk the whole route, by sampled places and by the
-    solver's.
-    """
+    """Among houses placed before and after them all walk the whole route, sampled or solved."""
     simspec = scene(*CROWDED, seed=seed)
     by_solver = solve_placement(simspec, placement_order(simspec))
 
@@ -174,9 +170,7 @@ BAY = corners((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (40, 40), (40, 
 
 
 def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
-    """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is
-    walked.
-    """
+    """Nobody inside the area walks out of it: the fault names the leg; one round the bay is walked."""
     with pytest.raises(
         SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"
     ):
@@ -225,9 +219,7 @@ def test_check_finds_closed_ways() -> None:
 
 
 def test_corners_count_as_the_simulation_counts_them() -> None:
-    """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is
-    closed here.
-    """
+    """Footprints are grown along and across: what the simulation closes at a corner is closed here."""
     # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an
     # axis.
     corner = np.array([46.0, 44.5])

@@ -1,6 +1,4 @@
-"""Roads, bearings, facing, sight, spread and drawn counts: kept where they can be, found broken by the check,
-told apart.
-"""
+"""Roads, bearings, facing, sight, spread and drawn counts: kept where they can be, or found broken."""
 
 from __future__ import annotations
 
@@ -182,9 +180,7 @@ def test_a_low_wall_does_not_hide_from_above() -> None:
 
 
 def test_drawn_counts() -> None:
-    """A range comes out within itself, differs between seeds, is the same for the same seed, and rates as its
-    low end.
-    """
+    """A range comes out within itself, by the seed, and rates as its low end."""
     people = group("people", "civilian", {"low": 3, "high": 9}, role="bystander")
     placed = [place(scene(people, seed=seed)) for seed in range(30)]
     drawn = {len(actor.realized.actors) for actor in placed if actor.realized}
@@ -333,9 +329,7 @@ def test_the_smallest_clash_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("dropped", ["a", "b"])
 def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
-    """With either of two groups that share their ground left out, nothing is proved any more; the trees never
-    mattered.
-    """
+    """With either of two groups that share ground left out, nothing is proved; trees never mattered."""
     groups, fields = IMPOSSIBLE["too many for a shared region"]
     rest = scene(*(actor for actor in groups if actor["id"] != dropped))
 
@@ -355,9 +349,7 @@ def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
     ],
 )
 def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], message: str) -> None:
-    """A sliver of a region, a crowd in a yard and a gap wider than the ground get a clear answer in no
-    time.
-    """
+    """A sliver of a region, a crowd and a gap wider than the ground get a clear answer in no time."""
     began = time.process_time()
 
     with pytest.raises(PlacementInfeasible, match=message):

@@ -94,9 +94,7 @@ def test_dense_scenes_are_found(name: str) -> None:
 
 
 def test_same_seed_same_bytes_in_another_process() -> None:
-    """The same seed gives the same document in a process of its own, with another order of hashes; another
-    seed another.
-    """
+    """The same seed gives the same document with another order of hashes; another seed another."""
     dense = DENSE["ties between them"]
     program = (
         "import sys, hashlib; from bench.simspec import SimSpec; from bench.realization import place; "
@@ -130,9 +128,7 @@ def test_what_is_sampled_says_so() -> None:
 
 
 def test_not_found_is_not_called_impossible() -> None:
-    """Twelve houses tile the yard to the last centimetre, home stands in one of the places: nobody knows, and
-    it says so.
-    """
+    """Twelve houses tile the yard, home stands in one of the places: nobody knows, and it says so."""
     began = time.process_time()
     with pytest.raises(PlacementInfeasible, match=r"no places were found.*: .* crowd each other") as refused:
         place(scene(group("houses", "house", 11, separation_m=0.0), size_m=36.0))
@@ -199,9 +195,7 @@ def everything(seed: int) -> SimSpec:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_solver_keeps_every_relation(seed: int) -> None:
-    """Asked although sampling would do, the solver's places pass the check, whatever the relation; so do
-    sampled ones.
-    """
+    """Asked although sampling would do, the solver's places pass the check; so do sampled ones."""
     simspec = everything(seed)
     placed = solve_placement(simspec, placement_order(simspec))
 
