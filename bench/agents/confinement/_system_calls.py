@@ -58,19 +58,9 @@ _ENGINE_NAMES = {"x86_64": "SCMP_ARCH_X86_64", "aarch64": "SCMP_ARCH_AARCH64"}
 _SHARED_MEMORY = ("shmget", "msgget", "semget", "mq_open")
 # Of every file of the agent's user Landlock allows these: modes, owners, times, extended attributes.
 _ATTRIBUTES = (
-    *(
-        "chmod",
-        "chown",
-        "fchmod",
-        "fchmodat",
-        "fchmodat2",
-        "fchown",
-        "fchownat",
-        "file_setattr",
-        "fremovexattr",
-    ),
-    *("fsetxattr", "futimesat", "lchown", "lremovexattr", "lsetxattr", "removexattr", "removexattrat"),
-    *("setxattr", "setxattrat", "utime", "utimensat", "utimes"),
+    *("chmod", "chown", "fchmod", "fchmodat", "fchmodat2", "fchown", "fchownat", "file_setattr"),
+    *("fremovexattr", "fsetxattr", "futimesat", "lchown", "lremovexattr", "lsetxattr", "removexattr"),
+    *("removexattrat", "setxattr", "setxattrat", "utime", "utimensat", "utimes"),
 )
 _NAMED_BELOW = frozenset(
     {"clone", "clone3", "socket", "socketpair", "ioctl", "fcntl", *_SHARED_MEMORY, *_ATTRIBUTES}

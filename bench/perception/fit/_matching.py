@@ -116,11 +116,8 @@ def _apart(run: MatchedRun) -> Iterator[tuple[float, float]]:
         for matched in frame.sightings:
             if matched.detection is not None:
                 box = matched.sighting.box
-                yield _mean_edge_distance_px(matched.detection.box, box), _mean_side_px(box)
-
-
-def _mean_edge_distance_px(box: Box, other: Box) -> float:
-    return float(np.mean(np.abs(np.subtract(box, other))))
+                apart_px = float(np.mean(np.abs(np.subtract(matched.detection.box, box))))
+                yield apart_px, _mean_side_px(box)
 
 
 def _mean_side_px(box: Box) -> float:

@@ -174,7 +174,11 @@ class Design(Document):
         if take is None:
             return pairs
         # A hash ranks each pair independently of the others, which a random stream would not.
-        drawn = {(point.id, replicate) for point, replicate in sorted(pairs, key=self._lot)[:take]}
+        lot = {
+            (point.id, replicate): hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
+            for point, replicate in pairs
+        }
+        drawn = set(sorted(lot, key=lot.__getitem__)[:take])
         return [pair for pair in pairs if (pair[0].id, pair[1]) in drawn]
 
     def _count(self, method: Method, place: int) -> int:
@@ -189,10 +193,6 @@ class Design(Document):
             if place == 0
             else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
         )
-
-    def _lot(self, pair: tuple[DesignPoint, int]) -> bytes:
-        point, replicate = pair
-        return hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
 
 
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:

@@ -7,7 +7,7 @@ resolution).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import ClassVar, Literal, Self
 
@@ -170,11 +170,8 @@ def _runs_of(columns: Sequence[int]) -> Counts:
 
 
 def _product(raised: Mapping[int, Counts], column: int) -> Counts:
-    return np.asarray(np.prod([raised[base] for base in _bits(column)], axis=0), dtype=np.int64)
-
-
-def _bits(column: int) -> Iterator[int]:
-    return (1 << place for place in range(column.bit_length()) if column >> place & 1)
+    bases = [raised[1 << place] for place in range(column.bit_length()) if column >> place & 1]
+    return np.asarray(np.prod(bases, axis=0), dtype=np.int64)
 
 
 def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import ClassVar, Literal
 
 from pydantic import Field
@@ -59,7 +59,9 @@ class Stratified(Document):
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
                 "or give band (20 is a tension), the width of difficulties that count as one"
             )
-        drawn = list(itertools.islice(_round_robin(list(strata.values())), self.points))
+        # A point of each stratum in turn.
+        turns = itertools.zip_longest(*strata.values())
+        drawn = [levels for turn in turns for levels in turn if levels is not None][: self.points]
         if len(drawn) < self.points:
             raise ValueError(
                 f"only {len(drawn)} different points are among the candidates; lower points or raise candidates"
@@ -80,8 +82,3 @@ class Stratified(Document):
         rounded = round(difficulty, DECIMALS)
         # As with tensions, an edge belongs to the easier band.
         return rounded if self.band is None else max(1, -int(-rounded // self.band))
-
-
-def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:
-    for turn in itertools.zip_longest(*strata):
-        yield from (levels for levels in turn if levels is not None)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from yards import corners, group, scene
 
 from bench.documents import dump_json, parse_text, validate_document
 from bench.errors import SetupError
@@ -28,27 +29,6 @@ from bench.simspec import (
 )
 
 PAPER: dict[str, Any] = parse_text((Path(__file__).parents[3] / "campaigns" / "paper.yaml").read_text())[0]
-
-
-def corners(west: float, south: float, east: float, north: float) -> dict[str, Any]:
-    places = ((west, south), (east, south), (east, north), (west, north))
-    return {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
-
-
-def group(name: str, asset: str, count: int = 1, role: str = "clutter", **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": role, "count": count, "placement": placement}
-
-
-def scene(*groups: dict[str, Any], seed: int = 1, size_m: float = 100.0, **others: Any) -> SimSpec:
-    """A square yard whose south-west corner, where the vehicle stands, is the origin."""
-    document = {
-        "name": "yard",
-        "world": {"area": corners(0.0, 0.0, size_m, size_m)},
-        "actors": list(groups),
-        "seeds": {"root": seed},
-        **others,
-    }
-    return validate_document(document, SimSpec)
 
 
 def realized(simspec: SimSpec) -> Realized:

@@ -176,8 +176,9 @@ class Sampler:
             if relation
         ]
         ring = min(rings, key=lambda candidate: candidate.area_m2, default=None)
+        west, south, east, north = region.bounds
         # Rings larger than the region's box would draw most places outside it.
-        if ring and ring.area_m2 > _box_area_m2(region):
+        if ring and ring.area_m2 > (east - west) * (north - south):
             ring = None
         # These leave so little of the region's box that drawing from it would waste the budget.
         grounds = (where.along, where.bearing, where.distances, where.inside, where.between)
@@ -357,11 +358,6 @@ class Sampler:
     def _extent_text(self) -> str:
         extent_m = self.group.placement.extent_m
         return f" and no more than {extent_m:g} m from one to another" if extent_m else ""
-
-
-def _box_area_m2(region: shapely.Polygon) -> float:
-    west, south, east, north = region.bounds
-    return float((east - west) * (north - south))
 
 
 def gathering_ground(
