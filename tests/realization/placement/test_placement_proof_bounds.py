@@ -11,8 +11,8 @@ import shapely
 import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from yards import corners, group, points, scene
 
-from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order
 from bench.realization.placement.proofs._packing import max_aligned_rectangles, max_spaced_points
@@ -46,11 +46,11 @@ def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> N
         *(triangle(side, apart_m) for side in range(1, 12)),
         *([(i * apart_m, 0.0) for i in range(k)] for k in range(1, 12)),
     ]
-    for points in packings:
+    for packing in packings:
         hull = shapely.affinity.rotate(
-            shapely.convex_hull(shapely.multipoints(points)), turn_deg, origin=(0.0, 0.0)
+            shapely.convex_hull(shapely.multipoints(packing)), turn_deg, origin=(0.0, 0.0)
         )
-        assert len(points) <= max_spaced_points(hull, apart_m)
+        assert len(packing) <= max_spaced_points(hull, apart_m)
     for side in range(1, 12):
         whole = shapely.convex_hull(shapely.multipoints(triangle(side, apart_m)))
         assert max_spaced_points(whole, apart_m) == (side + 1) * (side + 2) / 2
@@ -112,21 +112,16 @@ def test_aligned_rectangles_are_bounded_by_their_rows() -> None:
     assert 11 <= lane(1.0, 10.0) <= 12
 
 
+HOME = {"home": {"east_m": -50.0, "north_m": -50.0}}
+
+
 def yard(*groups: dict[str, Any], size_m: float = 40.0, roads: Any = (), area: Any = None) -> SimSpec:
-    places = area or ((0, 0), (size_m, 0), (size_m, size_m), (0, size_m))
-    corners = {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
-    home = {"east_m": -50.0, "north_m": -50.0}
-    world = {"area": corners, "roads": list(roads)}
-    document = {"name": "yard", "world": world, "actors": list(groups), "vehicle": {"home": home}}
-    return validate_document(document, SimSpec)
+    outline = {"corners": points(*area)} if area else corners(0.0, 0.0, size_m, size_m)
+    return scene(*groups, seed=0, area=outline, roads=roads, vehicle=HOME)
 
 
-def group(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
-
-
-def road(*points: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
-    return {"id": "main", "width_m": width_m, "points": [{"east_m": e, "north_m": n} for e, n in points]}
+def road(*places: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
+    return {"id": "main", "width_m": width_m, "points": points(*places)}
 
 
 def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import pickle
 import time
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from yards import YARDS, corners, faults, group, scene, written
 
 from bench.errors import SetupError
@@ -17,7 +14,7 @@ from bench.realization import PlacementInfeasible, place
 from bench.realization.placement._placement import placement_order, with_places
 from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.realization.placement.search._solver import solve_placement
-from bench.simspec import ASSETS, SimSpec, factor_values
+from bench.simspec import SimSpec, factor_values
 
 
 @pytest.mark.parametrize("name", YARDS["kept"])
@@ -153,67 +150,3 @@ def test_a_refusal_travels_between_processes() -> None:
     unpickled = pickle.loads(pickle.dumps(refused))
 
     assert (str(unpickled), unpickled.proved, unpickled.clash) == (str(refused), True, refused.clash)
-
-
-def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dict[str, Any]:
-    """A relation of one member's group that the places found do keep."""
-    other = actors[draw(st.sampled_from(sorted(set(actors) - {name})))]
-    distance = math.hypot(actor.east_m - other.east_m, actor.north_m - other.north_m)
-    bearing = math.degrees(math.atan2(actor.east_m - other.east_m, actor.north_m - other.north_m)) % 360.0
-    slack = draw(st.sampled_from([0.01, 1.0, 20.0]))
-    relation: dict[str, Any] = draw(
-        st.sampled_from(
-            [
-                {"near": {"of": other.group, "min_m": max(0.0, distance - slack), "max_m": distance + slack}},
-                {"away": {"of": other.group, "min_m": max(0.0, distance - slack), "max_m": distance + slack}},
-                {"mean_distance": {"of": other.group, "mean_m": distance}},
-                {"distances": [{"of": other.group, "min_m": max(0.001, distance - slack)}]},
-                {
-                    "bearing": {
-                        "of": other.group,
-                        "from_deg": (bearing - slack) % 360.0,
-                        "to_deg": (bearing + slack) % 360.0,
-                    }
-                },
-                {
-                    # Half the diagonal of the largest asset, the apartment block, at any heading.
-                    "region": corners(
-                        *(actor.east_m - 11 - slack, actor.north_m - 11 - slack),
-                        *(actor.east_m + 11 + slack, actor.north_m + 11 + slack),
-                    )
-                },
-            ]
-        )
-    )
-    return relation
-
-
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(data=st.data())
-def test_what_is_possible_is_never_proved_impossible(data: st.DataObject) -> None:
-    """Relations read off a scene that exists clash in no proof, however tightly they fit it."""
-    names = ["a", "b", "c", "d"]
-    assets = [data.draw(st.sampled_from(sorted(ASSETS))) for _ in names]
-    free = [group(name, asset, separation_m=0.2) for name, asset in zip(names, assets, strict=True)]
-    placed = place(scene(*free, seed=data.draw(st.integers(0, 10**6)))).realized
-    assert placed is not None
-    actors = {actor.group: actor for actor in placed.actors}
-    bound = []
-    for index, actor in enumerate(free):
-        relations = (
-            [relation_to(actors, actors[actor["id"]], actor["id"], data.draw) for _ in range(2)]
-            if index
-            else []
-        )
-        satisfied = {
-            key: value
-            for relation in relations
-            for key, value in relation.items()
-            if not (isinstance(value, dict) and value.get("of", "a") >= actor["id"])
-            and not (key == "distances" and value[0]["of"] >= actor["id"])
-        }
-        bound.append({**actor, "placement": actor["placement"] | satisfied})
-    intent = scene(*bound)
-    assert faults(intent.model_copy(update={"realized": placed})) == []
-
-    assert prove_infeasible(intent, placement_order(intent)) is None

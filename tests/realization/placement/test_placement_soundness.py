@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import shapely
 import shapely.affinity
+from yards import group
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
@@ -24,10 +25,6 @@ def ring(geometry: Any) -> dict[str, Any]:
     return {
         "corners": [{"east_m": e, "north_m": n} for e, n in shapely.get_coordinates(geometry)[:-1].tolist()]
     }
-
-
-def group(name: str, asset: str, count: Any = 1, **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
 
 
 def yard(*groups: dict[str, Any], **world: Any) -> SimSpec:

@@ -30,17 +30,22 @@ ROADS = [
 AREAS = [{"id": "village", **corners(10, 10, 40, 40)}, {"id": "hut", **corners(60, 60, 62, 62)}]
 
 
-def group(name: str, asset: str, count: Any = 1, role: str = "clutter", **placement: Any) -> dict[str, Any]:
+def group(name: str, asset: str, count: Any = 1, role: Any = "clutter", **placement: Any) -> dict[str, Any]:
     return {"id": name, "asset": asset, "role": role, "count": count, "placement": placement}
 
 
 def scene(
-    *groups: dict[str, Any], seed: int = 1, size_m: float = 100.0, area: Any = None, **others: Any
+    *groups: dict[str, Any],
+    seed: int = 1,
+    size_m: float = 100.0,
+    area: Any = None,
+    roads: Any = ROADS,
+    **others: Any,
 ) -> SimSpec:
     """A square yard whose south-west corner, where the vehicle stands, is the origin."""
     document = {
         "name": "yard",
-        "world": {"area": area or corners(0.0, 0.0, size_m, size_m), "roads": ROADS, "areas": AREAS},
+        "world": {"area": area or corners(0.0, 0.0, size_m, size_m), "roads": list(roads), "areas": AREAS},
         "actors": list(groups),
         "seeds": {"root": seed},
         **others,
