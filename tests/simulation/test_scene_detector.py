@@ -136,21 +136,6 @@ def test_the_marginal_probability_does_not_depend_on_the_correlation(
     assert low <= count <= high
 
 
-def test_misses_are_correlated_over_the_correlation_time_only() -> None:
-    """Successive frames agree well above chance, those many correlation times apart do not."""
-    detections = detected(spec(actors=400, correlation_s=0.8), frames=60, height_px=14.0)
-    table = np.zeros((60, 400), dtype=bool)
-    table[tuple(np.array(sorted(detections)).T)] = True
-    p = table.mean()
-    chance = p * p + (1.0 - p) * (1.0 - p)
-
-    # Orthant probability of two normals with correlation r, at the median: 1/2 + asin(r)/pi.
-    assert (table[1:] == table[:-1]).mean() == pytest.approx(
-        0.5 + math.asin(math.exp(-0.2 / 0.8)) / math.pi, abs=0.03
-    )
-    assert (table[40:] == table[:20]).mean() == pytest.approx(chance, abs=0.05)
-
-
 def test_without_correlation_frames_are_independent() -> None:
     """correlation_s may be zero, which means an independent draw in each frame."""
     detections = detected(spec(actors=400, correlation_s=0.0), frames=40, height_px=14.0)
@@ -430,30 +415,6 @@ def test_random_draws_do_not_depend_on_other_actors_in_view() -> None:
     assert any(scores(alone))
     for single, many in zip(scores(alone), scores(crowd), strict=True):
         assert set(single) <= set(many)
-
-
-def test_fog_and_concealment_reduce_the_detections_of_a_pass() -> None:
-    """The same pass over the same people gives fewer detections in fog, and fewer when they are concealed."""
-
-    def count_detections(fog: float, concealment: float) -> int:
-        people = [("soldier", 8.0 * a, 8.0 * b, 0.0) for a in range(-8, 9) for b in range(-8, 9)]
-        simspec = scene_simspec(people, concealment=concealment, environment=Environment(fog_level=fog))
-        scene = open_plain_scene(simspec)
-        detector = open_detector(simspec, scene.cast)
-        for number in range(20):
-            now = SimTime(number * PERIOD_NS)
-            scene.advance(now)
-            detector.process(scene.observe(hovering(0.0, -60.0 + 2.0 * number, 60.0), number))
-        return sum(
-            detection.track != ""
-            for result in detector.due(SimTime(10**12))
-            for detection in result.detections
-        )
-
-    clear = count_detections(0.0, 0.0)
-    assert clear > 200
-    assert count_detections(7.0, 0.0) < 0.9 * clear
-    assert count_detections(0.0, 1.0) < 0.7 * clear
 
 
 def test_five_thousand_actors_in_one_frame_take_bounded_time() -> None:

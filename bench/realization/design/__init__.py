@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ._factors import INACTIVE as INACTIVE
     from ._factors import DesignFactor as DesignFactor
     from ._factors import FactorLevel as FactorLevel
+    from ._factors import FactorRange as FactorRange
     from ._quality import DesignQuality as DesignQuality
     from ._quality import design_quality as design_quality
     from ._space_filling import Sobol as Sobol

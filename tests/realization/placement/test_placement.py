@@ -101,23 +101,6 @@ def test_reports_err_within_their_uncertainty() -> None:
     assert max(errors) - min(errors) > 10.0
 
 
-def test_dense_but_possible() -> None:
-    """Forty crates over a third of a yard find their places."""
-    simspec = place(scene(group("crates", "crate", 40, separation_m=0.2), size_m=27.0))
-
-    assert check_placement(simspec) == []
-
-
-def test_impossible_by_area() -> None:
-    """A thousand people in a small yard are refused at once, with the areas."""
-    began = time.process_time()
-
-    assert "1000 of 'people' need at least" in infeasible(
-        scene(group("people", "civilian", 1000), size_m=20.0)
-    )
-    assert time.process_time() - began < 0.5
-
-
 def test_impossible_by_relations() -> None:
     """Relations that cannot be kept together are named with their numbers, harmless ones are not."""
     message = infeasible(
