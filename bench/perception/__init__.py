@@ -1,6 +1,4 @@
-"""Perception: what is made of a camera frame, by the truth or by a stated error model; a tracker for detections; and
-models fitted to recordings.
-"""
+"""Perception: frames by the truth or an error model, a tracker, and models fitted to recordings."""
 
 from __future__ import annotations
 

@@ -80,8 +80,7 @@ class PinholeCamera:
     def mount_quaternion(
         self, pan_rad: float = 0.0, tilt_rad: float | None = None
     ) -> tuple[float, float, float, float]:
-        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static; of a
-        gimbal, for /tf.
+        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static or /tf.
 
         Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. The
         parent is base_level for a stabilized camera, which roll and pitch do not move, and base_link

@@ -1,6 +1,4 @@
-"""The cameras beside the main one: each has its own rate, pictures and CameraInfo; sightings and detections where the
-SimSpec asks for them.
-"""
+"""The cameras beside the main one: each has a rate, pictures and CameraInfo, or detections too."""
 
 from __future__ import annotations
 

@@ -99,9 +99,7 @@ class NetworkModel:
 
 
 def _network_of(weights: bytes) -> cv2.dnn.Net:
-    """The network on the older of OpenCV 5's two engines, which is that of OpenCV 4: it takes three quarters of the
-    newer one's time.
-    """
+    """The network on OpenCV 5's older engine, that of OpenCV 4: it takes three quarters of the time."""
     engine = getattr(cv2.dnn, "ENGINE_CLASSIC", None)
     if engine is None:
         return cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))

@@ -28,8 +28,7 @@ MAX_FACTORS = 100
 
 
 class PlackettBurman(Document):
-    """Two levels of up to N - 1 factors in N runs, N a multiple of four; with `foldover` also every run
-    mirrored.
+    """Two levels of up to N - 1 factors in N runs, a multiple of four; with `foldover` mirrored too.
 
     Main effects are orthogonal; interactions of two factors are confounded with them, unless the design is
     folded over.
@@ -50,9 +49,7 @@ class PlackettBurman(Document):
 
 
 class DefinitiveScreening(Document):
-    """Three levels (low, middle, high) of k factors in about 2 k + 1 runs: main effects apart from all
-    second-order effects.
-    """
+    """Three levels of k factors in about 2 k + 1 runs: main effects apart from all of second order."""
 
     grows: ClassVar[bool] = False
     kind: Literal["definitive_screening"] = "definitive_screening"

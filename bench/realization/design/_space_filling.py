@@ -1,6 +1,4 @@
-"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended at any
-time.
-"""
+"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ HALTON_BLOCK = 256
 
 
 class LatinHypercube(Document):
-    """Points that take every factor's range in equal strata, once each; optimised for low centred
-    discrepancy.
-    """
+    """Points that take every factor's range in equal strata, once each; of low centred discrepancy."""
 
     grows: ClassVar[bool] = False
     kind: Literal["latin_hypercube"] = "latin_hypercube"
@@ -35,9 +31,7 @@ class LatinHypercube(Document):
 
 
 class Halton(Document):
-    """The first points of a scrambled Halton sequence: space-filling, and points added later leave the
-    earlier ones unchanged.
-    """
+    """The first points of a scrambled Halton sequence: points added later leave the earlier ones."""
 
     grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
@@ -48,9 +42,7 @@ class Halton(Document):
 
 
 class Sobol(Document):
-    """The first points of a scrambled Sobol sequence, best as powers of two; points added later leave the
-    earlier ones unchanged.
-    """
+    """The first points of a scrambled Sobol sequence, best as powers of two; more leave the earlier ones."""
 
     grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"

@@ -1,6 +1,4 @@
-"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment`; list members by their id or
-number.
-"""
+"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment` (by id or number)."""
 
 from __future__ import annotations
 

@@ -23,8 +23,7 @@ DECIMALS = 6
 
 
 class Stratified(Document):
-    """The same number of points, as nearly as may be, from every difficulty configuration that the factors
-    can produce.
+    """The same number of points, as nearly as may be, from every possible difficulty configuration.
 
     Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns.
     Points added later leave the earlier ones unchanged.

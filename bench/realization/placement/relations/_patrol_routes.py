@@ -52,9 +52,7 @@ def half_width_m(walker: ActorGroup) -> float:
 
 
 def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
-    """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for
-    each start that is possible.
-    """
+    """(k, 2) points of the route as walked, by whether members start inside the area, where possible."""
     area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:

@@ -122,9 +122,7 @@ def placed_relations(
 def kept_relations(
     simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints], waiting: Collection[str] = ()
 ) -> list[Relation]:
-    """All relations of the group to the ground and to what is placed, except clearance; none to groups that are
-    `waiting` for their places.
-    """
+    """All relations to the ground and to what is placed, but clearance and those to groups `waiting`."""
     relations = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
     relations += [
         tie.bound_to(placed)
