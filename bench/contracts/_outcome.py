@@ -80,15 +80,8 @@ _SCORED_OUTCOMES = frozenset(
 )
 
 _BLAME = {
+    **dict.fromkeys(_SCORED_OUTCOMES, Blame.AGENT),
     Outcome.COMPLETED: Blame.NOBODY,
-    Outcome.TIME_LIMIT: Blame.AGENT,
-    Outcome.VEHICLE_CRASHED: Blame.AGENT,
-    Outcome.AGENT_CRASHED: Blame.AGENT,
-    Outcome.AGENT_TIMEOUT: Blame.AGENT,
-    Outcome.AGENT_NEVER_CONNECTED: Blame.AGENT,
-    Outcome.AGENT_PROTOCOL: Blame.AGENT,
-    Outcome.AGENT_FLOODED: Blame.AGENT,
-    Outcome.AGENT_BROKE_BENCH: Blame.AGENT,
     Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
     Outcome.SETUP_INVALID: Blame.SITUATION,
     Outcome.WALL_BUDGET: Blame.HOST,
