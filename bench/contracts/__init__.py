@@ -92,7 +92,6 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttTick as MqttTick
     from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
     from ._outcome import PROBES as PROBES
-    from ._outcome import Blame as Blame
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
     from ._outcome import Outcome as Outcome

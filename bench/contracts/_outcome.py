@@ -23,16 +23,6 @@ from bench.errors import (
 from ._facts import AnyFact, BenchTraceback, Fact, Facts, Words, fact_of, facts_of
 
 
-class Blame(StrEnum):
-    """Whose doing the end of a session is."""
-
-    AGENT = "agent"
-    HOST = "host"  # the computer: too slow, out of memory, a process that was killed
-    BENCH = "bench"
-    SITUATION = "situation"  # the SimSpec or the campaign
-    NOBODY = "nobody"
-
-
 class Outcome(StrEnum):
     """Every way in which a session can end. None of them is an exception, and each is a row in the report."""
 
@@ -58,11 +48,6 @@ class Outcome(StrEnum):
         """Whether observables of such a run are scored: what the agent did counts, bench errors do not."""
         return self in _SCORED_OUTCOMES
 
-    @property
-    def blame(self) -> Blame:
-        """Whose doing such an end is."""
-        return _BLAME[self]
-
 
 # Listed and not derived: whether a run counts decides over every number.
 _SCORED_OUTCOMES = frozenset(
@@ -78,18 +63,6 @@ _SCORED_OUTCOMES = frozenset(
         Outcome.AGENT_BROKE_BENCH,
     }
 )
-
-_BLAME = {
-    **dict.fromkeys(_SCORED_OUTCOMES, Blame.AGENT),
-    Outcome.COMPLETED: Blame.NOBODY,
-    Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
-    Outcome.SETUP_INVALID: Blame.SITUATION,
-    Outcome.WALL_BUDGET: Blame.HOST,
-    Outcome.BENCH_TOO_SLOW: Blame.HOST,
-    Outcome.WORKER_LOST: Blame.HOST,
-    Outcome.BENCH_ERROR: Blame.BENCH,
-    Outcome.SETTLED: Blame.NOBODY,
-}
 
 
 class Evidence(Document):
