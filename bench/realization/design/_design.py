@@ -11,7 +11,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Protocol, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -27,20 +27,6 @@ from ._orthogonal_hypercubes import NearlyOrthogonalLatinHypercube, OrthogonalLa
 from ._screening import DefinitiveScreening, PlackettBurman
 from ._space_filling import Halton, LatinHypercube, Sobol
 from ._stratified import Difficulties, Stratified
-
-
-class Combines(Protocol):
-    """A method that combines levels. Methods are documents: a campaign gives the `kind` and its options."""
-
-    grows: ClassVar[bool]
-    """Whether more points leave the earlier ones as they were, number and levels."""
-
-    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        """The points in order, with the levels of all factors; the same for equal factors, options and seed.
-
-        Raises ValueError with a sentence when the method cannot combine these factors.
-        """
-
 
 Method = Annotated[
     FullFactorial
@@ -58,6 +44,9 @@ Method = Annotated[
     | Stratified,
     Field(discriminator="kind"),
 ]
+"""Documents: a campaign gives the `kind` and its options. `combinations(space, seed)` has the points in order, with the levels
+of all factors, and raises ValueError with a sentence; with `grows` more points leave the earlier ones as they were.
+"""
 
 
 @dataclass(frozen=True, slots=True)
