@@ -108,11 +108,10 @@ def open_camera(
     camera: Camera | None = None,
     *,
     conditions: Conditions | None = None,
-    ground: GroundType | None = None,
     open_renderer: OpenRenderer = open_opencv_renderer,
     world: Stage | None = None,
 ) -> RenderedCamera:
-    """A camera of a realized SimSpec; `camera`, `conditions` and `ground` default to the SimSpec's own.
+    """A camera of a realized SimSpec; `camera` and `conditions` default to the SimSpec's own.
 
     `world` is the stage of another camera of the same SimSpec, whose ground and looks are shared. Raises SetupError for
     an asset without a look, and for a distortion that cannot be drawn.
@@ -121,7 +120,7 @@ def open_camera(
     conditions = conditions or conditions_of(simspec, camera)
     lens = lens_of(camera)
     if world is None:
-        stage = stage_of(simspec, lens, conditions, ground or GroundType(simspec.world.ground))
+        stage = stage_of(simspec, lens, conditions, GroundType(simspec.world.ground))
     else:
         stage = replace(world, lens=lens, light=light_of_conditions(conditions))
     # A camera that is not in the SimSpec stands in for its main one.

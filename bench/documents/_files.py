@@ -40,13 +40,13 @@ def open_file(path: Path, field: str = "") -> BufferedReader:
     return os.fdopen(descriptor, "rb")
 
 
-def read_bytes(path: Path, max_bytes: int = MAX_BYTES, field: str = "") -> bytes:
+def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """The content of a regular file; SetupError as `open_file`, and for more than `max_bytes`."""
-    with open_file(path, field) as file:
+    with open_file(path) as file:
         # What is read counts, not the size that the file states: that of files in /proc is 0.
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:
-        raise SetupError(_fault(path, field, f"the file is larger than {max_bytes} bytes", "split it"))
+        raise SetupError(_fault(path, "", f"the file is larger than {max_bytes} bytes", "split it"))
     return content
 
 
