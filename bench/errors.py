@@ -40,12 +40,20 @@ MAX_FAULTS = 200
 class SetupError(RebarError):
     """The user's to fix before anything can run; carries every fault found, not the first alone.
 
-    Beyond MAX_FAULTS they are only counted, in a last fault, together with `more` that the caller did not list.
+    A single fault may be given by its parts: where, what, remedy; a text alone says what. Beyond MAX_FAULTS faults are only
+    counted, in a last one, together with `more` that the caller did not list.
     """
 
-    def __init__(self, faults: Fault | str | Sequence[Fault], *, more: int = 0) -> None:
+    def __init__(
+        self,
+        faults: Fault | str | Sequence[Fault],
+        what: str | None = None,
+        remedy: str = "",
+        *,
+        more: int = 0,
+    ) -> None:
         if isinstance(faults, str):
-            faults = Fault("", faults)
+            faults = Fault("", faults) if what is None else Fault(faults, what, remedy)
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
         # One more than MAX_FAULTS may be those of another SetupError, with its count.
         if len(self.faults) > MAX_FAULTS + 1:

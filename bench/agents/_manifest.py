@@ -8,20 +8,19 @@ from pathlib import Path
 
 from bench.contracts import AgentManifest, AgentRole, load_plugin, plugins
 from bench.documents import load_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import agent_name, is_manifest_file
 
 
-def load_manifest(name_or_path: str | Path, *, relative_to: Path | None = None) -> tuple[AgentManifest, Path]:
+def load_manifest(name_or_path: str | Path) -> tuple[AgentManifest, Path]:
     """The manifest and the folder that `{folder}` stands for.
 
-    A file (`is_manifest_file`) is looked up from `relative_to`, the present folder when None; any other value is a
-    name in the entry-point group `rebar.agents`, whose value is the path of a manifest or a function without arguments
-    that returns it. The manifest's `name` is replaced by `agent_name`, so that messages name the agent as results do.
-    Raises SetupError with every fault found.
+    A file (`is_manifest_file`) is looked up from the present folder; any other value is a name in the entry-point group
+    `rebar.agents`, whose value is the path of a manifest or a function without arguments that returns it. The manifest's
+    `name` is replaced by `agent_name`, so that messages name the agent as results do. Raises SetupError with every fault.
     """
     text = str(name_or_path)
-    path = (relative_to or Path.cwd()) / (Path(text) if is_manifest_file(text) else _path_of_plugin(text))
+    path = Path.cwd() / (Path(text) if is_manifest_file(text) else _path_of_plugin(text))
     manifest = load_document(path, AgentManifest)
     return manifest.model_copy(update={"name": agent_name(text)}), path.resolve().parent
 
@@ -45,10 +44,8 @@ def _path_of_plugin(name: str) -> Path:
     path = provider() if callable(provider) else provider
     if not isinstance(path, str | Path):
         raise SetupError(
-            Fault(
-                f"rebar.agents: {name}",
-                f"gives {type(path).__name__}, not the path of a manifest",
-                "return a pathlib.Path",
-            )
+            f"rebar.agents: {name}",
+            f"gives {type(path).__name__}, not the path of a manifest",
+            "return a pathlib.Path",
         )
     return Path(path)

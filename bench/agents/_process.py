@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bench.contracts import AgentPlan, AgentUsage, ProcessRoot
-from bench.errors import AgentBoxKilled, Fault, SetupError
+from bench.errors import AgentBoxKilled, SetupError
 from bench.simspec import seed_of
 
 from ._program import expand_command, expand_placeholders
@@ -33,12 +33,10 @@ from .confinement import (
     without_sessions,
 )
 
-# Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
-# SIGKILL.
+# Host times, chosen: for an agent to exit by itself after the tick socket's end, and after SIGTERM.
 LEAVE_S = 0.25
 GRACE_S = 2.0
-# Kept of the beginning and of the end of its output: the start shows the set-up, the end shows why it
-# stopped.
+# Kept of its output: the beginning shows the set-up, the end shows why it stopped.
 HEAD_BYTES = 256 * 1024
 TAIL_BYTES = 64 * 1024
 LAST_WORDS_BYTES = 4000
@@ -50,8 +48,7 @@ TRUTH_FILE = "truth.json"
 
 @contextmanager
 def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
-    """Start the agent on the rung that its manifest asks for; leaving the block ends it and whatever it
-    started, by force if need be.
+    """Start the agent on the rung that its manifest asks for; leaving the block ends it and what it started.
 
     The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an
     agent never survives its session. Once the agent has started, the bench opens nothing in a folder that the agent can
@@ -228,8 +225,7 @@ class _Output:
                     return
                 if len(self._head) >= HEAD_BYTES:
                     self._ending.wait(0.02)
-        # What the agent wrote last is still in the pipe. Bounded, because a process that it left behind may
-        # go on writing.
+        # What the agent wrote last is in the pipe. Bounded: a process that it left may go on writing.
         for _ in range(LAST_READS):
             if not self._read():
                 return
@@ -295,7 +291,7 @@ class LocalProcess:
             raise AgentBoxKilled(f"{killed} was killed by somebody outside, and the agent with it")
         if failure := self._process.start_failure():
             remedy = "restore the program, or correct the command in the manifest"
-            raise SetupError(Fault("agent.manifest", f"{self._program} {failure}{self._last_line()}", remedy))
+            raise SetupError("agent.manifest", f"{self._program} {failure}{self._last_line()}", remedy)
         return code
 
     def usage(self) -> AgentUsage:

@@ -21,7 +21,6 @@ _PARENT, _SESSION, _CPU, _NICE, _START, _POLICY = 1, 3, slice(11, 15), 16, 19, 3
 # SCHED_OTHER and SCHED_BATCH. An idle or real-time thread chose its own place in the queue.
 _ORDINARY_POLICIES = (0, 3)
 
-
 # Fifty-two numbers and a name of 16 bytes, escaped.
 _STAT_BYTES = 4096
 
@@ -100,12 +99,11 @@ class ProcessTreeUsage:
 
     def _has_home(self, key: _Key) -> bool:
         # The environment of a process is read once; a session lasts longer than most processes of a host.
-        if self.home is None or key in self._strangers:
-            return False
-        with suppress(OSError):
-            wanted = f"HOME={self.home}".encode()
-            return wanted in (self.proc / str(key[0]) / "environ").read_bytes().split(b"\0")
-        return False
+        return (
+            self.home is not None
+            and key not in self._strangers
+            and has_home(self.proc / str(key[0]), self.home)
+        )
 
     def _keep_ended(self, members: set[_Key], pids: set[int]) -> None:
         """Forget processes that ended, and keep the CPU time that no living parent has taken over."""
@@ -130,6 +128,13 @@ class ProcessTreeUsage:
                 self._delays_s[key] = max(
                     self._delays_s.get(key, 0.0), run_delay_s(Path(task.path, "schedstat"))
                 )
+
+
+def has_home(process: Path, home: str) -> bool:
+    """Whether a process, by its folder in /proc, was started with this HOME; False where nobody may know."""
+    with suppress(OSError):
+        return f"HOME={home}".encode() in (process / "environ").read_bytes().split(b"\0")
+    return False
 
 
 def run_delay_s(schedstat: Path) -> float:

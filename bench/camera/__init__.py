@@ -10,7 +10,6 @@ This room and bench.perception.pixels import cv2: import them where pixels are w
 
 from __future__ import annotations
 
-from ._camera import ActorPixels as ActorPixels
 from ._camera import RenderedCamera as RenderedCamera
 from ._camera import RenderedFrame as RenderedFrame
 from ._camera import actors_in as actors_in
@@ -36,7 +35,6 @@ from ._ground import GroundType as GroundType
 from ._looks import look_of as look_of
 from ._looks import look_tables as look_tables
 from ._renderer import open_opencv_renderer as open_opencv_renderer
-from ._sensor import FrameState as FrameState
 from ._view import NEAR_M as NEAR_M
 from ._view import actor_axes as actor_axes
 from ._view import in_view as in_view

@@ -20,6 +20,7 @@ from bench.contracts import (
     Pixels,
     Stage,
     VehicleState,
+    body_axes_enu,
     cast_of,
     lens_of,
 )
@@ -107,11 +108,10 @@ def open_camera(
     camera: Camera | None = None,
     *,
     conditions: Conditions | None = None,
-    ground: GroundType | None = None,
     open_renderer: OpenRenderer = open_opencv_renderer,
     world: Stage | None = None,
 ) -> RenderedCamera:
-    """A camera of a realized SimSpec; `camera`, `conditions` and `ground` default to the SimSpec's own.
+    """A camera of a realized SimSpec; `camera` and `conditions` default to the SimSpec's own.
 
     `world` is the stage of another camera of the same SimSpec, whose ground and looks are shared. Raises SetupError for
     an asset without a look, and for a distortion that cannot be drawn.
@@ -120,7 +120,7 @@ def open_camera(
     conditions = conditions or conditions_of(simspec, camera)
     lens = lens_of(camera)
     if world is None:
-        stage = stage_of(simspec, lens, conditions, ground or GroundType(simspec.world.ground))
+        stage = stage_of(simspec, lens, conditions, GroundType(simspec.world.ground))
     else:
         stage = replace(world, lens=lens, light=light_of_conditions(conditions))
     # A camera that is not in the SimSpec stands in for its main one.
@@ -168,18 +168,7 @@ def pose_of(state: VehicleState, axes_enu: Floats, *, stabilized: bool = False) 
     """
     if stabilized:
         state = _level_motion(state)
-    roll, pitch, yaw = state.roll_rad, state.pitch_rad, state.yaw_rad
-    sr, cr, sp, cp, sy, cy = (
-        math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch), math.sin(yaw), math.cos(yaw),
-    )  # fmt: skip
-    # Body forward, right and down in ENU, as rows.
-    body = np.array(
-        (
-            (cp * sy, cp * cy, sp),
-            (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp),
-            (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp),
-        )
-    )
+    body = np.array(body_axes_enu(state.roll_rad, state.pitch_rad, state.yaw_rad))
     rates_enu = product(np.array(state.rates_body_radps), body)
     return CameraPose(
         state.time,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import NO_DISTORTION, Lens, distortion_faults
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 P = TypeVar("P", np.uint8, np.uint16, np.float32)
 
@@ -45,11 +45,9 @@ class Canvas:
         width, height = lens.width_px + left + right, lens.height_px + above + below
         if width > MAX_ENLARGEMENT * lens.width_px or height > MAX_ENLARGEMENT * lens.height_px:
             raise SetupError(
-                Fault(
-                    f"camera {lens.name}: distortion",
-                    f"the picture before distortion would have {width} x {height} pixels",
-                    f"at most {MAX_ENLARGEMENT:g} times the picture's size is drawn; lower the coefficients",
-                )
+                f"camera {lens.name}: distortion",
+                f"the picture before distortion would have {width} x {height} pixels",
+                f"at most {MAX_ENLARGEMENT:g} times the picture's size is drawn; lower the coefficients",
             )
         canvas = replace(
             lens,

@@ -307,9 +307,7 @@ def _cut(points: Floats, signed: Floats) -> Floats:
 
 
 def cut_to_frame(corners: Floats, lens: Lens) -> Floats:
-    """(k, 2) a face in optical coordinates (k, 3), cut at the near plane and a little outside the picture, in OpenCV's
-    pixels.
-    """
+    """(k, 2) OpenCV's pixels of a face (k, 3) in optical coordinates, cut near the camera and the picture."""
     margin = 16.0
     left, right = (-margin - lens.cx) / lens.fx, (lens.width_px + margin - lens.cx) / lens.fx
     top, bottom = (-margin - lens.cy) / lens.fy, (lens.height_px + margin - lens.cy) / lens.fy

@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from bench.arrays import Bools, Floats, product
 from bench.contracts import CastMember, Geometry, Look
 from bench.documents import Document, load_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import ASSETS, Asset
 
 from ._concealment import concealed
@@ -33,33 +33,33 @@ Paint = Annotated[str, Field(min_length=1)]
 class Cylinder(Document):
     """A cylinder, or with `end_radius` a cone, around the axis through its middle."""
 
-    at: Annotated[Triple, Field(description="The middle.")]
+    at: Triple = Field(description="The middle.")
     axis: Literal["x", "y", "z"] = "z"
-    radius: Annotated[float, Field(gt=0.0)]
-    end_radius: Annotated[float | None, Field(ge=0.0)] = None
-    length: Annotated[float, Field(gt=0.0)]
-    sides: Annotated[int, Field(ge=3, le=MAX_CORNERS)] = 8
+    radius: float = Field(gt=0.0)
+    end_radius: float | None = Field(None, ge=0.0)
+    length: float = Field(gt=0.0)
+    sides: int = Field(8, ge=3, le=MAX_CORNERS)
 
 
 class Lathe(Document):
     """A convex body of revolution: radii over heights from below, upright at a point."""
 
     at: Triple = (0.0, 0.0, 0.0)
-    profile: Annotated[tuple[tuple[float, float], ...], Field(min_length=2, description="Radius and height.")]
-    sides: Annotated[int, Field(ge=3, le=MAX_CORNERS)] = 6
+    profile: tuple[tuple[float, float], ...] = Field(min_length=2, description="Radius and height.")
+    sides: int = Field(6, ge=3, le=MAX_CORNERS)
 
 
 class Extrusion(Document):
     """A convex outline in the plane of x and z, drawn out along y."""
 
-    outline: Annotated[tuple[tuple[float, float], ...], Field(min_length=3, max_length=MAX_CORNERS)]
+    outline: tuple[tuple[float, float], ...] = Field(min_length=3, max_length=MAX_CORNERS)
     y: tuple[float, float]
 
 
 class Repetition(Document):
     """Copies of a solid, each one step further."""
 
-    count: Annotated[int, Field(ge=2, le=40)]
+    count: int = Field(ge=2, le=40)
     step: Triple
 
 
@@ -71,39 +71,33 @@ class Panels(Document):
 
     side: Literal["front", "back", "left", "right", "top"]
     area: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 1.0)
-    columns: Annotated[int, Field(ge=1, le=40)] = 1
-    rows: Annotated[int, Field(ge=1, le=40)] = 1
+    columns: int = Field(1, ge=1, le=40)
+    rows: int = Field(1, ge=1, le=40)
     fill: tuple[float, float] = (1.0, 1.0)
     paint: Paint
-    glows: Annotated[bool, Field(description="Whether about half of the panels shine at night.")] = False
+    glows: bool = Field(False, description="Whether about half of the panels shine at night.")
 
 
 class Solid(Document):
     """One convex solid in metres, with exactly one shape; or `use`, the name of a part."""
 
-    box: Annotated[
-        tuple[float, float, float, float, float, float] | None,
-        Field(description="x from and to, y from and to, z from and to."),
-    ] = None
-    frustum: Annotated[
-        tuple[float, float, float, float, float, float, float, float, float, float] | None,
-        Field(description="x, x, y, y, z of the lower rectangle, then of the upper one."),
-    ] = None
+    box: tuple[float, float, float, float, float, float] | None = Field(
+        None, description="x from and to, y from and to, z from and to."
+    )
+    frustum: tuple[float, float, float, float, float, float, float, float, float, float] | None = Field(
+        None, description="x, x, y, y, z of the lower rectangle, then of the upper one."
+    )
     cylinder: Cylinder | None = None
     lathe: Lathe | None = None
     extrusion: Extrusion | None = None
     use: str | None = None
     paint: Paint = "#808080"
-    top_paint: Annotated[Paint | None, Field(description="Paint of the upper face, where it differs.")] = None
+    top_paint: Paint | None = Field(None, description="Paint of the upper face, where it differs.")
     panels: tuple[Panels, ...] = ()
-    turn_deg: Annotated[Triple, Field(description="Roll, pitch (nose down) and yaw (to the left).")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-    pivot: Annotated[Triple | None, Field(description="The point that a turn leaves in place.")] = None
+    turn_deg: Triple = Field((0.0, 0.0, 0.0), description="Roll, pitch (nose down) and yaw (to the left).")
+    pivot: Triple | None = Field(None, description="The point that a turn leaves in place.")
     shift: Triple = (0.0, 0.0, 0.0)
-    mirror: Annotated[bool, Field(description="Whether a copy stands on the other side (y to -y).")] = False
+    mirror: bool = Field(False, description="Whether a copy stands on the other side (y to -y).")
     repeat: Repetition | None = None
 
     @model_validator(mode="after")
@@ -121,23 +115,20 @@ class Solid(Document):
 class AssetLook(Document):
     """All looks of one asset. Each actor draws a posture, a size and a colour for each of its paints."""
 
-    paints: Annotated[
-        dict[str, tuple[str, ...]], Field(description="Colours (#rrggbb) that a paint may have.")
-    ] = {}
-    sizes: Annotated[
-        tuple[Annotated[float, Field(gt=0.5, le=1.0)], ...],
-        Field(min_length=1, description="Sizes as shares of the catalogue's."),
-    ] = (1.0,)
-    cover: Annotated[
-        Literal["net", "foliage", "none"], Field(description="What conceals the asset, beside paint.")
-    ] = "none"
-    postures: Annotated[dict[str, tuple[Solid, ...]], Field(min_length=1)]
+    paints: dict[str, tuple[str, ...]] = Field({}, description="Colours (#rrggbb) that a paint may have.")
+    sizes: tuple[Annotated[float, Field(gt=0.5, le=1.0)], ...] = Field(
+        (1.0,), min_length=1, description="Sizes as shares of the catalogue's."
+    )
+    cover: Literal["net", "foliage", "none"] = Field(
+        "none", description="What conceals the asset, beside paint."
+    )
+    postures: dict[str, tuple[Solid, ...]] = Field(min_length=1)
 
 
 class LookTable(Document):
     """One file of `looks/`."""
 
-    paints: Annotated[dict[str, tuple[str, ...]], Field(description="Paints that all looks may use.")] = {}
+    paints: dict[str, tuple[str, ...]] = Field({}, description="Paints that all looks may use.")
     parts: dict[str, tuple[Solid, ...]] = {}
     looks: dict[str, AssetLook]
 
@@ -157,11 +148,9 @@ def look_of(member: CastMember, concealment: float, random: np.random.Generator,
     looks = look_tables()
     if member.asset not in looks:
         raise SetupError(
-            Fault(
-                "camera looks",
-                f"there is no look for the asset {member.asset!r}",
-                f"the tables have {', '.join(sorted(looks))}",
-            )
+            "camera looks",
+            f"there is no look for the asset {member.asset!r}",
+            f"the tables have {', '.join(sorted(looks))}",
         )
     look, table = looks[member.asset]
     posture, size, seed = (float(value) for value in random.random(3))
@@ -360,8 +349,6 @@ def _bgr(text: str) -> Floats:
             raise ValueError(text)
     except ValueError:
         raise SetupError(
-            Fault(
-                "camera looks", f"there is no paint {text!r}", "name a paint of the table, or write #rrggbb"
-            )
+            "camera looks", f"there is no paint {text!r}", "name a paint of the table, or write #rrggbb"
         ) from None
     return np.array((value & 255, value >> 8 & 255, value >> 16), dtype=np.float64)

@@ -245,10 +245,6 @@ class _OpenCvPicture:
     def bgr(self) -> Pixels:
         return self._bgr
 
-    @property
-    def face_count(self) -> int:
-        return len(self._drawn.polygons)
-
     def instances(self) -> Labels:
         # Drawn once more rather than looked up in the polygons' numbers, which costs more than all fills.
         lens = self._canvas.lens

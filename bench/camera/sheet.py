@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from bench.arrays import Floats
 from bench.clock import START
 from bench.contracts import CameraPose, Ground, Lens, OpenRenderer, Pixels
+from bench.documents import parse_text
 from bench.simspec import (
     ASSETS,
     ActorGroup,
@@ -150,7 +153,7 @@ def condition_sheet(open_renderer: OpenRenderer = open_opencv_renderer) -> Pixel
             ),
             label,
         )
-        for label, conditions in _CONDITIONS
+        for label, conditions in _conditions()
     ]
     cells += [
         _labelled(_shot(village, _SCENE_PX, DAY, kind, pose, open_renderer), f"ground: {kind}")
@@ -206,6 +209,14 @@ def _ground(kind: GroundType, area: Polygon, roads: tuple[Road, ...]) -> Ground:
     return ground_of(area, roads, kind, np.random.Generator(np.random.PCG64(1)))
 
 
+def _conditions() -> Iterator[tuple[str, Conditions]]:
+    for label, fields in _TABLES["conditions"].items():
+        if "sun_deg" in fields:
+            yield label, Conditions(*map(math.radians, fields["sun_deg"]))
+        else:
+            yield label, replace(DAY, **fields)
+
+
 def _labelled(picture: Pixels, label: str) -> Pixels:
     strip = np.full((_LABEL_PX, picture.shape[1], 3), 32, np.uint8)
     cv2.putText(strip, label, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (240, 240, 240), 1, cv2.LINE_AA)
@@ -222,63 +233,6 @@ def _grid(cells: list[Pixels]) -> Pixels:
     )
 
 
-def _sun(elevation_deg: float, azimuth_deg: float) -> Conditions:
-    return Conditions(math.radians(elevation_deg), math.radians(azimuth_deg))
-
-
-_CONDITIONS = (
-    ("noon, sun 62 deg", _sun(62.0, 180.0)),
-    ("afternoon, sun 30 deg", _sun(30.0, 250.0)),
-    ("sun 12 deg", _sun(12.0, 280.0)),
-    ("sunset, sun 3 deg", _sun(3.0, 300.0)),
-    ("dusk, sun -4 deg", _sun(-4.0, 305.0)),
-    ("night, sun -20 deg", _sun(-20.0, 340.0)),
-    ("fog level 5", replace(DAY, fog_level=5.0, extinction_per_m=0.003)),
-    ("fog level 9", replace(DAY, fog_level=9.0, extinction_per_m=0.0098)),
-    ("rain level 3", replace(DAY, rain_level=3.0, extinction_per_m=0.0006)),
-    ("rain level 9", replace(DAY, rain_level=9.0, extinction_per_m=0.0018)),
-    ("dust level 5", replace(DAY, dust_level=5.0)),
-    ("dust level 9", replace(DAY, dust_level=9.0)),
-    ("exposure -1.5 EV", replace(DAY, exposure_ev=-1.5)),
-    ("exposure +1.5 EV", replace(DAY, exposure_ev=1.5)),
-    ("motion blur, 1/30 s", replace(DAY, shutter_s=1.0 / 30.0)),
-    ("sensor noise x 6", replace(DAY, noise=6.0)),
-    ("dirty lens 0.4", replace(DAY, lens_dirt=0.4)),
-    ("dirty lens 1", replace(DAY, lens_dirt=1.0)),
-)
-
-
-def _road(name: str, width_m: float, *points: tuple[float, float]) -> Road:
-    return Road(id=name, width_m=width_m, points=tuple(Point(east_m=e, north_m=n) for e, n in points))
-
-
-VILLAGE_ROADS = (
-    _road("main", 7.0, (-80.0, -8.0), (0.0, -4.0), (90.0, 2.0)),
-    _road("lane", 4.0, (8.0, -4.0), (4.0, 40.0), (12.0, 90.0)),
-)
-VILLAGE = (
-    SceneActor("house", 20.0, 14.0, 95.0),
-    SceneActor("house", -12.0, 14.0, 80.0),
-    SceneActor("apartment-block", 26.0, 40.0, 10.0),
-    SceneActor("shed", -22.0, 5.0, 0.0),
-    SceneActor("tree", -5.0, 22.0),
-    SceneActor("tree", 14.0, 27.0, 70.0),
-    SceneActor("tree", -18.0, -20.0, 30.0),
-    SceneActor("conifer", -26.0, 22.0, 10.0),
-    SceneActor("conifer", -30.0, 14.0, 60.0),
-    SceneActor("bush", 11.0, 8.0, 20.0),
-    SceneActor("bus", 8.0, -5.5, 266.0),
-    SceneActor("civilian-car", -8.0, -6.4, 87.0),
-    SceneActor("pickup", -20.0, -7.0, 87.0),
-    SceneActor("military-truck", 3.5, 10.0, 355.0),
-    SceneActor("tent", 14.0, -17.0, 30.0),
-    SceneActor("ambulance", 5.0, -16.0, 120.0),
-    SceneActor("cow", -12.0, -18.0, 40.0),
-    SceneActor("sheep", -9.0, -20.0, 100.0),
-    SceneActor("man", -2.0, 1.5, 150.0),
-    SceneActor("woman", -0.5, 2.5, 30.0),
-    SceneActor("child", -1.0, 1.0, 200.0),
-    SceneActor("aid-worker", 10.0, -14.0, 250.0),
-    SceneActor("soldier", 6.0, 6.0, 190.0),
-    SceneActor("crate-stack", 19.0, -12.0, 15.0),
-)
+_TABLES: dict[str, Any] = parse_text(Path(__file__).with_suffix(".yaml").read_text("utf-8"))[0]
+VILLAGE_ROADS = tuple(Road.model_validate(road) for road in _TABLES["roads"])
+VILLAGE = tuple(SceneActor(*row) for row in _TABLES["village"])

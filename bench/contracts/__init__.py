@@ -92,7 +92,6 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttTick as MqttTick
     from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
     from ._outcome import PROBES as PROBES
-    from ._outcome import Blame as Blame
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
     from ._outcome import Outcome as Outcome
@@ -193,5 +192,6 @@ if TYPE_CHECKING:
     from ._vehicle import VehicleCondition as VehicleCondition
     from ._vehicle import VehiclePlan as VehiclePlan
     from ._vehicle import VehicleState as VehicleState
+    from ._vehicle import body_axes_enu as body_axes_enu
 
 __getattr__ = lazy_names(__name__)

@@ -24,9 +24,7 @@ class MavlinkNeed(Document):
 
     name: Identifier = "onboard"
     kind: Literal["udp_out", "udp_in", "tcp_in"] = "udp_out"
-    streams: Annotated[str, Field(description="Default stream set of the link: onboard, gcs or none.")] = (
-        "onboard"
-    )
+    streams: str = Field("onboard", description="Default stream set of the link: onboard, gcs or none.")
     variable: str = "REBAR_MAVLINK"
 
 
@@ -37,24 +35,21 @@ class AgentLimits(Document):
     to use. Which limits hold depends on the rung.
     """
 
-    memory_mb: Annotated[int, Field(ge=64, description="Memory of all processes together.")] = 2048
-    processes: Annotated[
-        int, Field(ge=8, description="Processes and threads together: libraries start one per processor.")
-    ] = 512
-    cpus: Annotated[float, Field(gt=0, description="Processors' worth of CPU time.")] = 4.0
-    open_files: Annotated[int, Field(ge=64, description="Open files of one process.")] = 1024
-    file_mb: Annotated[int, Field(ge=1, description="The largest file that it may write.")] = 256
-    scratch_mb: Annotated[int, Field(ge=1, description="Each of the scratch folder, /tmp and /dev/shm.")] = (
-        256
+    memory_mb: int = Field(2048, ge=64, description="Memory of all processes together.")
+    processes: int = Field(
+        512, ge=8, description="Processes and threads together: libraries start one per processor."
     )
+    cpus: float = Field(4.0, gt=0, description="Processors' worth of CPU time.")
+    open_files: int = Field(1024, ge=64, description="Open files of one process.")
+    file_mb: int = Field(256, ge=1, description="The largest file that it may write.")
+    scratch_mb: int = Field(256, ge=1, description="Each of the scratch folder, /tmp and /dev/shm.")
 
 
 AgentRole = Literal["tested", "floor", "ceiling"]
 
 
 class AgentManifest(Document):
-    """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group
-    `rebar.agents`.
+    """How an agent is started, connected, paced and reset: a YAML file, or a plug-in of `rebar.agents`.
 
     In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
@@ -62,19 +57,15 @@ class AgentManifest(Document):
     """
 
     format: Literal["rebar.agent/1"] = "rebar.agent/1"
-    name: Annotated[
-        Identifier,
-        Field(
-            description="For people who read the file. Results name the agent by its entry point, or by its file without the suffix."
-        ),
-    ]
+    name: Identifier = Field(
+        description="For people who read the file. Results name the agent by its entry point, or by its file without the suffix."
+    )
     description: str = ""
-    command: Annotated[tuple[str, ...], Field(min_length=1)]
+    command: tuple[str, ...] = Field(min_length=1)
     environment: dict[str, str] = {}
-    pace: Annotated[
-        tuple[PaceMode, ...],
-        Field(min_length=1, description="Paces that the agent can follow."),
-    ] = ("realtime",)
+    pace: tuple[PaceMode, ...] = Field(
+        ("realtime",), min_length=1, description="Paces that the agent can follow."
+    )
     mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
     zenoh: bool = True
     air: Literal["zenoh", "tick"] = added_field(
@@ -82,44 +73,32 @@ class AgentManifest(Document):
         "How the agent has the air network: as ROS 2 messages over Zenoh, or as JSON in the lines of the tick socket, which needs "
         "no library (in lockstep).",
     )
-    truth: Annotated[
-        bool,
-        Field(
-            description="The agent is given the truth: an oracle, which shows what can be reached, and never a result."
-        ),
-    ] = False
-    role: Annotated[
-        AgentRole,
-        Field(
-            description="What its results stand for: an agent under test, what needs no merit (floor), or what can be reached (ceiling).",
-            exclude_if=is_default("tested"),
-        ),
-    ] = "tested"
-    isolation: Annotated[
-        Isolation,
-        Field(description="How the agent is confined; auto is the strongest that works here."),
-    ] = "auto"
-    image: Annotated[
-        str, Field(description="The image for isolation container, in which `command` is looked up.")
-    ] = ""
+    truth: bool = Field(
+        False,
+        description="The agent is given the truth: an oracle, which shows what can be reached, and never a result.",
+    )
+    role: AgentRole = Field(
+        "tested",
+        description="What its results stand for: an agent under test, what needs no merit (floor), or what can be reached (ceiling).",
+        exclude_if=is_default("tested"),
+    )
+    isolation: Isolation = Field(
+        "auto", description="How the agent is confined; auto is the strongest that works here."
+    )
+    image: str = Field("", description="The image for isolation container, in which `command` is looked up.")
     limits: AgentLimits = AgentLimits()
-    read: Annotated[
-        tuple[str, ...],
-        Field(description="Absolute paths that the agent may read besides its program and the system's."),
-    ] = ()
-    tcp_ports: Annotated[
-        tuple[Annotated[int, Field(ge=1, le=65535)], ...],
-        Field(
-            description="TCP ports on which the agent's own processes reach each other, where landlock has no network of its own."
-        ),
-    ] = ()
-    gpu: Annotated[bool, Field(description="The agent is given the host's GPU devices.")] = False
-    reset: Annotated[
-        Literal["process", "fork"],
-        Field(
-            description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded."
-        ),
-    ] = "process"
+    read: tuple[str, ...] = Field(
+        (), description="Absolute paths that the agent may read besides its program and the system's."
+    )
+    tcp_ports: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = Field(
+        (),
+        description="TCP ports on which the agent's own processes reach each other, where landlock has no network of its own.",
+    )
+    gpu: bool = Field(False, description="The agent is given the host's GPU devices.")
+    reset: Literal["process", "fork"] = Field(
+        "process",
+        description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded.",
+    )
 
     @property
     def on_zenoh(self) -> bool:

@@ -1,6 +1,4 @@
-"""The stated detection model, as far as the detector and the surrogates share it: docs/detection.md has
-formulas and sources.
-"""
+"""The stated detection model, as detector and surrogates share it; docs/detection.md has the sources."""
 
 from __future__ import annotations
 
@@ -26,8 +24,6 @@ FALSE_SCORE = (2.0, 5.0)
 
 
 def light_of(elevation_rad: float, night_contrast: float) -> float:
-    """Share of contrast that the light leaves: 1 by day, `night_contrast` by night, a smooth step through
-    twilight.
-    """
+    """Share of contrast that the light leaves: 1 by day, `night_contrast` by night, smooth in twilight."""
     x = min(1.0, max(0.0, (elevation_rad - NIGHT_SUN_RAD) / (DAY_SUN_RAD - NIGHT_SUN_RAD)))
     return night_contrast + (1.0 - night_contrast) * x * x * (3.0 - 2.0 * x)

@@ -139,6 +139,4 @@ class ChecksOptions(Protocol):
     """What a measure implements beside `Measure` when its options can be checked before anything flies."""
 
     def check_options(self, options: Mapping[str, Option]) -> None:
-        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
-        wrong.
-        """
+        """Raise ValueError, naming measure, option and what is known, for an option that is wrong."""

@@ -6,7 +6,7 @@ messages, by topic without the prefix.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -22,7 +22,7 @@ class MqttReady(Document):
     """Agent to bridge, once: it has subscribed, and the session may begin."""
 
     protocol: Literal[1] = 1
-    agent: Annotated[Label, Field(min_length=1)]
+    agent: Label = Field(min_length=1)
 
 
 class MqttTick(Document):
@@ -60,7 +60,7 @@ class MavlinkJson(Document):
     0, and null is NaN, which MAVLink takes for "not given".
     """
 
-    system: Annotated[int, Field(ge=0, le=255)] = 246
-    component: Annotated[int, Field(ge=0, le=255)] = 191
-    name: Annotated[str, Field(max_length=64, description="HEARTBEAT, COMMAND_LONG ...")]
-    fields: Annotated[dict[str, MavlinkValue], Field(max_length=64)] = {}
+    system: int = Field(246, ge=0, le=255)
+    component: int = Field(191, ge=0, le=255)
+    name: str = Field(max_length=64, description="HEARTBEAT, COMMAND_LONG ...")
+    fields: dict[str, MavlinkValue] = Field({}, max_length=64)

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Self
 
 from pydantic import AliasChoices, Field
 
@@ -21,16 +21,6 @@ from bench.errors import (
 )
 
 from ._facts import AnyFact, BenchTraceback, Fact, Facts, Words, fact_of, facts_of
-
-
-class Blame(StrEnum):
-    """Whose doing the end of a session is."""
-
-    AGENT = "agent"
-    HOST = "host"  # the computer: too slow, out of memory, a process that was killed
-    BENCH = "bench"
-    SITUATION = "situation"  # the SimSpec or the campaign
-    NOBODY = "nobody"
 
 
 class Outcome(StrEnum):
@@ -55,19 +45,11 @@ class Outcome(StrEnum):
 
     @property
     def counts(self) -> bool:
-        """Whether observables of such a run are scored: what the agent did or failed to do counts, bench
-        errors do not.
-        """
+        """Whether observables of such a run are scored: what the agent did counts, bench errors do not."""
         return self in _SCORED_OUTCOMES
 
-    @property
-    def blame(self) -> Blame:
-        """Whose doing such an end is."""
-        return _BLAME[self]
 
-
-# Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on
-# purpose.
+# Listed and not derived: whether a run counts decides over every number.
 _SCORED_OUTCOMES = frozenset(
     {
         Outcome.COMPLETED,
@@ -81,25 +63,6 @@ _SCORED_OUTCOMES = frozenset(
         Outcome.AGENT_BROKE_BENCH,
     }
 )
-
-_BLAME = {
-    Outcome.COMPLETED: Blame.NOBODY,
-    Outcome.TIME_LIMIT: Blame.AGENT,
-    Outcome.VEHICLE_CRASHED: Blame.AGENT,
-    Outcome.AGENT_CRASHED: Blame.AGENT,
-    Outcome.AGENT_TIMEOUT: Blame.AGENT,
-    Outcome.AGENT_NEVER_CONNECTED: Blame.AGENT,
-    Outcome.AGENT_PROTOCOL: Blame.AGENT,
-    Outcome.AGENT_FLOODED: Blame.AGENT,
-    Outcome.AGENT_BROKE_BENCH: Blame.AGENT,
-    Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
-    Outcome.SETUP_INVALID: Blame.SITUATION,
-    Outcome.WALL_BUDGET: Blame.HOST,
-    Outcome.BENCH_TOO_SLOW: Blame.HOST,
-    Outcome.WORKER_LOST: Blame.HOST,
-    Outcome.BENCH_ERROR: Blame.BENCH,
-    Outcome.SETTLED: Blame.NOBODY,
-}
 
 
 class Evidence(Document):
@@ -119,9 +82,9 @@ class Observation(Document):
 
     observable: str
     considered: bool
-    x: Annotated[float | None, Field(ge=0.0, le=1.0)] = None
+    x: float | None = Field(None, ge=0.0, le=1.0)
     evidence: tuple[Evidence, ...] = ()
-    failure: Annotated[Words, Field(exclude_if=is_default(""))] = ""
+    failure: Words = Field("", exclude_if=is_default(""))
 
 
 PROBES = {
@@ -178,7 +141,7 @@ class SessionResult(Document):
     recording_sha256: str | None = None
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
-    facts: Annotated[Facts, Field(validation_alias=AliasChoices("facts", "details"))] = {}
+    facts: Facts = Field({}, validation_alias=AliasChoices("facts", "details"))
     """What the parts of the session tell, by key. Results of earlier versions have `details`."""
 
     def fact(self, kind: type[AnyFact]) -> AnyFact | None:
@@ -213,8 +176,7 @@ class SessionFailure:
             case SetupError():
                 return cls(Outcome.SETUP_INVALID, str(error))
             case VehicleFault():
-                # The model's numbers ran away: the text says which, and the frames of our stack would say
-                # nothing more.
+                # The model's numbers ran away: the text says which, and our frames would say nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
             case AgentBoxKilled():
                 return cls(Outcome.BENCH_ERROR, str(error))

@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 PluginGroup = Literal[
     "rebar.vehicles",
@@ -39,18 +39,16 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
     available = plugins(group)
     if name not in available:
         raise SetupError(
-            Fault(
-                group,
-                f"there is no plug-in named {name!r}",
-                f"installed: {', '.join(sorted(available)) or 'none'}",
-            )
+            group,
+            f"there is no plug-in named {name!r}",
+            f"installed: {', '.join(sorted(available)) or 'none'}",
         )
     try:
         return available[name].load()
     # Code of others runs here.
     except Exception as error:
         what = f"{name!r} of {package_of(group, name)} cannot be imported: {failure_text(error)}"
-        raise SetupError(Fault(group, what, "fix the package, or install it again")) from error
+        raise SetupError(group, what, "fix the package, or install it again") from error
 
 
 def package_of(group: PluginGroup, name: str) -> str:

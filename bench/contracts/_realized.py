@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 if TYPE_CHECKING:
     from bench.simspec import Realized, SimSpec
@@ -14,10 +14,8 @@ def realized_of(simspec: SimSpec) -> Realized:
     """The places of a SimSpec. Raises SetupError when it has none."""
     if simspec.realized is None:
         raise SetupError(
-            Fault(
-                simspec.name,
-                "the SimSpec is not realized",
-                "place it first (rebar realize, or bench.realization.place)",
-            )
+            simspec.name,
+            "the SimSpec is not realized",
+            "place it first (rebar realize, or bench.realization.place)",
         )
     return simspec.realized

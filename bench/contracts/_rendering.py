@@ -256,10 +256,6 @@ class Picture(Protocol):
     def bgr(self) -> Pixels:
         """(h, w, 3) the picture, with the lens's distortion."""
 
-    @property
-    def face_count(self) -> int:
-        """How many faces were drawn: what the cost of a picture goes by."""
-
     def instances(self) -> Labels:
         """(h, w) 1 + the actor's place in the cast where the pixel shows it, else 0."""
 

@@ -48,8 +48,7 @@ class Surrogate(Protocol):
     def predict(
         self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
     ) -> Sequence[Prediction]:
-        """One prediction for each realized SimSpec. `measures` has the measure and options of every
-        observable.
+        """One prediction for each realized SimSpec. `measures` has each observable's measure and options.
 
         Raises SetupError with every fault of `unfit` when there is any.
         """

@@ -126,14 +126,7 @@ class VehicleTopics:
     @property
     def from_agent(self) -> tuple[str, ...]:
         """All topics on which the agent may write."""
-        return (
-            self.reports,
-            self.decisions,
-            self.status,
-            self.tracks,
-            self.answers,
-            self.consent_requests,
-        )
+        return (self.reports, self.decisions, self.status, self.tracks, self.answers, self.consent_requests)
 
 
 def truth_mask_topic(camera: str) -> str:
@@ -165,7 +158,6 @@ def mavlink_topic(link: str, direction: str) -> str:
 OPERATOR_LINK = "operator_station"
 # Names of the events in /session/events between which the operator flies.
 OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gives the vehicle back"
-
 
 # Name of the event in /session/events whose text is what draws a camera's pictures: renderer and build of OpenCV.
 CAMERA_OPENED = "camera opened"

@@ -6,7 +6,7 @@ need the whole SimSpec.
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Self
 
 from pydantic import Field
 
@@ -56,28 +56,24 @@ class TruthDocument(Document):
 
     simspec: SimSpec
     cast: tuple[CastMember, ...]
-    every_s: Annotated[
-        float, Field(description="Between two rows of places, from time zero to the time limit.")
-    ]
-    places_m: Annotated[
-        tuple[tuple[tuple[float, float], ...], ...],
-        Field(description="East and north of each member of the cast, one row for each moment."),
-    ]
+    every_s: float = Field(description="Between two rows of places, from time zero to the time limit.")
+    places_m: tuple[tuple[tuple[float, float], ...], ...] = Field(
+        description="East and north of each member of the cast, one row for each moment."
+    )
 
 
 class SightingDocument(Document):
     """What truth says of one actor in one camera frame."""
 
-    actor: Annotated[int, Field(description="Index into the cast.")]
+    actor: int = Field(description="Index into the cast.")
     range_m: float
-    height_px: Annotated[float, Field(description="Apparent height of the whole object.")]
-    visible: Annotated[
-        float, Field(description="Share of the object that nothing hides and that lies inside the frame.")
-    ]
-    box: Annotated[
-        tuple[float, float, float, float],
-        Field(description="left, top, right, bottom in pixels, clipped to the frame."),
-    ]
+    height_px: float = Field(description="Apparent height of the whole object.")
+    visible: float = Field(
+        description="Share of the object that nothing hides and that lies inside the frame."
+    )
+    box: tuple[float, float, float, float] = Field(
+        description="left, top, right, bottom in pixels, clipped to the frame."
+    )
 
 
 class ViewDocument(Document):
@@ -91,13 +87,12 @@ class ViewDocument(Document):
 class ActorPixelsDocument(Document):
     """What a rendered picture shows of one actor."""
 
-    actor: Annotated[int, Field(description="Index into the cast.")]
-    box: Annotated[
-        tuple[int, int, int, int],
-        Field(description="left, top, right, bottom in whole pixels, around its visible pixels."),
-    ]
+    actor: int = Field(description="Index into the cast.")
+    box: tuple[int, int, int, int] = Field(
+        description="left, top, right, bottom in whole pixels, around its visible pixels."
+    )
     visible_px: int
-    visible: Annotated[float, Field(description="Share of its silhouette in the picture that nothing hides.")]
+    visible: float = Field(description="Share of its silhouette in the picture that nothing hides.")
 
 
 class PictureDocument(Document):
@@ -105,22 +100,15 @@ class PictureDocument(Document):
 
     frame: int
     camera: str
-    shown: Annotated[
-        int | None,
-        Field(
-            description="The frame whose picture it shows: an earlier one when the camera froze, null when it lost this frame."
-        ),
-    ]
-    sha256: Annotated[
-        str | None,
-        Field(
-            description="Of the pixels: rows from the top, each pixel blue, green, red. Null for a lost frame."
-        ),
-    ]
-    actors: Annotated[
-        tuple[ActorPixelsDocument, ...] | None,
-        Field(description="Every actor with a visible pixel; null unless the SimSpec asks for it."),
-    ] = None
+    shown: int | None = Field(
+        description="The frame whose picture it shows: an earlier one when the camera froze, null when it lost this frame."
+    )
+    sha256: str | None = Field(
+        description="Of the pixels: rows from the top, each pixel blue, green, red. Null for a lost frame."
+    )
+    actors: tuple[ActorPixelsDocument, ...] | None = Field(
+        None, description="Every actor with a visible pixel; null unless the SimSpec asks for it."
+    )
 
 
 class VehicleDocument(Document):

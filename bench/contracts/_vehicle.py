@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -35,6 +36,19 @@ class VehicleState:
     # Where a gimbal holds the camera: clockwise from the nose, and below the horizon. None without a gimbal.
     camera_pan_rad: float | None = None
     camera_tilt_rad: float | None = None
+
+
+def body_axes_enu(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[Vector, Vector, Vector]:
+    """Forward, right and down axes of a body with the attitude of a VehicleState, in ENU."""
+    sr, cr = math.sin(roll_rad), math.cos(roll_rad)
+    sp, cp = math.sin(pitch_rad), math.cos(pitch_rad)
+    sy, cy = math.sin(yaw_rad), math.cos(yaw_rad)
+    # The usual yaw-pitch-roll matrix, north and east swapped, down turned up.
+    return (
+        (cp * sy, cp * cy, sp),
+        (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp),
+        (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp),
+    )
 
 
 @value_class(frozen=True, slots=True)
@@ -120,16 +134,11 @@ class Vehicle(Protocol):
         """Simulated seconds of one step: 1 / controller_hz, a whole number of physics steps."""
 
     def endpoints(self) -> Mapping[str, str]:
-        """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`,
-        `tcp:127.0.0.1:5760`).
-        """
+        """Each link's connection string for pymavlink: `udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`."""
 
-    # Counts since the start and not differences: a session compares them with those in an Ack, and none can
-    # be lost on the way.
+    # Counts since the start: a session compares them with those in an Ack, and none can be lost.
     def receive(self) -> Mapping[str, int]:
-        """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so
-        far, by link.
-        """
+        """Move what waits in the sockets to the inboxes, without blocking; messages so far, by link."""
 
     def sent(self) -> Mapping[str, int]:
         """Whole MAVLink messages sent so far, by link."""

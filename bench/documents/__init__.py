@@ -1,5 +1,4 @@
-"""Documents that people write or read: closed pydantic models, and files of them with every fault reported at
-once.
+"""Documents that people write or read: closed pydantic models, and files of them with all their faults.
 
 The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values` and
 `bench.visible_text`, and every room may stand on them.
@@ -23,8 +22,6 @@ from ._files import MAX_BYTES as MAX_BYTES
 from ._files import open_file as open_file
 from ._files import read_bytes as read_bytes
 from ._files import read_text as read_text
-from ._files import similar_files as similar_files
-from ._plain_values import DocumentLines as DocumentLines
 from ._plain_values import decimal_number as decimal_number
 from ._plain_values import dump_value as dump_value
 from ._plain_values import parse_text as parse_text

@@ -22,8 +22,7 @@ from ._plain_values import DocumentPath, dotted, dump_value, parse_text, shown
 # collected. The largest shipped file that is written by hand has 6,246 values. In JSON a value takes ten characters and more.
 MANY_VALUES = 20_000
 MANY_CHARACTERS = 10 * MANY_VALUES
-# Beyond it the slower reader is asked at once, which stops where a document becomes too large. A SimSpec with 5,000 placed
-# actors has 800,000 characters.
+# Beyond it the slower reader is asked at once, which stops. 5,000 placed actors have 800,000 characters.
 MAX_JSON_CHARACTERS = 2_000_000
 
 
@@ -72,9 +71,7 @@ def load_document(path: Path | str, kind: type[D]) -> D:
 
 
 def load_json_document(path: Path | str, kind: type[D]) -> D:
-    """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much
-    faster.
-    """
+    """As `load_document`, for a JSON file that the bench wrote itself: much faster."""
     # 0.4 ms against 3 ms for the SimSpec of examples/search.yaml.
     path = Path(path)
     return read_json_document(read_text(path), kind, source=str(path))
@@ -126,7 +123,7 @@ def validate_document(
         "rebar."
     ):  # every other fault would be one of mistaken identity
         expected = str(kind.model_fields["format"].default)
-        raise SetupError(Fault(source, f"is a {shown(mismatch['input'])}", f"name a {expected} here"))
+        raise SetupError(source, f"is a {shown(mismatch['input'])}", f"name a {expected} here")
     faults = [_fault_of(detail, kind, source, lines) for detail in details[:MAX_FAULTS]]
     raise SetupError(faults, more=len(details) - len(faults))
 
@@ -137,9 +134,7 @@ def dump_yaml(document: BaseModel) -> str:
 
 
 def dump_json(document: BaseModel, exclude: set[str] | None = None) -> str:
-    """JSON text of a document, with escapes of what is not seen: the same bytes for the same values, so it can be
-    digested.
-    """
+    """JSON text, with escapes of what is not seen: the same bytes for the same values, for digests."""
     return visible(document.model_dump_json(indent=1, exclude=exclude)) + "\n"
 
 

@@ -29,8 +29,7 @@ def open_file(path: Path, field: str = "") -> BufferedReader:
     cannot be opened; it names the path, and the field of the document that states it where one is given.
     """
     try:
-        # Without waiting for the other end of a pipe, and without becoming the terminal's process. Regular files know no
-        # waiting.
+        # Waits for no other end of a pipe, and becomes no terminal's process. Files know no waiting.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         raise SetupError(_fault(path, field, *_reason(path, error))) from None
@@ -41,13 +40,13 @@ def open_file(path: Path, field: str = "") -> BufferedReader:
     return os.fdopen(descriptor, "rb")
 
 
-def read_bytes(path: Path, max_bytes: int = MAX_BYTES, field: str = "") -> bytes:
+def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """The content of a regular file; SetupError as `open_file`, and for more than `max_bytes`."""
-    with open_file(path, field) as file:
+    with open_file(path) as file:
         # What is read counts, not the size that the file states: that of files in /proc is 0.
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:
-        raise SetupError(_fault(path, field, f"the file is larger than {max_bytes} bytes", "split it"))
+        raise SetupError(_fault(path, "", f"the file is larger than {max_bytes} bytes", "split it"))
     return content
 
 
@@ -59,7 +58,7 @@ def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         what = f"cannot be read: 0x{content[error.start]:02x} is no character of UTF-8"
-        raise SetupError(Fault(f"{path}:{line}", what, "save it as UTF-8")) from None
+        raise SetupError(f"{path}:{line}", what, "save it as UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -155,10 +155,10 @@ def parse_text(text: str, source: str = "") -> tuple[Any, DocumentLines]:
         mark = error.problem_mark
         where = f"{source}:{mark.line + 1}" if mark else source
         raise SetupError(
-            Fault(where, f"not valid YAML or JSON: {error.problem}", "fix the syntax on that line")
+            where, f"not valid YAML or JSON: {error.problem}", "fix the syntax on that line"
         ) from None
     except (yaml.YAMLError, ValueError) as error:
-        raise SetupError(Fault(source, f"not valid YAML or JSON: {error}", "fix the syntax")) from None
+        raise SetupError(source, f"not valid YAML or JSON: {error}", "fix the syntax") from None
 
 
 def _compose(text: str, source: str, *, fast: bool) -> tuple[Any, DocumentLines]:

@@ -72,15 +72,8 @@ class LaboratoryBus:
         campaign: str,
         stand: Stand,
         warn: Callable[[str], None],
-        utc_now: Callable[[], dt.datetime],
     ) -> None:
-        self._broker, self._campaign, self._stand, self._warn, self._utc_now = (
-            broker,
-            campaign,
-            stand,
-            warn,
-            utc_now,
-        )
+        self._broker, self._campaign, self._stand, self._warn = broker, campaign, stand, warn
         self._topics = f"{broker.prefix}/{campaign}"
         self._sendings: deque[_Sending] = deque()
         # The newest progress of each session. Apart from the messages: it must never push out one of them.
@@ -147,7 +140,7 @@ class LaboratoryBus:
                         campaign=self._campaign,
                         event="waiting",
                         number=self._number,
-                        sent_utc=self._utc_now(),
+                        sent_utc=dt.datetime.now(dt.UTC),
                         realization=realization,
                     )
                     self._put(self._sending_of(waiting))
@@ -210,7 +203,7 @@ class LaboratoryBus:
 
     def _event_sending(self, event: CampaignEvent) -> _Sending:
         self._number += 1
-        return self._sending_of(message_of(event, self._campaign, self._number, self._utc_now()))
+        return self._sending_of(message_of(event, self._campaign, self._number, dt.datetime.now(dt.UTC)))
 
     def _sending_of(self, message: CampaignMessage) -> _Sending:
         return _Sending(f"{self._topics}/event/{message.event}", message.model_dump_json(exclude_none=True))
@@ -313,7 +306,7 @@ class LaboratoryBus:
                 self._closing,
             )
         if status != self._status_sent:
-            sent = status.model_copy(update={"sent_utc": self._utc_now()})
+            sent = status.model_copy(update={"sent_utc": dt.datetime.now(dt.UTC)})
             await client.publish(
                 self._status_topic, visible(sent.model_dump_json(exclude_none=True)), qos=_QOS, retain=True
             )
@@ -368,7 +361,6 @@ def open_bus(
     *,
     stand: Stand | None = None,
     warn: Callable[[str], None],
-    utc_now: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC),
 ) -> Iterator[LaboratoryBus]:
     """Yield a bus for one campaign. Leaving the block sends what waits, within five host seconds.
 
@@ -383,7 +375,7 @@ def open_bus(
     ):
         if topic is not None:
             check_topic(option, topic)
-    bus = LaboratoryBus(broker, campaign, stand, warn, utc_now)
+    bus = LaboratoryBus(broker, campaign, stand, warn)
     try:
         yield bus
     finally:

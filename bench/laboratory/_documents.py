@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -43,33 +43,28 @@ class CampaignMessage(Document):
     format: Literal["rebar.campaign-message/1"] = "rebar.campaign-message/1"
     campaign: str
     event: EventName
-    number: Annotated[
-        int, Field(description="Counts the messages of one run from 1: a gap is a lost message.")
-    ]
+    number: int = Field(description="Counts the messages of one run from 1: a gap is a lost message.")
     sent_utc: dt.datetime
     realization: str | None = None
     worker: str | None = None
     attempt: int | None = None
     outcome: Outcome | None = None
     reason: str | None = None
-    wall_s: Annotated[
-        float | None, Field(description="Host seconds that the session took, in `progress`: so far.")
-    ] = None
-    simulated_s: Annotated[float | None, Field(description="Simulated seconds flown so far.")] = None
-    time_limit_s: Annotated[
-        float | None, Field(description="Simulated seconds after which the session ends; most end before.")
-    ] = None
-    speed: Annotated[
-        float | None,
-        Field(description="Simulated seconds for each host second, since the progress before."),
-    ] = None
-    phase: Annotated[
-        str | None, Field(description="The phase that the agent stated last; null before the first.")
-    ] = None
-    pause_s: Annotated[
-        float | None, Field(description="Host seconds until the next attempt at the earliest.")
-    ] = None
-    done: Annotated[int | None, Field(description="Realizations that have a result.")] = None
+    wall_s: float | None = Field(
+        None, description="Host seconds that the session took, in `progress`: so far."
+    )
+    simulated_s: float | None = Field(None, description="Simulated seconds flown so far.")
+    time_limit_s: float | None = Field(
+        None, description="Simulated seconds after which the session ends; most end before."
+    )
+    speed: float | None = Field(
+        None, description="Simulated seconds for each host second, since the progress before."
+    )
+    phase: str | None = Field(
+        None, description="The phase that the agent stated last; null before the first."
+    )
+    pause_s: float | None = Field(None, description="Host seconds until the next attempt at the earliest.")
+    done: int | None = Field(None, description="Realizations that have a result.")
     total: int | None = None
 
 
@@ -78,20 +73,15 @@ class CampaignStatus(Document):
 
     format: Literal["rebar.campaign-status/1"] = "rebar.campaign-status/1"
     campaign: str
-    state: Annotated[
-        State,
-        Field(
-            description="`waiting`: for the test stand. `incomplete`: it ended with runs missing. `lost`: the broker "
-            "lost the bench, which may fly on."
-        ),
-    ]
+    state: State = Field(
+        description="`waiting`: for the test stand. `incomplete`: it ended with runs missing. `lost`: the broker "
+        "lost the bench, which may fly on."
+    )
     done: int = 0
     total: int = 0
-    running: Annotated[tuple[str, ...], Field(description="Realizations that are flown now.")] = ()
-    outcomes: Annotated[dict[str, int], Field(description="Results of this run by outcome.")] = {}
-    messages_dropped: Annotated[
-        int, Field(description="Messages that the broker could not be given in time.")
-    ] = 0
+    running: tuple[str, ...] = Field((), description="Realizations that are flown now.")
+    outcomes: dict[str, int] = Field({}, description="Results of this run by outcome.")
+    messages_dropped: int = Field(0, description="Messages that the broker could not be given in time.")
     sent_utc: dt.datetime | None = None
 
 

@@ -1,6 +1,4 @@
-"""Perception: what is made of a camera frame, by the truth or by a stated error model; a tracker for detections; and
-models fitted to recordings.
-"""
+"""Perception: frames by the truth or an error model, a tracker, and models fitted to recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +11,6 @@ if TYPE_CHECKING:
     from ._detectors import open_detector as open_detector
     from ._detectors import open_detectors as open_detectors
     from ._draws import seeds_of_camera as seeds_of_camera
-    from ._odds import Clarity as Clarity
     from ._odds import DetectionOdds as DetectionOdds
     from ._picture_detector import PictureDetector as PictureDetector
     from ._tracker import KalmanTracker as KalmanTracker

@@ -94,8 +94,7 @@ class BoxTracks:
         self.place[before, 2:] *= scale
         self.rate[before, :2] = product(slope, self.rate[before, :2, None])[..., 0]
         self.rate[before, 2:] *= scale
-        # The two axes stay independent in the model; a rotation by 45 degrees would correlate them only if their
-        # variances differed much.
+        # The two axes stay independent: a turn would correlate them only if their variances differed much.
         self.covariance[before, :2] = product(slope**2, self.covariance[before, :2])
         self.covariance[before, 2:] *= scale[..., None] ** 2
 

@@ -30,8 +30,7 @@ class PictureSize:
 def _ordered(first: float, second: float, limit: float) -> tuple[float, float]:
     """Two edges of a box inside [0, limit], at least one pixel apart."""
     low, high = max(0.0, min(first, second)), min(limit, max(first, second))
-    # Jitter may swap the edges or push both over the border; docs/detection.md promises a box of at least one
-    # pixel.
+    # Jitter may swap the edges or push both over the border; docs/detection.md promises one pixel.
     if high - low < 1.0:
         low = min(max(0.0, (low + high) / 2.0 - 0.5), limit - 1.0)
         high = low + 1.0

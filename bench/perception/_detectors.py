@@ -42,8 +42,7 @@ PERFECT_VISIBLE = 0.2
 PERFECT_SIZE_PX = 4.0
 """Least visible share and apparent size of an actor that perception without errors reports."""
 
-# Standard normals of one actor in one frame: three processes, the evidence of the score, four edges of the
-# box.
+# Standard normals of one actor in one frame: three processes, the score's evidence, four edges.
 _DRAWS = 8
 _SEEN, _CONFUSED, _CHOICE, _EVIDENCE, _BOX = 0, 1, 2, 3, 4
 # The second block: displacement of the whole box to the right and down, and the switch of identity.

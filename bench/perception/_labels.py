@@ -51,9 +51,7 @@ class LabelOdds:
 
 
 def posterior_score(mislabel: float, wrong: bool, noise: float) -> float:
-    """Posterior probability that the label is right, after one piece of noisy evidence: calibrated by
-    construction.
-    """
+    """Posterior probability that the label is right, after one piece of noisy evidence; calibrated."""
     # Held away from 0 and 1, where no evidence could change the score.
     prior = min(1.0 - LEAST_DOUBT, max(LEAST_DOUBT, mislabel))
     evidence = (-0.5 if wrong else 0.5) * LABEL_EVIDENCE + noise

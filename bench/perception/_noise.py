@@ -26,8 +26,7 @@ class CorrelatedNoise:
         """Move to a moment, with a fresh standard normal for each actor and process."""
         keep = np.zeros(len(self._memory_s))
         if self._moment is not None:
-            # A correlation time of 0 is allowed and means independent frames; the floor only keeps the
-            # division finite.
+            # A correlation time of 0 means independent frames; the floor keeps the division finite.
             keep = np.exp(-to.since(self._moment) / np.maximum(self._memory_s, 1e-9))
         self._state = keep * self._state + np.sqrt(1.0 - keep * keep) * draws
         self._moment = to

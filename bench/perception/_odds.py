@@ -45,8 +45,7 @@ class DetectionOdds:
             detected, doubt = self.at_point(size_px)
             share = 1.0 - doubt / 2.0
             return Clarity(contrast, detected, mislabel_probability(self.model.mislabel, share), share)
-        # Form of the target transfer probability function used with Johnson's criteria (1958), with a fixed
-        # exponent.
+        # Form of the target transfer probability function for Johnson's criteria (1958).
         share = _logistic(size_px / self.model.half_height_px, self.model.slope)
         return Clarity(
             contrast, self.model.ceiling * share, mislabel_probability(self.model.mislabel, share), share
@@ -78,8 +77,7 @@ class DetectionOdds:
 
     def _effective_px(self, sighting: Sighting, contrast: float) -> float:
         above = max(0.0, (contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST))
-        # Piper's law: for objects of middling size contrast and size trade one to one, so their product
-        # decides.
+        # Piper's law: for objects of middling size contrast and size trade one to one.
         return sighting.height_px * above * sighting.visible
 
 

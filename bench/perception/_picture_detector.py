@@ -22,7 +22,7 @@ from bench.contracts import (
     load_plugin,
     plugins,
 )
-from bench.errors import DetectorFault, Fault, SetupError
+from bench.errors import DetectorFault, SetupError
 from bench.simspec import CLASS_LABELS, Camera, SimSpec
 
 from ._boxes import PictureSize
@@ -56,13 +56,13 @@ def _plugin(name: str) -> OpenPixelDetector:
     if name not in installed:
         known = f"installed: {', '.join(installed) or 'none'}"
         raise SetupError(
-            Fault(field, f"there is no detector {name!r}", f"{known}; name one, or install its package")
+            field, f"there is no detector {name!r}", f"{known}; name one, or install its package"
         )
     try:
         plugin: OpenPixelDetector = load_plugin("rebar.detectors", name)
     except ImportError as error:
         raise SetupError(
-            Fault(field, f"detector {name!r} cannot be loaded: {error}", "install what it needs")
+            field, f"detector {name!r} cannot be loaded: {error}", "install what it needs"
         ) from error
     return plugin
 

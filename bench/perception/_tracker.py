@@ -37,7 +37,6 @@ _VOTED_BOXES = 32
 # Tracks that were lost for longer may be anywhere, and tell nothing of the camera's motion.
 _LATELY_S = 0.5
 
-
 DEFAULT_SETTINGS = TrackerSettings()
 
 

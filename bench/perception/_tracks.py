@@ -16,9 +16,7 @@ TRACK_GAP_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class UntrackedDetection:
-    """A detection that has no track yet, and what it is of: an actor's number, or a negative number for each
-    false detection.
-    """
+    """A detection without a track, and what it is of: an actor's number, or minus a false detection's."""
 
     detection: Detection
     subject: int
@@ -48,9 +46,9 @@ class TrackNames:
             self._take(untracked.subject, exposed, spans_s)
         if uniform_of_actor is not None and self._switches_per_s > 0.0:
             self._switch([row for row in detections if row.subject in spans_s], spans_s, uniform_of_actor)
-        return tuple(
-            _with_track(untracked.detection, self._name[untracked.subject]) for untracked in detections
-        )
+        found = [(untracked.detection, self._name[untracked.subject]) for untracked in detections]
+        # Not `dataclasses.replace`: it takes three times as long, and this runs for every detection.
+        return tuple(Detection(seen.class_label, seen.score, seen.box, track) for seen, track in found)
 
     def _take(self, subject: int, exposed: SimTime, spans_s: dict[int, float]) -> None:
         """Continue the subject's track, or begin one; note the time since its last detection in `spans_s`."""
@@ -99,11 +97,6 @@ class TrackNames:
     def _next(self) -> str:
         self._count += 1
         return f"{self._prefix}t{self._count}"
-
-
-def _with_track(detection: Detection, track: str) -> Detection:
-    # Not `dataclasses.replace`: it takes three times as long, and this runs for every detection.
-    return Detection(detection.class_label, detection.score, detection.box, track)
 
 
 def _distance_px(box: Box, other: Box) -> float:

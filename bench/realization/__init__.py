@@ -18,30 +18,18 @@ if TYPE_CHECKING:
     from ._realize import RealizationPlan as RealizationPlan
     from ._realize import design_pairs as design_pairs
     from ._realize import realize as realize
-    from ._realize import scene_seed as scene_seed
     from ._realize import situations as situations
     from .design import BASE as BASE
     from .design import INACTIVE as INACTIVE
-    from .design import CoveringArray as CoveringArray
-    from .design import DefinitiveScreening as DefinitiveScreening
     from .design import Design as Design
     from .design import DesignFactor as DesignFactor
     from .design import DesignPoint as DesignPoint
     from .design import DesignQuality as DesignQuality
     from .design import FactorLevel as FactorLevel
     from .design import FactorRange as FactorRange
-    from .design import FractionalFactorial as FractionalFactorial
     from .design import FullFactorial as FullFactorial
-    from .design import Halton as Halton
-    from .design import LatinHypercube as LatinHypercube
     from .design import Method as Method
-    from .design import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
-    from .design import Nested as Nested
-    from .design import OneByOne as OneByOne
-    from .design import OrthogonalLatinHypercube as OrthogonalLatinHypercube
-    from .design import PlackettBurman as PlackettBurman
     from .design import Sobol as Sobol
-    from .design import Stratified as Stratified
     from .design import design_quality as design_quality
     from .placement import PlacementInfeasible as PlacementInfeasible
     from .placement import PlacementUnsound as PlacementUnsound

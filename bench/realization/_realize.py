@@ -113,13 +113,11 @@ def _as_setup_error(draw: Callable[[], T]) -> T:
     try:
         return draw()
     except ValueError as error:
-        raise SetupError(Fault("design: method", str(error))) from None
+        raise SetupError("design: method", str(error)) from None
 
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
-    """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing
-    scene.
-    """
+    """The 63-bit root seed of one scene; it depends on nothing else, so later points change no scene."""
     # CRC-32 instead of hash(): Python salts the hash of a string in every process.
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     # 63 bits: the SimSpec's seeds are below 2**63.
@@ -137,23 +135,21 @@ def _plan(
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
     if not agents:
         raise SetupError(
-            Fault("agents", "no agent is given", "add at least one, for example manifest: my_agent.yaml")
+            "agents", "no agent is given", "add at least one, for example manifest: my_agent.yaml"
         )
     # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
     if twice:
         raise SetupError(
-            Fault("agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name")
+            "agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name"
         )
     long = [label for label in labels if len(label) > 40]
     if long:
         raise SetupError(
-            Fault(
-                "agents",
-                f"the agent's name {long[0]!r} has more than 40 characters",
-                "shorten the manifest's name",
-            )
+            "agents",
+            f"the agent's name {long[0]!r} has more than 40 characters",
+            "shorten the manifest's name",
         )
     return labels
 
@@ -211,8 +207,7 @@ class _Patches:
             faults |= {
                 Fault(f"{where}{fault.where}", fault.what, fault.remedy): factor for factor, fault in of_base
             }
-        # A conditional factor may belong to some situations only. `_with` refuses it where it is active and
-        # has no path.
+        # A conditional factor may belong to some situations only; `_with` refuses it elsewhere.
         final = [
             fault
             for fault, factor in faults.items()
@@ -227,8 +222,7 @@ class _Patches:
         try:
             return self._with(point.levels, self._base(point))
         except SetupError as error:
-            # Factors are tried alone first: a fault of one factor reads better than a fault of the whole
-            # point.
+            # Factors are tried alone first: a fault of one reads better than a fault of the point.
             raise SetupError(self._alone(point) or self._together(point, error)) from None
 
     def rated(self, rate: Rating | None) -> Difficulties | None:
@@ -247,11 +241,9 @@ class _Patches:
                 for path, value in factor.changes(levels[factor.name]).items():
                     if path not in base.paths:
                         raise SetupError(
-                            Fault(
-                                path,
-                                "does not exist in this situation",
-                                f"narrow the `when` of factor {factor.name!r} to the situations that have it",
-                            )
+                            path,
+                            "does not exist in this situation",
+                            f"narrow the `when` of factor {factor.name!r} to the situations that have it",
                         )
                     base.paths[path].set(document, value)
         return validate_document(document, SimSpec)
@@ -304,15 +296,13 @@ def _chooser(base: Bases, design: Design) -> DesignFactor | None:
         return None
     if len(choosers) != 1:
         what = f"{len(choosers)} factors set {BASE}, and the design has {len(base)} situations"
-        raise SetupError(Fault("design", what, f"let one factor set {BASE}"))
+        raise SetupError("design", what, f"let one factor set {BASE}")
     (chooser,) = choosers
     if set(chooser.levels) != set(base):
         raise SetupError(
-            Fault(
-                f"design: factor {chooser.name!r}",
-                f"its levels {list(chooser.levels)} are not the situations",
-                f"give the levels {list(base)}",
-            )
+            f"design: factor {chooser.name!r}",
+            f"its levels {list(chooser.levels)} are not the situations",
+            f"give the levels {list(base)}",
         )
     return chooser
 
@@ -356,9 +346,7 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
 
 
 def _set_twice(factors: Sequence[DesignFactor], paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo
-    the other.
-    """
+    """Faults of fields that two factors set, also as part of a larger value: one would undo the other."""
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in factors:
         for text in _paths_of(factor):

@@ -14,14 +14,12 @@ _PARALLEL = 1e-12
 def crosses_box(
     start: NDArray[np.float64], end: NDArray[np.float64], half: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether the segment from `start` to `end` touches the box from `-half` to `half`; the last axis holds
-    the dimensions.
+    """Whether the segment from `start` to `end` (..., axes) touches the box from `-half` to `half`.
 
     Source: Kay, T. L. and Kajiya, J. T. (1986), "Ray tracing complex scenes", SIGGRAPH '86, 269-278.
     """
     along = end - start
-    # A segment parallel to a slab becomes a very steep one: its crossings lie far outside [0, 1], on both
-    # sides or on one.
+    # A segment parallel to a slab becomes a steep one, whose crossings lie far outside [0, 1].
     along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
     first = (-half - start) / along
     last = (half - start) / along

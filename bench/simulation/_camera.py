@@ -16,22 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import product
-from bench.contracts import NO_DISTORTION, Lens, VehicleState, distortion_faults, lens_of
+from bench.contracts import NO_DISTORTION, Lens, VehicleState, body_axes_enu, distortion_faults, lens_of
 from bench.errors import SetupError
 from bench.simspec import Camera
-
-
-@dataclass(frozen=True, slots=True)
-class CameraNumbers:
-    """What sensor_msgs/CameraInfo holds: row-major matrices and the distortion."""
-
-    width: int
-    height: int
-    distortion_model: str
-    d: tuple[float, ...]
-    k: tuple[float, ...]
-    r: tuple[float, ...]
-    p: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +55,12 @@ class PinholeCamera:
         return self.lens.name
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
-        """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera
-        coordinates.
-        """
-        # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the
-        # camera.
+        """(3, 3) the camera's right, down and forward axes as rows: takes ENU differences to them."""
+        # A level mount cancels roll and pitch alone; the vehicle's heading still turns the camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
-        sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
         # A fixed camera beside one on the gimbal keeps its direction.
         yaw = state.yaw_rad + ((state.camera_pan_rad or 0.0) if self.gimbal else 0.0)
-        sy, cy = math.sin(yaw), math.cos(yaw)
-        # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down
-        # turned up.
-        ahead = (cp * sy, cp * cy, sp)
-        right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
-        below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
+        ahead, right, below = body_axes_enu(roll, pitch, yaw)
         turned = self.gimbal and state.camera_tilt_rad is not None
         tilt = state.camera_tilt_rad if turned and state.camera_tilt_rad is not None else self.tilt_rad
         st, ct = math.sin(tilt), math.cos(tilt)
@@ -95,34 +73,14 @@ class PinholeCamera:
         in_camera = product(
             np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m, self.axes_enu(state).T
         )
-        # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every
-        # comparison false.
+        # A point behind the camera would have a mirrored pixel; NaN makes every comparison false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         return self.lens.pixels(in_camera[..., :2] / depth[..., None])
-
-    def camera_info(self) -> CameraNumbers:
-        """The numbers of the camera's CameraInfo message."""
-        lens = self.lens
-        # ROS and OpenCV count from the middle of the first pixel, which would make both smaller by one half. Recordings
-        # of published SimSpecs are compared byte for byte, so they stay (docs/camera.md).
-        fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
-        return CameraNumbers(
-            width=lens.width_px,
-            height=lens.height_px,
-            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the
-            # same.
-            distortion_model="plumb_bob",
-            d=lens.distortion,
-            k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
-            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-            p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
-        )
 
     def mount_quaternion(
         self, pan_rad: float = 0.0, tilt_rad: float | None = None
     ) -> tuple[float, float, float, float]:
-        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static; of a
-        gimbal, for /tf.
+        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static or /tf.
 
         Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. The
         parent is base_level for a stabilized camera, which roll and pitch do not move, and base_link

@@ -42,14 +42,18 @@ class CameraMessages:
 
     def camera_info(self, exposed: SimTime) -> CameraInfo:
         """The CameraInfo of one exposure."""
-        numbers = self.camera.camera_info()
+        # ROS and OpenCV count from the middle of the first pixel, which would make cx and cy smaller by one half. Recordings
+        # of published SimSpecs are compared byte for byte, so they stay (docs/camera.md).
+        lens = self.camera.lens
+        fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
         return CameraInfo(
             header=Header(stamp=Time.of(exposed.ns), frame_id=self.optical),
-            height=numbers.height,
-            width=numbers.width,
-            distortion_model=numbers.distortion_model,
-            d=numbers.d,
-            k=numbers.k,
-            r=numbers.r,
-            p=numbers.p,
+            height=lens.height_px,
+            width=lens.width_px,
+            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros.
+            distortion_model="plumb_bob",
+            d=lens.distortion,
+            k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
         )

@@ -25,9 +25,7 @@ def optical_frame(simspec: SimSpec, camera: Camera) -> str:
 
 
 def body_in_map(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Orientation of base_link (FLU) in map (ENU) for an attitude stated of FRD against NED, yaw from
-    north.
-    """
+    """Orientation of base_link (FLU) in map (ENU) for an attitude of FRD against NED, yaw from north."""
     return quaternion(roll_rad, -pitch_rad, math.pi / 2.0 - yaw_rad)
 
 
@@ -45,9 +43,7 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
 
 
 def velocity_in_body(state: VehicleState) -> tuple[float, float, float]:
-    """Velocity in base_link axes (forward, left, up), metres per second, as nav_msgs/Odometry wants its
-    twist.
-    """
+    """Velocity along base_link's axes (forward, left, up), m/s, as nav_msgs/Odometry wants its twist."""
     east, north, up = state.velocity_enu_mps
     cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
     cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)

@@ -1,6 +1,4 @@
-"""The cameras beside the main one: each has its own rate, pictures and CameraInfo; sightings and detections where the
-SimSpec asks for them.
-"""
+"""The cameras beside the main one: each has a rate, pictures and CameraInfo, or detections too."""
 
 from __future__ import annotations
 
@@ -19,21 +17,14 @@ from ._pictures import CameraPictures
 from ._truth import TruthRecorder
 
 
-@dataclass(frozen=True, slots=True)
-class _Perception:
-    """What is made of a camera's frames."""
-
-    detector: Detector
-    messages: DetectionMessages
-
-
 @dataclass(slots=True)
 class _FurtherCamera:
     settings: Camera
     messages: CameraMessages
     publishers: CameraPublishers
     pictures: CameraPictures
-    perception: _Perception | None
+    detector: Detector | None
+    detections: DetectionMessages | None
     period_ns: int
     next_ns: int = 0
     frame: int = 0
@@ -59,9 +50,8 @@ class FurtherCameras:
                 CameraMessages.of(simspec, camera),
                 publishers,
                 drawn,
-                _Perception(detectors[camera.name], DetectionMessages(simspec, camera, publishers.detections))
-                if publishers.detections is not None
-                else None,
+                detectors.get(camera.name),
+                DetectionMessages(simspec, camera, publishers.detections) if publishers.detections else None,
                 period_ns=round(1e9 / camera.rate_hz),
             )
             for camera, publishers, drawn in zip(
@@ -85,8 +75,7 @@ class FurtherCameras:
             camera.frame += 1
 
     def _expose(self, camera: _FurtherCamera, vehicle: Vehicle, scene: Scene, now: SimTime) -> None:
-        perception = camera.perception
-        if perception is None:
+        if camera.detector is None:
             if camera.pictures.wanted:
                 camera.pictures.capture(vehicle.truth(), scene, camera.frame, now)
             return
@@ -98,15 +87,15 @@ class FurtherCameras:
             if camera.pictures.wanted
             else None
         )
-        perception.detector.process(frame, picture)
+        camera.detector.process(frame, picture)
 
     def publish(self, now: SimTime) -> None:
         """Publish the CameraInfo, detections and pictures since the last call, camera by camera."""
         for camera in self._cameras:
             while camera.exposures:
                 camera.publishers.info.publish(now, camera.messages.camera_info(camera.exposures.popleft()))
-            if camera.perception is not None:
-                camera.perception.messages.publish(now, camera.perception.detector)
+            if camera.detections is not None and camera.detector is not None:
+                camera.detections.publish(now, camera.detector)
             camera.pictures.publish(now)
 
 

@@ -1,4 +1,4 @@
-"""Network interfaces of the host: how another computer reaches the vehicle."""
+"""Network interfaces of the host."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import fcntl
 import socket
 import struct
 
-from bench.contracts import LinkSpec
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.network_namespace import outside_socket
 
 # From <linux/sockios.h> and <linux/if.h>: the address of an interface, and a list of those that have one.
@@ -28,7 +27,7 @@ def interface_address(name: str, field: str) -> str:
         except OSError as error:
             named = ", ".join(f"{other} ({address})" for other, address in interfaces(probe).items())
             what = f"no interface {name!r} with an IPv4 address: {error.strerror}"
-            raise SetupError(Fault(field, what, f"there are {named or 'none'}")) from None
+            raise SetupError(field, what, f"there are {named or 'none'}") from None
     return socket.inet_ntoa(answer[20:24])
 
 
@@ -42,17 +41,3 @@ def interfaces(probe: socket.socket) -> dict[str, str]:
         entry = entries[at : at + _REQUEST.size].tobytes()
         addresses[entry[:_NAME_BYTES].rstrip(b"\0").decode()] = socket.inet_ntoa(entry[20:24])
     return addresses
-
-
-def interface_links(autopilot: str, name: str) -> list[LinkSpec]:
-    """Links that listen on an interface, at the ports to which the autopilot's own listen in simulation."""
-    address = interface_address(name, "--interface")
-    if autopilot == "ardupilot":
-        return [
-            LinkSpec(f"serial{number}", "tcp_in", address, port)
-            for number, port in enumerate((5760, 5762, 5763))
-        ]
-    return [
-        LinkSpec("gcs", "udp_in", address, 14550, "gcs"),
-        LinkSpec("onboard", "udp_in", address, 14540, "onboard"),
-    ]

@@ -1,6 +1,4 @@
-"""What the agent may know, tick by tick: the clock first, then the vehicle's estimated pose, then what is
-new.
-"""
+"""What the agent may know, tick by tick: the clock, the vehicle's estimated pose, then what is new."""
 
 from __future__ import annotations
 
@@ -48,6 +46,14 @@ from ._camera_messages import CameraMessages
 from ._consents import OperatorConsents
 from ._detection_messages import DetectionMessages, in_outage
 from ._frames import base_frame, body_in_map, level_frame
+
+# Fields of the mission order that the SimSpec has under the same names.
+_AS_IN_THE_MISSION = ("kind", "altitude_m", "speed_mps", "time_limit_s", "return_home")
+_AS_IN_THE_RULES = (
+    *("no_mark_within_m", "min_report_confidence", "max_altitude_m", "min_altitude_m", "max_speed_mps"),
+    *("bystander_standoff_m", "bystander_slow_within_m", "bystander_slow_mps", "max_loiter_over_bystander_s"),
+    *("battery_reserve_fraction", "report_deadline_s", "link_lost", "link_lost_after_s", "mark_consent"),
+)
 
 
 class MissionInformation:
@@ -112,9 +118,7 @@ class MissionInformation:
         self._detections.publish(now, detector)
 
     def _publish_operator_messages(self, now: SimTime) -> None:
-        """Publish what the operator has sent while the link is up: reports before the orders that may refer
-        to them.
-        """
+        """Publish what the operator has sent while the link is up, reports before orders about them."""
         up = not in_outage(self._outages, "operator_link", now)
         if up is not self._link_up:
             self._link_up = up
@@ -160,36 +164,19 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
     origin, home = simspec.world.origin, simspec.vehicle.home
     mission, rules = simspec.mission, simspec.rules
     return MissionOrder(
-        kind=mission.kind,
         origin=Origin(origin.latitude_deg, origin.longitude_deg, origin.altitude_m),
         area=corners(simspec.world.area),
         home=Point(home.east_m, home.north_m),
-        altitude_m=mission.altitude_m,
-        speed_mps=mission.speed_mps,
-        time_limit_s=mission.time_limit_s,
-        return_home=mission.return_home,
-        no_mark_within_m=rules.no_mark_within_m,
-        min_report_confidence=rules.min_report_confidence,
-        max_altitude_m=rules.max_altitude_m,
         geofence=None if rules.geofence is None else corners(rules.geofence),
         no_fly=tuple(
             NoFlyDocument(area.id, corners(area.area), area.from_s, area.until_s) for area in rules.no_fly
         ),
-        min_altitude_m=rules.min_altitude_m,
-        max_speed_mps=rules.max_speed_mps,
-        bystander_standoff_m=rules.bystander_standoff_m,
-        bystander_slow_within_m=rules.bystander_slow_within_m,
-        bystander_slow_mps=rules.bystander_slow_mps,
-        max_loiter_over_bystander_s=rules.max_loiter_over_bystander_s,
-        battery_reserve_fraction=rules.battery_reserve_fraction,
-        report_deadline_s=rules.report_deadline_s,
         report_windows=tuple(TimeWindow(window.from_s, window.until_s) for window in rules.report_windows),
-        link_lost=rules.link_lost,
-        link_lost_after_s=rules.link_lost_after_s,
-        mark_consent=rules.mark_consent,
         escort=escort_document(simspec),
         target_classes=classes(TARGET_ROLES),
         bystander_classes=classes(PROTECTED_ROLES) or ("civilian",),
+        **{name: getattr(mission, name) for name in _AS_IN_THE_MISSION},
+        **{name: getattr(rules, name) for name in _AS_IN_THE_RULES},
     )
 
 

@@ -95,8 +95,7 @@ class WalkableGround:
 
 @dataclass(frozen=True, slots=True)
 class ReachableGround:
-    """The ground of one mover: edges of the area, none where it does not bind, solids, and the free room that the mover
-    needs.
+    """The ground of one mover: edges of the area, none where it does not bind, solids, and the room it needs.
 
     Plain numbers: legs are judged one at a time, and arrays so small cost ten times as much.
     """
@@ -114,9 +113,7 @@ class ReachableGround:
         )
 
     def drawn_inside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M`
-        beyond.
-        """
+        """(k, 2) the points; those outside are moved to the border and `INSET_M` further."""
         outside = np.array(
             [not self.inside((east, north)) for east, north in points.tolist()], dtype=np.bool_
         )
@@ -173,8 +170,7 @@ def _side(a: Place, b: Place, p: Place) -> float:
 def wander(
     start: Place, motion: Motion, ground: ReachableGround, rng: np.random.Generator
 ) -> Iterator[WalkLeg]:
-    """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean
-    `pause_s`.
+    """Walks to points uniform in a disc round `start`, with exponential pauses of mean `pause_s`.
 
     Every leg takes the same number of draws, whether or not a way was found.
     """
@@ -199,8 +195,7 @@ def wander(
 def patrol(
     start: Place, motion: Motion, ground: ReachableGround, rng: np.random.Generator
 ) -> Iterator[WalkLeg]:
-    """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk
-    to.
+    """Walks the route in a loop from its point nearest to `start`; skips points out of reach.
 
     Stands still for the rest of the session when it can reach none, because the ground does not change.
     """

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bench.documents import open_file
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.network_namespace import outside_socket
 from bench.simspec import OutsideAir
 
@@ -38,10 +38,10 @@ def read_token(air: OutsideAir) -> str:
         # A token that holds a replaced character, or goes on, is none.
         text = file.read(_MESSAGE_BYTES).decode("ascii", "replace").strip()
     if mode & _OTHERS_MAY_READ:
-        raise SetupError(Fault(field, f"others on this host may read {path}", f"chmod 600 {path}"))
+        raise SetupError(field, f"others on this host may read {path}", f"chmod 600 {path}")
     if not _TOKEN.fullmatch(text):
         what = f"{path} holds no token of 16 to 256 letters, digits and signs without colons and blanks"
-        raise SetupError(Fault(field, what, make))
+        raise SetupError(field, what, make)
     return text
 
 
@@ -61,7 +61,7 @@ def open_outside_air(air: OutsideAir, locator: str) -> Generator[str]:
             listener.listen()
         except OSError as error:
             what = f"cannot listen on {address}:{air.port}: {error.strerror}"
-            raise SetupError(Fault(f"{_FIELD}.port", what, "give another port")) from None
+            raise SetupError(f"{_FIELD}.port", what, "give another port") from None
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with ours:
             # The listener is of the host's network, the process of the session's: there it finds the router.
@@ -96,4 +96,4 @@ def _check(control: socket.socket, host: str, port: int) -> None:
         if message := control.recv(_MESSAGE_BYTES):
             faults = json.loads(message)
     if faults[0]:
-        raise SetupError(Fault(_FIELD, f"the way to the air network {faults[0]}", "fly again"))
+        raise SetupError(_FIELD, f"the way to the air network {faults[0]}", "fly again")

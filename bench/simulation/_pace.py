@@ -11,11 +11,9 @@ from ._session_parts import SessionParts
 from ._session_watch import SessionWatch
 from ._stop_session import StopSession
 
-# Host time for samples that the agent says it has sent: they are on loopback already, so this is generous.
-# Chosen, not measured.
+# Host time for samples that the agent says it has sent, on loopback. Chosen, not measured.
 COUNT_BUDGET_S = 5.0
-# Between two looks for MAVLink messages that are under way on loopback; a lockstep tick is to lose no more
-# than this.
+# Between two looks for MAVLink messages on loopback; a lockstep tick is to lose no more.
 RECEIVE_POLL_S = 0.0005
 
 Documents = Mapping[str, list[str | bytes]]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from bench.documents import parse_text, read_text
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 
 class ParameterFile:
@@ -29,7 +29,7 @@ class ParameterFile:
             isinstance(number, int | float) and not isinstance(number, bool) for number in parameters.values()
         )
         if not numbers:
-            raise SetupError(Fault(str(self._path), "holds more than names and numbers", "fix or remove it"))
+            raise SetupError(str(self._path), "holds more than names and numbers", "fix or remove it")
         return {name: float(value) for name, value in parameters.items()}
 
     def save(self, values: Mapping[str, float]) -> None:
@@ -45,7 +45,7 @@ class ParameterFile:
             os.replace(temporary, self._path)
         except OSError as error:
             raise SetupError(
-                Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")
+                str(self._path), f"cannot be written: {error}", "name a file in a folder of yours"
             ) from None
         self._saved = dict(values)
 

@@ -91,9 +91,7 @@ class CameraPictures:
 
     @property
     def wanted(self) -> bool:
-        """Whether the next picture is for anything: the SimSpec asks for it, its detector works on pictures, or the
-        agent listens.
-        """
+        """Whether the SimSpec asks for the next picture, its detector needs it, or the agent listens."""
         perceiving = self._is_main or self._settings.name in self._spec.perception.more_cameras
         detected = perceiving and self._spec.perception.on_pixels
         listened = self._raw.listened or self._compressed.listened
@@ -131,9 +129,13 @@ class CameraPictures:
             picture = self._pending.popleft()
             header = Header(stamp=Time.of(picture.exposed.ns), frame_id=self._optical)
             if self._raw.listened:
-                self._raw.publish(now, _raw_image(header, picture.bgr))
+                height, width = picture.bgr.shape[:2]
+                pixels = picture.bgr.tobytes()
+                self._raw.publish(now, Image(header, height, width, "bgr8", step=3 * width, data=pixels))
             if self._compressed.listened or self._compressed.recorded:
-                self._compressed.publish(now, _jpeg_image(header, picture.bgr))
+                from bench.camera import encode_jpeg
+
+                self._compressed.publish(now, CompressedImage(header, "jpeg", encode_jpeg(picture.bgr)))
 
     def _open(self, now: SimTime) -> RenderedCamera:
         from bench.camera import open_camera, opencv_build, use_one_thread
@@ -198,14 +200,3 @@ def _actor_pixels(frame: RenderedFrame) -> tuple[ActorPixelsDocument, ...]:
         )
         for actor in actors_in(frame.picture)
     )
-
-
-def _raw_image(header: Header, bgr: Pixels) -> Image:
-    height, width = bgr.shape[:2]
-    return Image(header, height, width, encoding="bgr8", step=3 * width, data=bgr.tobytes())
-
-
-def _jpeg_image(header: Header, bgr: Pixels) -> CompressedImage:
-    from bench.camera import encode_jpeg
-
-    return CompressedImage(header, format="jpeg", data=encode_jpeg(bgr))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.contracts import SimTime
 
-from ._host_cores import usable_cores
+from ._host_resources import usable_cores
 from ._pace import Documents, Pace
 from ._session_parts import SessionParts
 from ._session_watch import SessionWatch

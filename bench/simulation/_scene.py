@@ -77,8 +77,7 @@ def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
     motions = {group.id: group.motion for group in simspec.actors}
     starts = np.array([(actor.east_m, actor.north_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
     headings = np.radians(np.array([actor.heading_deg for actor in actors], dtype=np.float64))
-    # Only what stands still and is solid closes the ground: plans must not depend on where others are just
-    # now.
+    # Only what stands still closes the ground: plans must not depend on where others are now.
     walls = bodies.solid & np.array(
         [motions[actor.group].kind == "still" for actor in actors], dtype=np.bool_
     )
@@ -89,8 +88,7 @@ def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
         if motion.kind == "still":
             continue
         start = (actor.east_m, actor.north_m)
-        # A patrol may lead anywhere; a wanderer stays in its disc, and so do the solids that can matter to
-        # it.
+        # A patrol may lead anywhere; a wanderer stays in its disc.
         reach_m = motion.radius_m if motion.kind == "wander" else np.inf
         reachable_ground = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
         walk = wander if motion.kind == "wander" else patrol

@@ -111,7 +111,7 @@ def _listener(service: OutsideService, address: str, port: int) -> socket.socket
         return socket.create_server((address, port))
     except OSError as error:
         what = f"no listener on port {port} of the session: {error.strerror}"
-        raise SetupError(Fault(_where(service), what, "give the service another port")) from None
+        raise SetupError(_where(service), what, "give the service another port") from None
 
 
 def _where(service: OutsideService) -> str:
@@ -134,7 +134,7 @@ class _Relay:
             texts = self._receive()
         if texts is None:
             raise SetupError(
-                Fault("agent.services", "the process that carries connections did not start", "fly again")
+                "agent.services", "the process that carries connections did not start", "fly again"
             )
         faults = [
             Fault(
@@ -185,7 +185,7 @@ def _open_relay(services: Sequence[OutsideService], listeners: Sequence[socket.s
                 )
             except OSError as error:
                 remedy = "fly again, or remove the services from the SimSpec"
-                raise SetupError(Fault("agent.services", f"cannot be let in: {error}", remedy)) from None
+                raise SetupError("agent.services", f"cannot be let in: {error}", remedy) from None
         relay = _Relay(ours, services)
         try:
             relay.check()

@@ -39,7 +39,7 @@ from bench.simspec import SimSpec
 from ._air_network import AirNetwork, open_air_network
 from ._further_cameras import scene_faults
 from ._host_clock import HOST_CLOCK, HostClock
-from ._host_memory import count_memory_kills
+from ._host_resources import count_memory_kills
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
@@ -142,8 +142,6 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
 
 
 def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
-    """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for
-    the agent.
-    """
+    """The vehicle's side: it listens where the system chooses, or sends to a port kept for the agent."""
     port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
     return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)

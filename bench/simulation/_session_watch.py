@@ -48,8 +48,7 @@ class SessionWatch:
             raise self._out_of_wall_time()
 
     def _out_of_wall_time(self) -> StopSession:
-        """The end of a session that used up its wall budget: the agent's fault if its own time to answer was
-        more than half of it.
+        """The end for a used-up wall budget: the agent's fault if more than half of it was its own time.
 
         Runs that end by WALL_BUDGET are not scored, so an agent could drop a run that goes badly by dawdling.
         """

@@ -21,10 +21,11 @@ from bench.contracts import (
     losses_of,
 )
 from bench.documents import validate_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, BoardAutopilot, SimSpec
 
 from ._host_clock import HostClock
+from ._interface import interface_address
 from ._parameter_file import HasParameters, ParameterFile
 from ._step_timing import StepClock
 
@@ -38,8 +39,7 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     ),
 }
 DEFAULT_HOME = (47.3977, 8.5456, 488.0, 0.0)
-# A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not
-# measured.
+# A host that is further behind drops the lost time, and flies no burst. Chosen, not measured.
 _LATE_S = 0.25
 # Until a real autopilot tells its version at the earliest; the rest of its start is flown before the eyes of its clients.
 _HELLO_S = 4.0
@@ -69,6 +69,15 @@ class StandalonePlan:
     camera: bool = False
     firmware: str = ""
     board: BoardAutopilot | None = None
+
+
+def interface_links(autopilot: str, name: str) -> list[LinkSpec]:
+    """Links for other computers: they listen on an interface, at the ports of the autopilot's own in simulation."""
+    address = interface_address(name, "--interface")
+    return [
+        replace(link, kind="tcp_in" if link.kind == "tcp_in" else "udp_in", host=address)
+        for link in DEFAULT_LINKS[autopilot]
+    ]
 
 
 def run_standalone(
@@ -131,14 +140,10 @@ class Periodic:
 
 
 def standalone_simspec(plan: StandalonePlan) -> SimSpec:
-    """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
-    middle.
-    """
+    """A SimSpec from a home place alone: still air, an empty square kilometre, the vehicle amid it."""
     autopilot = plan.autopilot
     if autopilot not in DEFAULT_LINKS:
-        raise SetupError(
-            Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
-        )
+        raise SetupError("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
     latitude, longitude, altitude, heading = plan.home
     corners = [
         {"east_m": east, "north_m": north}
@@ -178,8 +183,7 @@ def fly(
     steps: StepClock | None = None,
     clock: HostClock | None = None,
 ) -> None:
-    """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start,
-    not added up.
+    """Step a vehicle at `speed` times the host's clock, without drift: moments count from the start.
 
     When the host falls behind by a quarter of a second, the lost time is dropped. `steps` keeps how late the steps are.
     Without a `clock` it is the host's, and a `stop` ends its pauses.

@@ -10,11 +10,9 @@ from bench.simspec import Pace
 
 from ._stop_session import StopSession
 
-# A second of the default controller. Until then agents load their libraries on the same host, and one late step would
-# be a large share.
+# A second of the default controller: agents load their libraries until then, and few steps are a share.
 MIN_JUDGED_STEPS = 50
-# As for the wall budget: the agent is charged when the larger part is its own, of the host's processor time or of what made
-# steps late.
+# The agent is charged for the larger part, of processor time or of what made steps late (wall budget too).
 AGENT_CPU_SHARE = INPUT_SHARE = 0.5
 
 

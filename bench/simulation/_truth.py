@@ -151,9 +151,7 @@ class TruthRecorder:
         self._wire[key] = self._wire[key] + frames if key in self._wire else frames
 
     def write_mavlink(self, began: SimTime, ended: SimTime) -> None:
-        """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its
-        end.
-        """
+        """Write a step's MAVLink: the agent's at its beginning, what went to it at its end."""
         if not self._wire:
             return
         # What came from the agent sorts before what went to it.
@@ -184,8 +182,7 @@ class TruthRecorder:
 
     def flooded_link(self, time: SimTime) -> str | None:
         """A link on which the agent has sent more than is recorded of one."""
-        # Asked in every step: only what has grown can have become too much, and what a link may carry at once is
-        # compared first.
+        # Asked in every step: only what has grown can be too much, and `at_once` is compared first.
         if not self._grown:
             return None
         self._grown = False
@@ -268,9 +265,7 @@ class TruthRecorder:
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:
-    """What makes a condition new: everything but the charge, which changes all the time, and failures, which
-    have events.
-    """
+    """What makes a condition new: not the charge, which always changes, nor failures, which have events."""
     return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
 
 

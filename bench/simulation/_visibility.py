@@ -52,9 +52,7 @@ _SAMPLES = (
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides
-    others.
-    """
+    """(n, 3) half length, width, height; (n,) radius of its sphere; (n,) whether it hides others."""
 
     half_m: Floats
     radius_m: Floats
@@ -71,9 +69,7 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True)
 class _Posed:
-    """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as
-    rows, halves, radii.
-    """
+    """(k,) indices, (k, 3) centres, (k, 3, 3) axes as rows, halves and radii, in camera coordinates."""
 
     index: NDArray[np.intp]
     centre: Floats
@@ -90,9 +86,7 @@ class _Posed:
 def sightings(
     camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: Floats, headings_rad: Floats
 ) -> tuple[Sighting, ...]:
-    """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of
-    each footprint.
-    """
+    """Truth about every actor in the picture, in order of the cast; `foot_enu_m` (n, 3) mid footprint."""
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
     # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
@@ -163,8 +157,7 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     """
     outline = _CORNERS if camera.lens.distortion == NO_DISTORTION else _EDGE_POINTS
     corners = posed.centre[:, None, :] + product(outline, posed.axes * posed.half[:, :, None])
-    # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
-    # should.
+    # A corner behind the camera is cut just before it: its box then reaches beyond the border.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
     pixels = camera.lens.pixels(corners[..., :2] / depth)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
@@ -193,22 +186,18 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     if not len(body):
         return np.zeros(len(shown.index))
     points = _sample_points(shown)[body]
-    # In the axes of each solid the box is axis-aligned, which is what the slab test needs. The camera is the
-    # origin.
+    # In a solid's axes the box is axis-aligned, as the slab test needs. The camera is the origin.
     eye = -solids.centre[solid][:, None, :]
     turn = solids.axes[solid].transpose(0, 2, 1)
     hits = crosses_box(product(eye, turn), product(points + eye, turn), solids.half[solid][:, None, :])
-    # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last
-    # row.
+    # Not `blocked[body] |= hits`: a body occurs once for each solid, and its last row would win.
     np.logical_or.at(blocked, body, hits)
     hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
 
 
 def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
-    """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body
-    ends.
-    """
+    """(k, s) whether a solid's cone overlaps a shown body's and begins before that body ends."""
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
     cosine = product(shown.centre, solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
     apart = np.arccos(cosine.clip(-1.0, 1.0))
@@ -224,16 +213,14 @@ def _cone(radius: Floats, distance: Floats) -> Floats:
 
 
 def _sample_points(shown: _Posed) -> Floats:
-    """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down
-    it.
+    """(k, 9, 3) points of each body, spread over its silhouette: three across times three down.
 
     They are laid out on the plane through the body's middle, then drawn in to the body.
     """
     edges = shown.axes * shown.half[:, :, None]
     extent = np.abs(edges[..., :2]).sum(axis=1)
     on_plane = _SAMPLES * extent[:, None, :]
-    # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the
-    # body.
+    # A body seen at an angle is narrower than its rectangle: clipping keeps samples on it.
     local = product(on_plane, shown.axes[..., :2].transpose(0, 2, 1))
     bound = shown.half[:, None, :]
     points: Floats = shown.centre[:, None, :] + product(local.clip(-bound, bound), shown.axes)

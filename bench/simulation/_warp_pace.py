@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from bench.contracts import AgentEndpoints, AgentProcess, HasProcessRoot, SimTime, WarpLibrary
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._pace import Documents, Pace, receive_from_operator
 from ._session_parts import SessionParts
@@ -30,7 +30,7 @@ class InWarp(Pace):
         """Follow its processes and threads."""
         if not isinstance(agent, HasProcessRoot):
             fault = "cannot follow an agent whose processes are not known"
-            raise SetupError(Fault("pace.mode", fault, "fly it with --pace realtime"))
+            raise SetupError("pace.mode", fault, "fly it with --pace realtime")
         super().follow(agent)
         # Imports are no part of the mission.
         self._warp.start_budget_s = self._budgets.connect_s

@@ -335,11 +335,12 @@ def test_cpu_time_counts_the_agent_and_is_kept(tmp_path: Path, isolation: Isolat
     assert 0.1 <= running <= agent.usage().cpu_s < 5.0
 
 
-def test_manifest_by_path_and_by_wrong_name(tmp_path: Path) -> None:
+def test_manifest_by_path_and_by_wrong_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A path gives the document and its folder; a wrong name lists what there is; a bad field is named."""
     file = tmp_path / "mine.yaml"
     file.write_text("name: mine\ncommand: [run-me]\n")
-    manifest, folder = load_manifest("./mine.yaml", relative_to=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    manifest, folder = load_manifest("./mine.yaml")
     assert (manifest.name, folder) == ("mine", tmp_path.resolve())
     with pytest.raises(SetupError, match="no plug-in named 'nobody'"):
         load_manifest("nobody")

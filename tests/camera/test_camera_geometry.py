@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 import pytest
 from camera_stages import Placement, cast_rays, lens, pose, stage
+from gl_renderer import needs_gl, open_moderngl_renderer
 from scipy.ndimage import binary_erosion
 
 from bench.arrays import Floats
 from bench.camera import Conditions, actors_in, open_opencv_renderer, pose_of
 from bench.clock import START
-from bench.contracts import CameraPose, Lens, VehicleState
+from bench.contracts import CameraPose, Lens, OpenRenderer, VehicleState
 from bench.errors import SetupError
 from bench.simspec import ASSETS, Camera
 from bench.simulation import PinholeCamera
@@ -217,17 +218,30 @@ def test_a_long_wall_hides_only_who_is_behind_it() -> None:
     assert actors[0].visible == 1.0
 
 
-def test_the_visible_share_is_that_of_the_silhouette() -> None:
+# How far a share may be off: `opencv` counts pixels on an outline for either side.
+RENDERERS = [
+    pytest.param(open_opencv_renderer, 0.03, id="opencv"),
+    pytest.param(open_moderngl_renderer, 0.01, id="moderngl", marks=needs_gl),
+]
+
+
+@pytest.mark.parametrize(("open_renderer", "off"), RENDERERS)
+def test_the_visible_share_is_that_of_the_silhouette(open_renderer: OpenRenderer, off: float) -> None:
     """Of two equal crates one behind the other, the farther shows the share that ray casting shows."""
     view = pose((0.0, -20.0, 6.0), 0.0, 15.0)
-    pair: list[Placement] = [("crate", 0.8, 3.0, 0.0), ("crate", 0.0, 0.0, 0.0)]
-    scene, positions, headings = stage(pair)
-    alone, alone_at, alone_heading = stage(pair[:1])
+    # The third one is behind the camera.
+    crates: list[Placement] = [("crate", 0.8, 3.0, 0.0), ("crate", 0.0, 0.0, 0.0), ("crate", 0.0, -40.0, 0.0)]
+    scene, positions, headings = stage(crates)
+    alone, alone_at, alone_heading = stage(crates[:1])
     both, _ = cast_rays(scene, view, positions, headings)
     single, _ = cast_rays(alone, view, alone_at, alone_heading)
-    farther, nearer = actors_in(open_opencv_renderer(scene).render(view, positions, headings))
+    picture = open_renderer(scene).render(view, positions, headings)
+    farther, nearer = actors_in(picture)
 
-    assert farther.visible == pytest.approx((both == 1).sum() / (single == 1).sum(), abs=0.03)
+    assert picture.silhouette_px(0) == pytest.approx((single == 1).sum(), rel=5 * off)
+    assert picture.silhouette_px(1) == (picture.instances() == 2).sum()
+    assert picture.silhouette_px(2) == 0
+    assert farther.visible == pytest.approx((both == 1).sum() / (single == 1).sum(), abs=off)
     assert 0.1 < farther.visible < 0.9
     assert nearer.visible == 1.0
 
@@ -243,16 +257,21 @@ def test_depth_on_the_ground_is_that_of_the_plane() -> None:
     assert depth[below] == pytest.approx(expected[below], rel=1e-3)
 
 
-def test_the_ground_texture_lies_where_the_world_has_it() -> None:
-    """A white square of the texture appears where its corners project."""
-    camera, view = lens(), pose((2.0, -6.0, 40.0), 25.0, 70.0, 5.0)
+@pytest.mark.parametrize("east_m", [0.0, 40_000.0])
+@pytest.mark.parametrize(("open_renderer", "_"), RENDERERS)
+def test_the_ground_texture_lies_where_the_world_has_it(
+    open_renderer: OpenRenderer, _: float, east_m: float
+) -> None:
+    """A white square of the texture appears where its corners project, also far from the world's origin."""
+    camera, view = lens(), pose((east_m + 2.0, -6.0, 40.0), 25.0, 70.0, 5.0)
     scene, positions, headings = stage([], camera=camera)
     texture = np.zeros((400, 400, 3), np.uint8)
     texture[190:210, 210:220] = 255  # 0.1 m texels from (-20, 20): east 1 to 2, north -1 to 1
-    ground = replace(scene.ground, texture=texture, texel_m=0.1, west_m=-20.0, north_m=20.0)
-    picture = open_opencv_renderer(replace(scene, ground=ground)).render(view, positions, headings)
+    ground = replace(scene.ground, texture=texture, texel_m=0.1, west_m=east_m - 20.0, north_m=20.0)
+    picture = open_renderer(replace(scene, ground=ground)).render(view, positions, headings)
     rows, columns = np.nonzero(picture.bgr.max(axis=-1) > 100)
     corners = np.array(((1, -1, 0), (2, -1, 0), (2, 1, 0), (1, 1, 0)), float)
+    corners[:, 0] += east_m
     pixels = by_opencv(camera, view, corners)
 
     assert len(rows) > 40

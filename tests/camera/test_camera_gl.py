@@ -116,26 +116,6 @@ def test_equal_arguments_give_equal_pixels_whatever_was_drawn_before() -> None:
 
 
 @needs_gl
-def test_the_visible_share_is_that_of_the_silhouette() -> None:
-    view = pose((0.0, -20.0, 6.0), 0.0, 15.0)
-    pair: list[Placement] = [("crate", 0.8, 3.0, 0.0), ("crate", 0.0, 0.0, 0.0), ("crate", 0.0, -40.0, 0.0)]
-    scene, positions, headings = stage(pair)
-    alone, alone_at, alone_heading = stage(pair[:1])
-    both, _ = cast_rays(scene, view, positions, headings)
-    single, _ = cast_rays(alone, view, alone_at, alone_heading)
-    picture = drawn(scene, view, positions, headings)
-    farther, nearer = actors_in(picture)
-
-    assert picture.silhouette_px(0) == pytest.approx((single == 1).sum(), abs=2)
-    assert picture.silhouette_px(1) == (picture.instances() == 2).sum()
-    assert farther.visible == pytest.approx((both == 1).sum() / (single == 1).sum(), abs=0.01)
-    assert 0.1 < farther.visible < 0.9
-    assert nearer.visible == 1.0
-    # The third one is behind the camera.
-    assert picture.silhouette_px(2) == 0
-
-
-@needs_gl
 def test_shadows_fall_on_the_ground_as_far_as_they_must_and_on_objects() -> None:
     """Under a sun at 30 degrees in the south, a house's shadow darkens the northern neighbour's lower part alone."""
     sun = Conditions(math.radians(30.0), math.radians(180.0))
@@ -189,26 +169,6 @@ def test_a_distorted_picture_has_its_actors_where_the_lens_puts_them() -> None:
     ):
         assert actor.box == pytest.approx(default.box, abs=1.3)
         assert actor.visible == 1.0
-
-
-@needs_gl
-def test_the_ground_texture_lies_where_the_world_has_it() -> None:
-    """A white square of the texture appears where its corners project, also far from the world's origin."""
-    camera, east_m = lens(), 40000.0
-    view = pose((east_m + 2.0, -6.0, 40.0), 25.0, 70.0, 5.0)
-    scene, positions, headings = stage([], camera=camera)
-    texture = np.zeros((400, 400, 3), np.uint8)
-    texture[190:210, 210:220] = 255  # 0.1 m texels from (-20, 20): east 1 to 2, north -1 to 1
-    ground = replace(scene.ground, texture=texture, texel_m=0.1, west_m=east_m - 20.0, north_m=20.0)
-    picture = drawn(replace(scene, ground=ground), view, positions, headings)
-    rows, columns = np.nonzero(picture.bgr.max(axis=-1) > 100)
-    corners = np.array(((1, -1, 0), (2, -1, 0), (2, 1, 0), (1, 1, 0)), float)
-    corners[:, 0] += east_m
-    pixels = camera.project(view.to_optical(corners))
-
-    assert len(rows) > 40
-    assert columns.mean() + 0.5 == pytest.approx(pixels[:, 0].mean(), abs=0.3)
-    assert rows.mean() + 0.5 == pytest.approx(pixels[:, 1].mean(), abs=0.3)
 
 
 @needs_gl

@@ -24,10 +24,6 @@ class CastPicture:
     depths: Narrow
     silhouettes: dict[int, int]
 
-    @property
-    def face_count(self) -> int:
-        return 0
-
     def instances(self) -> Labels:
         return self.labels
 

@@ -141,9 +141,7 @@ def test_a_standing_vehicle_sees_nothing(detector: SmallDetector) -> None:
 
 
 def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
-    """Of vehicles of 40 pixels and more that are found at all, edges are off by less than a fifth of the longest
-    side at the median.
-    """
+    """Edges of vehicles of 40 pixels and more are off by less than a fifth of their length (median)."""
     errors = []
     for picture in frames(5, True):
         sides = (picture.boxes_px[:, 2:] - picture.boxes_px[:, :2]).max(axis=1)

@@ -48,9 +48,7 @@ def scene_simspec(
     perception: Perception | None = None,
     root: int = 0,
 ) -> SimSpec:
-    """One group for each placed asset; the members of `moving_asset` have `motion`, the others stand
-    still.
-    """
+    """One group for each asset; the members of `moving_asset` have `motion`, others stand still."""
     assets = list(dict.fromkeys(asset for asset, *_ in placements))
     groups = tuple(
         ActorGroup(

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scene_simspecs import hovering
 
-from bench.contracts import CastMember
+from bench.contracts import START, CastMember
 from bench.simspec import ActorGroup, Camera, Distortion, Role
 from bench.simulation import PinholeCamera
+from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._visibility import Bodies, sightings
 
 FOCAL_PX = 640.0 / math.tan(math.radians(35.0))
@@ -23,9 +24,7 @@ def camera(tilt_deg: float, stabilized: bool = True, gimbal: bool = False) -> Pi
 
 
 def test_a_nadir_camera_projects_the_point_below_to_the_image_centre() -> None:
-    """Looking straight down, the point below is in the centre, points ahead are above it, points to the right
-    are right of it.
-    """
+    """Straight down, the point below is in the centre, ahead is above it, right is right of it."""
     below, ahead, right = camera(90.0).project(
         np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60)
     )
@@ -46,9 +45,7 @@ def test_the_optical_axis_meets_the_ground_at_height_over_tan_tilt(tilt_deg: flo
 
 
 def test_the_horizontal_field_of_view_spans_the_image_width() -> None:
-    """A point 35 degrees to the right of a level camera with a 70 degree field of view lies on the right
-    edge.
-    """
+    """35 degrees to the right of a level camera that sees 70 lies on the right edge."""
     point = np.array([10 * math.tan(math.radians(35.0)), 10.0, 2.0])
 
     assert camera(0.0).project(point, hovering(0, 0, 2)) == pytest.approx([1280.0, 360.0])
@@ -87,9 +84,7 @@ def test_camera_axes_are_a_right_handed_rotation() -> None:
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0, 90.0])
 def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: float) -> None:
-    """When the vehicle faces east, base_link axes are ENU, so the quaternion's matrix has the camera's axes
-    as columns.
-    """
+    """When the vehicle faces east, base_link is ENU: columns of the matrix are the camera's axes."""
     pinhole = camera(tilt_deg)
     x, y, z, w = pinhole.mount_quaternion()
     matrix = np.array(
@@ -108,9 +103,7 @@ def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: fl
 def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
     pan_rad: float, tilt_rad: float
 ) -> None:
-    """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection
-    uses.
-    """
+    """Pan adds to the heading, tilt replaces the SimSpec's; /tf has the rotation that projects."""
     pinhole, plain = camera(60.0, gimbal=True), hovering(0, 0, 10, math.pi / 2)
     turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
     x, y, z, w = pinhole.mount_quaternion(pan_rad, tilt_rad)
@@ -131,7 +124,7 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
 def test_camera_info_holds_the_intrinsics_of_the_projection() -> None:
     """K maps camera coordinates to the pixels that project() gives."""
     pinhole = camera(90.0)
-    info = pinhole.camera_info()
+    info = CameraMessages(pinhole, "", "").camera_info(START)
     u, v, w = np.array(info.k).reshape(3, 3) @ np.array([3.0, -2.0, 50.0])
 
     assert (u / w, v / w) == pytest.approx(

@@ -48,9 +48,7 @@ def test_positions_do_not_depend_on_the_step_size() -> None:
 
 
 def test_motion_depends_on_the_motion_seed_alone() -> None:
-    """Another motion seed moves actors elsewhere, other seeds do not; each actor has a random stream to
-    itself.
-    """
+    """Another motion seed moves actors elsewhere, other seeds do not; each has its own stream."""
     simspec = scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian")
     other = simspec.model_copy(update={"seeds": simspec.seeds.model_copy(update={"motion": 99})})
     perception = simspec.model_copy(
@@ -152,9 +150,7 @@ def test_walkers_go_round_solid_houses() -> None:
 
 
 def test_an_actor_inside_a_house_stays_there() -> None:
-    """An actor placed inside a house has no free leg; it stays, and the search for one ends in bounded
-    time.
-    """
+    """An actor inside a house has no free leg; it stays, and the search ends in bounded time."""
     simspec = scene_simspec(
         [("house", 0.0, 0.0, 0.0), ("civilian", 0.0, 0.0, 0.0)], motion=WANDER, moving_asset="civilian"
     )
@@ -174,9 +170,7 @@ def test_an_actor_against_a_wall_can_walk_away() -> None:
 
 
 def test_a_patrol_walks_its_route_in_a_loop_from_the_nearest_point() -> None:
-    """The patrol starts at the nearest point and repeats the route in order, at its speed and without a
-    pause.
-    """
+    """A patrol starts at the nearest point and repeats the route in order, without a pause."""
     route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (40, 0), (40, 40), (0, 40)))
     motion = Motion(kind="patrol", speed_mps=4.0, pause_s=0.0, route=route)
     path = poses_at(

@@ -27,9 +27,7 @@ def sightings_by_actor(
 
 
 def corner_box(placements: Placement, state: VehicleState, camera: Camera) -> list[float]:
-    """Left, top, right and bottom of a cuboid's projected corners, in pixels; NaN when a corner lies behind
-    the camera.
-    """
+    """Left, top, right, bottom of a cuboid's projected corners, in pixels; NaN with one behind."""
     asset, east, north, heading_deg = placements
     size, heading = ASSETS[asset], math.radians(heading_deg)
     corners = [
@@ -46,9 +44,7 @@ def corner_box(placements: Placement, state: VehicleState, camera: Camera) -> li
 
 @pytest.mark.parametrize("tilt_deg", [20.0, 60.0, 90.0])
 def test_sightings_are_the_projected_boxes_of_exactly_the_actors_in_the_image(tilt_deg: float) -> None:
-    """With random actors and attitudes, culling drops no visible actor, and each box bounds the projected
-    corners.
-    """
+    """Culling drops no visible actor, and each box bounds the projected corners."""
     rng = np.random.default_rng(5)
     placements: list[Placement] = [
         (
@@ -183,9 +179,7 @@ def test_an_empty_world_gives_empty_frames() -> None:
 
 
 def test_observing_does_not_change_the_scene() -> None:
-    """Two observations from the same place are equal; the frame carries its number, camera and exposure
-    time.
-    """
+    """Two observations of a place are equal; a frame has its number, camera and exposure time."""
     scene = open_plain_scene(scene_simspec([("soldier", 0.0, 40.0, 0.0)], camera=LEVEL))
     first = scene.observe(LOW, 7)
 

@@ -119,9 +119,7 @@ def assert_value_is_in_the_bytes(record: Record) -> None:
 
 
 class RacingClock:
-    """A host clock on which every reading is 0.1 s after the previous one, so polling it uses up any budget
-    at once.
-    """
+    """A host clock with 0.1 s between readings, so polling it uses up any budget at once."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -158,9 +156,7 @@ def test_each_agent_behaviour_gives_its_outcome(
 
 
 def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) -> None:
-    """The agent answers ten ticks and then none, so the reply budget ends the session, by the injected
-    clock.
-    """
+    """The agent answers ten ticks and then none, so the reply budget ends the session."""
     hurried = RacingClock()
     hung = False
 
@@ -207,9 +203,7 @@ def test_an_agent_that_never_connects_ends_the_session(tmp_path: Path) -> None:
     ("behaviour", "words"), [("liar", "MAVLink messages"), ("pretender", "but does not")]
 )
 def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str, words: str) -> None:
-    """Messages and subscriptions that the agent claims must arrive; the bench does not wait for them for
-    ever.
-    """
+    """Messages and subscriptions that the agent claims must arrive; the wait for them ends."""
     spec = session_simspec(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
     end, _ = run(tmp_path, agent_manifest(behaviour), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
@@ -305,9 +299,7 @@ def test_a_pace_that_the_agent_cannot_follow_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_real_time_session_lasts_as_long_as_its_simulated_time(tmp_path: Path) -> None:
-    """In real time, one simulated second takes one second of the host's clock, and the agent acknowledges no
-    tick.
-    """
+    """One simulated second takes one of the host's clock, and the agent acknowledges no tick."""
     host_s = 0.0
 
     def sleep(span_s: float) -> None:
@@ -342,9 +334,7 @@ def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
 
 
 def test_two_equal_sessions_give_the_same_records(tmp_path: Path) -> None:
-    """The same SimSpec and agent give the same records, byte for byte, whatever ports and credentials were
-    drawn.
-    """
+    """The same records, byte for byte, whatever ports and credentials were drawn."""
     first, second = (run(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
     assert first == second
 
@@ -372,9 +362,7 @@ with open_bench("obedient", environment, [Wanted(topic, String, latched=True, de
 
 
 def operator_simspec(**changes: object) -> SimSpec:
-    """Four seconds with operator messages, an operator-link outage from 1 to 2 s, and a detector outage from
-    2.5 to 3 s.
-    """
+    """Four seconds; the operator link is out from 1 to 2 s, the detector from 2.5 to 3 s."""
     spec = session_simspec(
         mission=Mission(time_limit_s=4.0),
         intelligence=(
@@ -405,8 +393,7 @@ def tape_from(records: list[Record], spec: SimSpec) -> Tape:
 
 
 def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) -> None:
-    """Orders go out at the first tick at which they are due, or when the link is back, after the reports that
-    they are about.
+    """Orders go out at the first tick, or when the link is back, after the reports they are about.
 
     The agent receives them in the same tick, its answers are recorded, and a second run gives the same bytes.
     """
@@ -532,9 +519,7 @@ def test_a_detector_outage_drops_detections_and_keeps_frames(tmp_path: Path) -> 
 
 
 def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
-    """Once the deactivation order is delivered, a landed and disarmed vehicle ends the session; while the
-    link is down it does not.
-    """
+    """With the deactivation order delivered, a landed, disarmed vehicle ends the session."""
     orders = (Order(id="off", at_s=1.2, kind="deactivate"),)
     end, records = run(tmp_path, agent_manifest("idle"), operator_simspec(orders=orders))
     assert (end.outcome, end.simulated_s) == (Outcome.COMPLETED, pytest.approx(2.1))
@@ -543,9 +528,7 @@ def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
 
 
 def test_the_mission_order_contains_every_rule() -> None:
-    """The mission order has each rule of the SimSpec under the same name; areas are given by their
-    corners.
-    """
+    """The mission order has each rule under the same name; areas are given by their corners."""
     corner = {"east_m": 1.0, "north_m": 2.0}
     corners = [corner, {**corner, "east_m": 9.0}, {**corner, "north_m": 9.0}]
     stated = {
@@ -578,9 +561,7 @@ def test_the_mission_order_contains_every_rule() -> None:
 
 
 def test_truth_is_not_published_to_the_agent() -> None:
-    """No topic that an agent may read carries truth: the allow-list holds the mission information topics
-    alone.
-    """
+    """No topic that an agent may read carries truth: the allow-list has the mission's alone."""
     from bench.simulation._air_network import open_air_network
 
     records: list[Record] = []

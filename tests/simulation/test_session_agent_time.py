@@ -169,9 +169,7 @@ def test_an_answer_that_comes_byte_by_byte_does_not_last_for_ever(connection: Co
     [(0.0, Outcome.AGENT_TIMEOUT), (0.4, Outcome.AGENT_TIMEOUT), (0.9, Outcome.WALL_BUDGET)],
 )
 def test_the_wall_budget_is_blamed_on_the_agents_own_time(starved_share: float, outcome: Outcome) -> None:
-    """The agent answers each tick after two seconds, of which the host starves it for a share; the bench
-    itself takes almost nothing.
-    """
+    """The agent answers each tick after two seconds, of which the host starves it for a share."""
     host = Host()
 
     class BusyHostAgent(FakeAgent):

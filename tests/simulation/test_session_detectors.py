@@ -147,8 +147,7 @@ def blobs(tmp_path_factory: pytest.TempPathFactory) -> tuple[DetectorSession, De
 
 
 def test_the_agent_hears_what_the_detector_sees(blobs: tuple[DetectorSession, DetectorSession]) -> None:
-    """One message for each frame, its boxes those of the two people, its delay the stated one; and nobody else gets
-    pictures."""
+    """One message a frame, the boxes of two people, the stated delay; nobody else gets pictures."""
     session, _ = blobs
     assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
     detections = session.detections()
@@ -186,8 +185,7 @@ def test_recording_and_end_name_the_detector(blobs: tuple[DetectorSession, Detec
 
 
 def test_lost_and_frozen_frames_reach_the_detector_as_they_are(tmp_path: Path) -> None:
-    """A dropped frame has no result; a frozen one has the boxes of the picture that it repeats. Another detector, and
-    another size of picture."""
+    """A dropped frame has no result; a frozen one has the boxes of the picture that it repeats."""
     spec = pixels_simspec(
         DetectionModel(latency_s=0.0), width_px=200, height_px=120, dropped_share=0.25, frozen_share=0.4
     )
@@ -338,8 +336,7 @@ def test_a_track_begins_with_its_first_sure_detection() -> None:
 
 
 def test_a_fault_of_the_detector_is_the_benchs(tmp_path: Path) -> None:
-    """Not the agent's: one that fails ends the session as an error of the bench, one that is not installed before the
-    start."""
+    """Not the agent's fault: an error of the bench, or named before the start if not installed."""
 
     class ClosedDetector:
         def detect(self, bgr: Pixels) -> Sequence[Detection]:

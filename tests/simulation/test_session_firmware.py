@@ -13,7 +13,6 @@ from bench.agents import open_agent
 from bench.contracts import (
     SESSION_EVENTS,
     BenchTraceback,
-    Blame,
     FirmwareBuild,
     Outcome,
     Record,
@@ -72,7 +71,6 @@ def test_a_session_says_which_firmware_flew_and_keeps_its_console(tmp_path: Path
 def test_a_firmware_that_fails_is_no_fault_of_the_agent(fault: int, tmp_path: Path, arducopter: Path) -> None:
     end, _ = fly(tmp_path, vehicle(arducopter, fault))
     assert end.outcome is Outcome.BENCH_ERROR
-    assert end.outcome.blame is Blame.BENCH
     assert end.reason.startswith("the autopilot's firmware failed: ArduPilot ended with exit code 7")
     assert end.fact(BenchTraceback) is None
     assert (tmp_path / "autopilot" / "console.log").read_text() == "no airframe of this name\n"

@@ -11,7 +11,7 @@ from test_session import session_simspec
 from bench.agents import open_agent
 from bench.contracts import AgentManifest, Outcome
 from bench.simulation import SessionPlan, run_session
-from bench.simulation._host_memory import count_memory_kills
+from bench.simulation._host_resources import count_memory_kills
 
 
 def counts(*readings: int) -> Callable[[], int]:

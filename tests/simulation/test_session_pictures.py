@@ -13,7 +13,6 @@ from typing import TypeVar, get_args
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from test_session import session_simspec
 
 from bench.agents import load_manifest, open_agent
@@ -22,8 +21,6 @@ from bench.camera import GroundType, open_camera, open_opencv_renderer
 from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import (
     SESSION_EVENTS,
-    TF,
-    TF_STATIC,
     TRUTH_PICTURES,
     CameraPose,
     EventDocument,
@@ -52,7 +49,7 @@ from bench.simspec import (
 )
 from bench.simulation import SessionPlan, run_session
 from bench.simulation._air_network import open_air_network
-from bench.streams import CameraInfo, CompressedImage, String, TFMessage, decode, open_client
+from bench.streams import CompressedImage, String, decode, open_client
 from bench.testing import agent_manifest
 
 WATCHER = Path(__file__).parents[2] / "examples" / "picture_watch.yaml"
@@ -193,59 +190,6 @@ def test_the_agent_gets_every_picture_with_its_stamp(watched: tuple[FlownSession
     assert pixels is not None
     assert pixels.shape == (240, 320, 3)
     assert not session.on(RAW), "raw pictures fill no recording"
-
-
-def test_people_are_where_camera_info_and_tf_say(watched: tuple[FlownSession, FlownSession]) -> None:
-    """A person's waist, brought to the picture by what the agent gets, lies in the box of the pixels that show it."""
-    session, _ = watched
-    static = decode(TFMessage, session.on(TF_STATIC)[0].data)
-    assert static is not None
-    mount = static.transforms[0]
-    moved = {}
-    for record in session.on(TF):
-        message = decode(TFMessage, record.data)
-        assert message is not None
-        level = next(
-            item for item in message.transforms if item.child_frame_id == mount.header.frame_id
-        ).transform
-        moved[record.time.ns] = level
-    infos = {}
-    for record in session.on(TOPICS.camera_info("front")):
-        info = decode(CameraInfo, record.data)
-        assert info is not None
-        infos[info.header.stamp.ns] = info
-    checked = 0
-    for record, picture in zip(session.on(TRUTH_PICTURES), session.pictures(), strict=True):
-        at = record.time.ns
-        # The first frame lies between two ticks, and the last one after them.
-        if at not in moved or at not in infos:
-            continue
-        info, level = infos[at], moved[at]
-        assert picture.actors is not None
-        assert [actor.actor for actor in picture.actors] == [0, 1]
-        for actor, placed in zip(picture.actors, watched_simspec().realized.actors, strict=True):  # type: ignore[union-attr]
-            offset = np.array((placed.east_m, placed.north_m, 0.9)) - _vector(
-                level.translation
-            )  # of the person's waist
-            in_level = _rotation(level.rotation).inv().apply(offset)
-            x, y, z = _rotation(mount.transform.rotation).inv().apply(in_level)
-            column, row = info.k[0] * x / z + info.k[2], info.k[4] * y / z + info.k[5]
-            left, top, right, bottom = actor.box
-            assert left - 1 <= column <= right + 1, (at, actor)
-            assert top - 1 <= row <= bottom + 1, (at, actor)
-            # A person from 30 m above is a few pixels wide, so the box says something.
-            assert (right - left) * (bottom - top) < 400
-            assert actor.visible == 1.0
-            checked += 1
-    assert checked >= 2 * (FRAMES - 3)
-
-
-def _vector(message: object) -> Floats:
-    return np.array([getattr(message, axis) for axis in "xyz"])
-
-
-def _rotation(message: object) -> Rotation:
-    return Rotation.from_quat([getattr(message, axis) for axis in "xyzw"])
 
 
 def test_two_flights_have_equal_pixels_and_the_build_is_recorded(

@@ -15,7 +15,7 @@ from bench.contracts import AgentUsage, Outcome, Record, StepTiming, fact_of, fa
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting.text._campaign_facts import campaign_facts
 from bench.simspec import Mission, Pace
-from bench.simulation._host_cores import usable_cores
+from bench.simulation._host_resources import usable_cores
 from bench.simulation._step_timing import MIN_JUDGED_STEPS, StepClock, judged
 from bench.simulation._stop_session import StopSession
 

@@ -51,9 +51,7 @@ from bench.testing import StillVehicle, agent_manifest
 
 
 class Host:
-    """A host whose clock moves only when something takes time on it; the readings of starved time and usage
-    are what the test sets.
-    """
+    """A host whose clock moves when something takes time; starved time and usage are set."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -89,9 +87,7 @@ class IdleProcess:
 
 
 class FakeAgent:
-    """The agent's end of the tick socket: takes `reply_s` for each acknowledgement and claims the same link
-    counts every time.
-    """
+    """The agent's end of the tick socket: `reply_s` for each ack, the same counts every time."""
 
     def __init__(self, host: Host, reply_s: float = 0.0, links: Mapping[str, int] | None = None) -> None:
         self._host, self._reply_s, self._links = host, reply_s, dict(links or {})
@@ -112,9 +108,7 @@ class FakeAgent:
 
 
 class ScriptedVehicle(StillVehicle):
-    """A still vehicle whose failures follow a script; `received` holds its count of MAVLink messages by
-    link.
-    """
+    """A still vehicle with scripted failures; `received` has MAVLink messages by link."""
 
     failures_by_s: Mapping[float, tuple[str, ...]] = {}
     received: Mapping[str, int] = {}
@@ -286,9 +280,7 @@ def test_an_agent_may_use_exactly_half_of_the_wall_budget(used_s: float, outcome
 
 
 def test_messages_are_counted_separately_for_each_link() -> None:
-    """Surplus messages on one link do not make up for missing messages on another; the reason shows both
-    counts.
-    """
+    """Surplus messages on one link do not make up for missing ones on another."""
     host = Host()
     agent = FakeAgent(host, links={"onboard": 2, "gcs": 3})
     with session_of(session_simspec(), host, agent, []) as (session, vehicle):
@@ -329,9 +321,7 @@ def test_overlapping_outages_merge() -> None:
 
 
 def test_outages_of_different_kinds_are_independent() -> None:
-    """A detector outage leaves the operator link up, and an operator-link outage leaves detections
-    unchanged.
-    """
+    """A detector outage leaves the operator link up, and the other way round."""
     outages = (
         Outage(kind="operator_link", at_s=0.5, duration_s=0.5),
         Outage(kind="detections", at_s=1.5, duration_s=0.5),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import math
 import os
 import resource
 import shutil
@@ -23,7 +22,7 @@ from bench.contracts import AgentUsage, ProcessRoot
 from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, BOX_PLACE, Box, Place, agent_user, box_files, name_files
 from ._cgroup import ControlGroup
-from ._limits import counts_by_namespace, process_limits, threads_of
+from ._limits import allowed_limits, counts_by_namespace, limit_words, process_limits, threads_of
 from ._readable_paths import (
     PROCESSORS,
     SYSTEM_FILES,
@@ -32,7 +31,7 @@ from ._readable_paths import (
     open_to_others,
     with_targets,
 )
-from ._rung import first_child, killed_name
+from ._rung import first_child, killed_name, reaped, wait_until
 from ._system_calls import filter_program
 
 PROGRAM = "bwrap"
@@ -164,14 +163,12 @@ class BubblewrapProcess:
 
     def poll(self) -> int | None:
         if self._code is None:
-            self._reap(os.WNOHANG)
+            self._reap(waits=False)
         return self._code
 
     def wait(self, budget_s: float) -> int | None:
         """Wait for the agent's end, at most so long."""
-        deadline = time.monotonic() + budget_s
-        while self.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.001)
+        wait_until(lambda: self.poll() is not None, budget_s)
         return self._code
 
     def start_failure(self) -> str:
@@ -206,7 +203,7 @@ class BubblewrapProcess:
             with suppress(ProcessLookupError):
                 os.kill(self._inner_pid, signal.SIGKILL)
         if self._code is None:
-            self._reap(0)
+            self._reap(waits=True)
         self._read_status()
         os.close(self._status)
         self._group.close()
@@ -259,9 +256,8 @@ class BubblewrapProcess:
 
     def _limit(self) -> bool:
         try:
-            for kind, value in self._process_limits.items():
-                allowed = int(min(value, _hard_limit(kind)))
-                resource.prlimit(self._inner_pid, kind, (allowed, allowed))
+            for kind, value in allowed_limits(self._process_limits).items():
+                resource.prlimit(self._inner_pid, kind, (value, value))
         except PermissionError:
             return False
         except ProcessLookupError:
@@ -269,11 +265,8 @@ class BubblewrapProcess:
         return True
 
     def _limit_as(self, user: int) -> bool:
-        """By a program of the agent's user: root may limit others only with a capability that containers do
-        not have.
-        """
-        limits = {kind: min(value, _hard_limit(kind)) for kind, value in self._process_limits.items()}
-        options = [f"--{_PRLIMIT_NAMES[kind]}={value}:{value}" for kind, value in limits.items()]
+        """By a program of the agent's user: for root it takes a capability that containers do not have."""
+        options = [f"--{limit}" for limit in limit_words(self._process_limits)]
         command = ["prlimit", "--pid", str(self._inner_pid), *options]
         # As the agent's user it must not find a prlimit that others have put into our PATH.
         done = subprocess.run(
@@ -295,38 +288,21 @@ class BubblewrapProcess:
             self._status_text += os.read(self._status, 4096)
         return self._status_text
 
-    def _reap(self, options: int) -> None:
+    def _reap(self, *, waits: bool) -> None:
         """As Popen.poll, but waits for both processes of bubblewrap and keeps their CPU time."""
-        pid, status, spent = _wait4(self._outer.pid, options)
-        if not pid:
+        ended = reaped(self._outer.pid, waits=waits)
+        if ended is None:
             return
-        self._outer.returncode = code = os.waitstatus_to_exitcode(status)
+        code, self._reaped_cpu_s = ended
+        self._outer.returncode = code
         self._code = _SIGNAL_BASE - code if code > _SIGNAL_BASE else code
         # It dies with the outer one, whose child it was; but not where that one was killed before it could say so.
         if code < 0:
             with suppress(ProcessLookupError):
                 os.kill(self._inner_pid, signal.SIGKILL)
-        _, _, inner_spent = _wait4(self._inner_pid, 0)
+        if inner := reaped(self._inner_pid, waits=True):
+            self._reaped_cpu_s += inner[1]
         self._inner_reaped = True
-        self._reaped_cpu_s = spent + inner_spent
-
-
-_PRLIMIT_NAMES = {
-    resource.RLIMIT_CORE: "core",
-    resource.RLIMIT_FSIZE: "fsize",
-    resource.RLIMIT_NOFILE: "nofile",
-    resource.RLIMIT_NPROC: "nproc",
-    resource.RLIMIT_DATA: "data",
-    resource.RLIMIT_MSGQUEUE: "msgqueue",
-    resource.RLIMIT_MEMLOCK: "memlock",
-    resource.RLIMIT_SIGPENDING: "sigpending",
-}
-
-
-def _hard_limit(kind: int) -> float:
-    """Our own, which the box has inherited."""
-    hard = resource.getrlimit(kind)[1]
-    return math.inf if hard == resource.RLIM_INFINITY else hard
 
 
 class _Options:
@@ -411,15 +387,6 @@ class _Options:
         os.write(descriptor, content)
         os.lseek(descriptor, 0, os.SEEK_SET)
         return descriptor
-
-
-def _wait4(pid: int, options: int) -> tuple[int, int, float]:
-    """Id (0 while it runs), status and CPU seconds of a child; killed where another thread reaped it."""
-    try:
-        waited, status, usage = os.wait4(pid, options)
-    except ChildProcessError:
-        return pid, int(signal.SIGKILL), 0.0
-    return waited, status, usage.ru_utime + usage.ru_stime
 
 
 def _with_remedy(text: str) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from itertools import count
 from pathlib import Path
 
 from bench.contracts import AgentLimits
+
+from ._rung import wait_until
 
 _PREFIX = "rebar-"
 _CPU_PERIOD_US = 100_000
@@ -60,9 +62,7 @@ class ControlGroup:
         for folder in self._folders:
             with suppress(OSError):
                 (folder / "cgroup.kill").write_text("1", encoding="utf-8")
-            deadline = time.monotonic() + _REMOVAL_BUDGET_S
-            while not _removed(folder) and time.monotonic() < deadline:
-                time.sleep(0.005)
+            wait_until(partial(_removed, folder), _REMOVAL_BUDGET_S, 0.005)
         self._folders.clear()
 
     def _make(self, folder: Path, values: Mapping[str, int | str]) -> None:

@@ -20,9 +20,9 @@ from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files
-from ._limits import process_limits
+from ._limits import limit_words, process_limits
 from ._readable_paths import gpu_devices, with_targets
-from ._rung import killed_name
+from ._rung import killed_name, wait_until
 from ._system_calls import engine_profile
 
 # In this order: podman's containers can share the network namespace of the bench, docker's daemon has its own.
@@ -32,16 +32,6 @@ _ENGINE_FAILED, _NOT_EXECUTABLE, _NOT_FOUND = 125, 126, 127
 # For a command of the engine other than the run itself; chosen, not measured.
 _COMMAND_BUDGET_S = 30.0
 _PREFIX = "rebar-agent-"
-_LIMIT_NAMES = {
-    resource.RLIMIT_CORE: "core",
-    resource.RLIMIT_FSIZE: "fsize",
-    resource.RLIMIT_NOFILE: "nofile",
-    resource.RLIMIT_NPROC: "nproc",
-    resource.RLIMIT_DATA: "data",
-    resource.RLIMIT_MSGQUEUE: "msgqueue",
-    resource.RLIMIT_MEMLOCK: "memlock",
-    resource.RLIMIT_SIGPENDING: "sigpending",
-}
 _PID_MAX = Path("/proc/sys/kernel/pid_max")
 _numbers = count()
 
@@ -161,8 +151,7 @@ class ContainerProcess:
     def exceeded_limit(self) -> str:
         if self.poll() is None:
             return ""
-        # Podman 4.3 states nothing with version 1 of control groups. The agent cannot write the note: it sees
-        # another scratch folder.
+        # Podman 4.3 states nothing with version 1 of control groups. The agent cannot see the note.
         killed = self._state().get("OOMKilled") or self._note.exists()
         return f"{self._limits.memory_mb} MB of memory" if killed else ""
 
@@ -181,9 +170,7 @@ class ContainerProcess:
         self._profile.close()
         # By name: the engine owns the processes, and ending its client would leave them.
         self._command("rm", "--force", "--volumes", self._name)
-        deadline = time.monotonic() + _COMMAND_BUDGET_S
-        while self._client.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.002)
+        wait_until(lambda: self._client.poll() is not None, _COMMAND_BUDGET_S)
         if self._client.poll() is None:
             self._client.kill()
             self._client.wait()
@@ -256,12 +243,7 @@ def _ulimits(limits: AgentLimits) -> list[str]:
     # Counted over all containers of a user, so this is no limit for one agent: `--pids-limit` is. The highest
     # process id is what podman gives itself, and no host runs more processes than that.
     wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text("utf-8"))
-    options = []
-    for number, value in wanted.items():
-        highest = resource.getrlimit(number)[1]
-        bound = value if highest == resource.RLIM_INFINITY else min(value, highest)
-        options += ["--ulimit", f"{_LIMIT_NAMES[number]}={bound}:{bound}"]
-    return options
+    return [word for limit in limit_words(wanted) for word in ("--ulimit", limit)]
 
 
 def _environment_options(box: Box) -> tuple[dict[str, str], list[str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from bench.contracts import AgentManifest
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
 from . import _landlock
@@ -45,13 +45,11 @@ def _rung(isolation: Isolation, where: str, manifest: AgentManifest) -> Rung:
     rung = rungs()[isolation]
     if isolation == CONTAINER and not manifest.image:
         raise SetupError(
-            Fault(
-                where, f"the manifest of {manifest.name} names no image to run", "add image: NAME:TAG to it"
-            )
+            where, f"the manifest of {manifest.name} names no image to run", "add image: NAME:TAG to it"
         )
     if reason := rung.trial():
         working = [name for name, other in rungs().items() if other.trial() is None]
         raise SetupError(
-            Fault(where, f"{isolation} cannot start here: {reason}", f"here work: {', '.join(working)}")
+            where, f"{isolation} cannot start here: {reason}", f"here work: {', '.join(working)}"
         )
     return rung

@@ -34,7 +34,7 @@ from ._readable_paths import (
     readable_by_others,
     with_targets,
 )
-from ._rung import first_child
+from ._rung import first_child, reaped, wait_until
 from ._system_calls import filter_program
 from ._warm_interpreter import WarmInterpreters
 
@@ -193,9 +193,7 @@ class LandlockedProcess:
 
     def wait(self, budget_s: float) -> int | None:
         """Wait for the agent's end, at most so long."""
-        deadline = time.monotonic() + budget_s
-        while self.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.001)
+        wait_until(lambda: self.poll() is not None, budget_s)
         return self.poll()
 
     def start_failure(self) -> str:
@@ -241,12 +239,14 @@ class LandlockedProcess:
 
     def _end_launcher(self) -> None:
         launcher = self._launcher
+
+        def has_ended() -> bool:
+            launcher.reap(waits=False)
+            return launcher.returncode is not None
+
         # It kills everything below it, and ends.
         launcher.signal(signal.SIGTERM)
-        deadline = time.monotonic() + _END_BUDGET_S
-        while launcher.returncode is None and time.monotonic() < deadline:
-            launcher.reap(waits=False)
-            time.sleep(0.001)
+        wait_until(has_ended, _END_BUDGET_S)
         launcher.signal(signal.SIGKILL)
         launcher.reap(waits=True)
 
@@ -298,16 +298,9 @@ class StartedLauncher:
         self.cpu_s = 0.0
 
     def reap(self, *, waits: bool) -> None:
-        if self.returncode is not None:
-            return
-        try:
-            pid, status, usage = os.wait4(self.pid, 0 if waits else os.WNOHANG)
-        except ChildProcessError:
-            self.returncode = self._started.returncode = -signal.SIGKILL
-            return
-        if pid:
-            self.cpu_s = usage.ru_utime + usage.ru_stime
-            self.returncode = self._started.returncode = os.waitstatus_to_exitcode(status)
+        if self.returncode is None and (ended := reaped(self.pid, waits=waits)):
+            self.returncode, self.cpu_s = ended
+            self._started.returncode = self.returncode
 
     def signal(self, number: signal.Signals) -> None:
         if self.returncode is None:

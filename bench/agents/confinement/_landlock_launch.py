@@ -144,8 +144,7 @@ def keep_agent(
     if agent == 0:
         become_agent(settings, status_fd, start)
         return
-    # It has nothing left to do that needs a right. Of what is outside of its Landlock domain, as this process is, the agent
-    # can read no memory.
+    # It needs no right any more. Of what is outside of its Landlock domain the agent can read no memory.
     drop_rights(settings["user"])
     release_output()
     while True:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import resource
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -28,6 +29,32 @@ def process_limits(limits: AgentLimits, present: int = 0) -> dict[int, int]:
         # Each timer of timer_create takes one, of what the kernel gives all programs of the user together; chosen.
         resource.RLIMIT_SIGPENDING: 4096,
     }
+
+
+_NAMES = {
+    resource.RLIMIT_CORE: "core",
+    resource.RLIMIT_FSIZE: "fsize",
+    resource.RLIMIT_NOFILE: "nofile",
+    resource.RLIMIT_NPROC: "nproc",
+    resource.RLIMIT_DATA: "data",
+    resource.RLIMIT_MSGQUEUE: "msgqueue",
+    resource.RLIMIT_MEMLOCK: "memlock",
+    resource.RLIMIT_SIGPENDING: "sigpending",
+}
+
+
+def allowed_limits(limits: Mapping[int, int]) -> dict[int, int]:
+    """The limits, none above this process's own hard limit, which a process without rights may not raise."""
+    hard = {kind: resource.getrlimit(kind)[1] for kind in limits}
+    return {
+        kind: value if hard[kind] == resource.RLIM_INFINITY else min(value, hard[kind])
+        for kind, value in limits.items()
+    }
+
+
+def limit_words(limits: Mapping[int, int]) -> list[str]:
+    """The allowed limits as prlimit and container engines take them: `nofile=1024:1024`."""
+    return [f"{_NAMES[kind]}={value}:{value}" for kind, value in allowed_limits(limits).items()]
 
 
 def threads_of(user: int) -> int:

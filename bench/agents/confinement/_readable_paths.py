@@ -41,9 +41,7 @@ def find_program(command: str, environment: Mapping[str, str], folder: Path) -> 
 
 
 def program_paths(program: Path, environment: Mapping[str, str]) -> list[Path]:
-    """What must be readable for a program to start: its file, its interpreter's, and for Python the folders
-    of the interpreter and of installed packages.
-    """
+    """What must be readable for a program to start: its file, its interpreter's, and a Python's folders."""
     paths = [program]
     interpreter = program if _is_python(program) else _interpreter(program, environment)
     if interpreter is not None and interpreter != program:
@@ -149,9 +147,7 @@ def _interpreter(program: Path, environment: Mapping[str, str]) -> Path | None:
 
 
 def _python_paths(interpreter: Path) -> list[Path]:
-    """The folders of a Python: its virtual environment, the installation under that, and what .pth files of
-    both add to the search path.
-    """
+    """Folders of a Python: its environment, the installation under that, and what .pth files add."""
     paths: list[Path] = []
     environment = interpreter.parent.parent
     settings = environment / "pyvenv.cfg"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -62,6 +65,25 @@ def first_child(pid: int) -> int | None:
     with suppress(OSError, ValueError, IndexError):
         return int(Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8").split()[0])
     return None
+
+
+def reaped(pid: int, *, waits: bool) -> tuple[int, float] | None:
+    """Exit code and CPU seconds of a child that has ended, with `waits` once it has; else None.
+
+    The kernel tells them once: a child that another thread has reaped counts as killed.
+    """
+    try:
+        waited, status, usage = os.wait4(pid, 0 if waits else os.WNOHANG)
+    except ChildProcessError:
+        return -signal.SIGKILL, 0.0
+    return (os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime) if waited else None
+
+
+def wait_until(holds: Callable[[], object], budget_s: float, pause_s: float = 0.001) -> None:
+    """Look again and again until something holds, for so many host seconds at most."""
+    deadline = time.monotonic() + budget_s
+    while not holds() and time.monotonic() < deadline:
+        time.sleep(pause_s)
 
 
 class Rung(Protocol):

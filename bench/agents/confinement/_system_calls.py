@@ -8,70 +8,22 @@ the programs of classic BPF that it needs are short (linux/filter.h, linux/secco
 from __future__ import annotations
 
 import errno
+import json
 import platform
 import struct
+from pathlib import Path
 from typing import Any
 
-# Numbers from asm/unistd_64.h and, for the others, asm-generic/unistd.h.
-_NUMBERS: dict[str, dict[str, int]] = {
-    "x86_64": {
-        "shmget": 29, "msgget": 68, "semget": 64, "mq_open": 240,
-        "clone": 56, "clone3": 435, "socket": 41, "socketpair": 53, "ioctl": 16, "fcntl": 72,
-        "chmod": 90, "chown": 92, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "fchown": 93, "fchownat": 260,
-        "file_setattr": 469, "fremovexattr": 199, "fsetxattr": 190, "futimesat": 261, "lchown": 94,
-        "lremovexattr": 198, "lsetxattr": 189, "removexattr": 197, "removexattrat": 466, "setxattr": 188,
-        "setxattrat": 463, "utime": 132, "utimensat": 280, "utimes": 235,
-        "acct": 163, "add_key": 248, "adjtimex": 159, "bpf": 321, "chroot": 161, "clock_adjtime": 305,
-        "clock_settime": 227, "delete_module": 176, "finit_module": 313, "fsconfig": 431, "fsmount": 432,
-        "fsopen": 430, "fspick": 433, "init_module": 175, "io_uring_enter": 426, "io_uring_register": 427,
-        "io_uring_setup": 425, "ioperm": 173, "iopl": 172, "kcmp": 312, "kexec_file_load": 320,
-        "kexec_load": 246, "keyctl": 250, "lookup_dcookie": 212, "mount": 165, "mount_setattr": 442,
-        "move_mount": 429, "name_to_handle_at": 303, "open_by_handle_at": 304, "open_tree": 428,
-        "perf_event_open": 298, "personality": 135, "pidfd_getfd": 438, "pivot_root": 155,
-        "process_madvise": 440, "process_vm_readv": 310, "process_vm_writev": 311, "ptrace": 101,
-        "quotactl": 179, "reboot": 169, "request_key": 249, "setdomainname": 171, "sethostname": 170,
-        "setns": 308, "settimeofday": 164, "swapoff": 168, "swapon": 167, "syslog": 103, "umount2": 166,
-        "unshare": 272, "userfaultfd": 323, "vhangup": 153,
-    },
-    "aarch64": {
-        "shmget": 194, "msgget": 186, "semget": 190, "mq_open": 180,
-        "clone": 220, "clone3": 435, "socket": 198, "socketpair": 199, "ioctl": 29, "fcntl": 25,
-        "fchmod": 52, "fchmodat": 53, "fchmodat2": 452, "fchown": 55, "fchownat": 54, "file_setattr": 469,
-        "fremovexattr": 16, "fsetxattr": 7, "lremovexattr": 15, "lsetxattr": 6, "removexattr": 14,
-        "removexattrat": 466, "setxattr": 5, "setxattrat": 463, "utimensat": 88,
-        "acct": 89, "add_key": 217, "adjtimex": 171, "bpf": 280, "chroot": 51, "clock_adjtime": 266,
-        "clock_settime": 112, "delete_module": 106, "finit_module": 273, "fsconfig": 431, "fsmount": 432,
-        "fsopen": 430, "fspick": 433, "init_module": 105, "io_uring_enter": 426, "io_uring_register": 427,
-        "io_uring_setup": 425, "kcmp": 272, "kexec_file_load": 294, "kexec_load": 104, "keyctl": 219,
-        "lookup_dcookie": 18, "mount": 40, "mount_setattr": 442, "move_mount": 429,
-        "name_to_handle_at": 264, "open_by_handle_at": 265, "open_tree": 428, "perf_event_open": 241,
-        "personality": 92, "pidfd_getfd": 438, "pivot_root": 41, "process_madvise": 440,
-        "process_vm_readv": 270, "process_vm_writev": 271, "ptrace": 117, "quotactl": 60, "reboot": 142,
-        "request_key": 218, "setdomainname": 162, "sethostname": 161, "setns": 268, "settimeofday": 170,
-        "swapoff": 225, "swapon": 224, "syslog": 116, "umount2": 39, "unshare": 97, "userfaultfd": 282,
-        "vhangup": 58,
-    },
-}  # fmt: skip
+_NUMBERS = Path(__file__).with_name("system_calls.json")
 # AUDIT_ARCH_* of linux/audit.h.
 _ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 _ENGINE_NAMES = {"x86_64": "SCMP_ARCH_X86_64", "aarch64": "SCMP_ARCH_AARCH64"}
 _SHARED_MEMORY = ("shmget", "msgget", "semget", "mq_open")
-# Landlock has no rights for what they change, and so allows it of every file of the agent's user: modes, owners, times,
-# extended attributes.
+# Of every file of the agent's user Landlock allows these: modes, owners, times, extended attributes.
 _ATTRIBUTES = (
-    *(
-        "chmod",
-        "chown",
-        "fchmod",
-        "fchmodat",
-        "fchmodat2",
-        "fchown",
-        "fchownat",
-        "file_setattr",
-        "fremovexattr",
-    ),
-    *("fsetxattr", "futimesat", "lchown", "lremovexattr", "lsetxattr", "removexattr", "removexattrat"),
-    *("setxattr", "setxattrat", "utime", "utimensat", "utimes"),
+    *("chmod", "chown", "fchmod", "fchmodat", "fchmodat2", "fchown", "fchownat", "file_setattr"),
+    *("fremovexattr", "fsetxattr", "futimesat", "lchown", "lremovexattr", "lsetxattr", "removexattr"),
+    *("removexattrat", "setxattr", "setxattrat", "utime", "utimensat", "utimes"),
 )
 _NAMED_BELOW = frozenset(
     {"clone", "clone3", "socket", "socketpair", "ioctl", "fcntl", *_SHARED_MEMORY, *_ATTRIBUTES}
@@ -103,9 +55,7 @@ def filter_program(*, shares_ipc: bool, shares_files: bool = False, machine: str
     bench's root. Raises NotImplementedError for a machine whose calls are not listed.
     """
     machine = machine or platform.machine()
-    if machine not in _NUMBERS:
-        raise NotImplementedError(f"there is no system call filter for {machine} processors")
-    numbers = _NUMBERS[machine]
+    numbers = _numbers(machine)
     program = [
         (_LOAD, 0, 0, _ARCHITECTURE),
         (_EQUAL, 1, 0, _ARCHITECTURES[machine]),
@@ -149,9 +99,7 @@ def engine_profile(machine: str = "") -> dict[str, Any]:
     filter above allows by name is here refused by its complement. Raises as `filter_program` does.
     """
     machine = machine or platform.machine()
-    if machine not in _NUMBERS:
-        raise NotImplementedError(f"there is no system call filter for {machine} processors")
-    refused = [name for name in sorted(_NUMBERS[machine]) if name not in _NAMED_BELOW]
+    refused = [name for name in sorted(_numbers(machine)) if name not in _NAMED_BELOW]
     rules = [_rule(refused, errno.EPERM), _rule(["clone3"], errno.ENOSYS)]
     bits = [1 << bit for bit in range(32) if _NEW_NAMESPACES >> bit & 1]
     rules += [_rule(["clone"], errno.EPERM, 0, "SCMP_CMP_MASKED_EQ", bit, bit) for bit in bits]
@@ -166,6 +114,14 @@ def engine_profile(machine: str = "") -> dict[str, Any]:
             _rule([call], errno.EPERM, 1, "SCMP_CMP_MASKED_EQ", 0xFFFFFFFF, number) for number in numbers
         ]
     return {"defaultAction": "SCMP_ACT_ALLOW", "architectures": [_ENGINE_NAMES[machine]], "syscalls": rules}
+
+
+def _numbers(machine: str) -> dict[str, int]:
+    """By name, from asm/unistd_64.h and, for the other machine, asm-generic/unistd.h."""
+    numbers: dict[str, dict[str, int]] = json.loads(_NUMBERS.read_text("ascii"))
+    if machine not in numbers:
+        raise NotImplementedError(f"there is no system call filter for {machine} processors")
+    return numbers[machine]
 
 
 def _rule(

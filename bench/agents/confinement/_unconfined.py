@@ -12,9 +12,10 @@ from pathlib import Path
 
 from bench.contracts import AgentUsage, ProcessRoot
 
-from .._process_usage import ProcessTreeUsage
+from .._process_usage import ProcessTreeUsage, has_home
 from . import _launch
 from ._box import Box, Place, host_place
+from ._rung import reaped
 
 _READ_BYTES = 65536
 
@@ -80,8 +81,8 @@ class UnconfinedProcess:
         return ProcessRoot(self.pid, is_box=False)
 
     def poll(self) -> int | None:
-        if self._started.returncode is None:
-            self._reap(os.WNOHANG)
+        if self._started.returncode is None and (ended := reaped(self.pid, waits=False)):
+            self._started.returncode, self._reaped_cpu_s = ended
         return self._started.returncode
 
     def start_failure(self) -> str:
@@ -110,8 +111,8 @@ class UnconfinedProcess:
         for pid in _processes_with_home(self._home):
             with suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
-        if self.poll() is None:
-            self._reap(0)
+        if self.poll() is None and (ended := reaped(self.pid, waits=True)):
+            self._started.returncode, self._reaped_cpu_s = ended
         # Forgotten with the close: the number may soon be that of another file of this process.
         if self._failure >= 0:
             os.close(self._failure)
@@ -121,26 +122,9 @@ class UnconfinedProcess:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
-    def _reap(self, options: int) -> None:
-        """As Popen.poll, but keeps the CPU time that the kernel tells only once."""
-        try:
-            pid, status, usage = os.wait4(self.pid, options)
-        except ChildProcessError:
-            # Another thread reaped the process, so its exit code is lost.
-            self._started.returncode = -signal.SIGKILL
-            return
-        if pid:
-            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
-            self._started.returncode = os.waitstatus_to_exitcode(status)
-
 
 def _processes_with_home(home: str) -> Iterator[int]:
-    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
-    moved.
-    """
-    wanted = f"HOME={home}".encode()
+    """Other processes that were started with this HOME: the agent's own, wherever they moved."""
     for entry in os.scandir("/proc"):
-        if entry.name.isdigit() and int(entry.name) != os.getpid():
-            with suppress(OSError):
-                if wanted in Path(entry.path, "environ").read_bytes().split(b"\0"):
-                    yield int(entry.name)
+        if entry.name.isdigit() and int(entry.name) != os.getpid() and has_home(Path(entry.path), home):
+            yield int(entry.name)

@@ -76,6 +76,7 @@ class Holding:
 _YES = Holding("yes", lambda host: True)
 _NO = Holding("no", lambda host: False)
 _NETWORK = Holding("in a network of its own", lambda host: host.own_network)
+_BY_NETWORK = dict.fromkeys((Wall.TCP, Wall.UDP, Wall.ABSTRACT_SOCKETS), _NETWORK)
 _OWN_USER = Holding("as root, where strangers may read its files", lambda host: host.own_user)
 # RLIMIT_NPROC does not hold the root user.
 _PROCESS_COUNT = Holding(
@@ -92,9 +93,7 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
             "yes; modes of /dev/null and the like as root only with a user of its own",
             lambda host: host.own_user or not host.root,
         ),
-        Wall.TCP: _NETWORK,
-        Wall.UDP: _NETWORK,
-        Wall.ABSTRACT_SOCKETS: _NETWORK,
+        **_BY_NETWORK,
         Wall.USER: _OWN_USER,
         Wall.PROCESS_COUNT: _PROCESS_COUNT,
         Wall.MEMORY_OF_ALL: _MEMORY_OF_ALL,
@@ -121,17 +120,13 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
     },
     "container": {
         **dict.fromkeys(Wall, _YES),
-        Wall.TCP: _NETWORK,
-        Wall.UDP: _NETWORK,
-        Wall.ABSTRACT_SOCKETS: _NETWORK,
+        **_BY_NETWORK,
         Wall.PROCESS_COUNT: _ENGINE,
         Wall.MEMORY_OF_ALL: _ENGINE,
     },
     "none": {
         **dict.fromkeys(Wall, _NO),
-        Wall.TCP: _NETWORK,
-        Wall.UDP: _NETWORK,
-        Wall.ABSTRACT_SOCKETS: _NETWORK,
+        **_BY_NETWORK,
         Wall.SETTINGS: Holding("unless the bench is root", lambda host: not host.root),
         Wall.DESCRIPTORS: _YES,
         Wall.DAEMONS: Holding("unless they change their HOME", lambda host: False),

@@ -12,8 +12,7 @@ from contextlib import suppress
 
 from . import _warm_launch
 
-# What the bench has loaded itself and Python agents load with its client. Agents' own modules are not among them: they
-# would run outside of the walls.
+# Loaded by the bench and by Python agents alike. Agents' own modules would run outside of the walls.
 WARM_MODULES = (
     "json",
     "socket",
@@ -26,8 +25,7 @@ WARM_MODULES = (
     "bench.simspec",
     "bench.streams",
 )
-# Nothing of a manifest: the interpreter is outside of the walls, and a program runs what its environment names, such as
-# LD_PRELOAD and PYTHONPATH.
+# Nothing of a manifest, such as LD_PRELOAD and PYTHONPATH: the interpreter is outside of the walls.
 INTERPRETER_ENVIRONMENT = {"LANG": "C.UTF-8", "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
 _END_BUDGET_S = 2.0
 _READ_BYTES = 4096

@@ -68,9 +68,7 @@ def load(name: str) -> None:
 
 
 def serve(link_fd: int) -> tuple[int, int] | None:
-    """Fork a launcher for each request. None once the link is closed; in a launcher the descriptors of its settings and
-    its status.
-    """
+    """Fork a launcher for each request, in which descriptors are returned; None once the link is closed."""
     # Not in a `with`: the fork leaves this function too.
     link = socket.socket(fileno=link_fd)
     poll = select.poll()

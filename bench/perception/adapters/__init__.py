@@ -1,5 +1,4 @@
-"""Detectors of others behind the plug-in contract: any ONNX detector, and Grounding DINO with SAM. docs/detectors.md has
-their options.
+"""Plug-ins for detectors of others: ONNX files, and Grounding DINO with SAM (docs/detectors.md).
 
 detector = open_onnx_detector(simspec)  # or open_grounded_detector
 detections = detector.detect(frame.bgr)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +11,7 @@ from pydantic import Field, field_validator
 from bench.arrays import Bools, Floats
 from bench.contracts import Detection, Pixels
 from bench.documents import Document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._options import file_digest, option_fault, read_options, require_class_labels, surest_detections
@@ -27,20 +26,16 @@ _INSTALL = "install them (pip install 'rebar-bench[grounded]'), or name another 
 class GroundedOptions(Document):
     """`perception.detector_options` of the detector `grounded`."""
 
-    model: Annotated[
-        str,
-        Field(
-            min_length=1,
-            description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
-        ),
-    ] = "IDEA-Research/grounding-dino-tiny"
-    sam: Annotated[
-        str | None,
-        Field(
-            min_length=1,
-            description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
-        ),
-    ] = None
+    model: str = Field(
+        "IDEA-Research/grounding-dino-tiny",
+        min_length=1,
+        description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
+    )
+    sam: str | None = Field(
+        None,
+        min_length=1,
+        description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
+    )
     prompts: Annotated[
         dict[str, tuple[Annotated[str, Field(min_length=1, max_length=80)], ...]],
         Field(
@@ -48,17 +43,15 @@ class GroundedOptions(Document):
             description="Phrases by class label of the catalogue, in lower case. Default: the names of its assets.",
         ),
     ] = Field(default_factory=default_prompts)
-    min_score: Annotated[float, Field(gt=0.0, lt=1.0, description="Least score of a detection.")] = 0.3
-    most_overlap: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            le=1.0,
-            description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
-        ),
-    ] = 0.7
-    max_detections: Annotated[int, Field(ge=1, le=900, description="The surest so many of a picture.")] = 100
-    device: Annotated[Literal["cpu", "cuda"], Field(description="Where the networks are computed.")] = "cpu"
+    min_score: float = Field(0.3, gt=0.0, lt=1.0, description="Least score of a detection.")
+    most_overlap: float | None = Field(
+        0.7,
+        gt=0.0,
+        le=1.0,
+        description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
+    )
+    max_detections: int = Field(100, ge=1, le=900, description="The surest so many of a picture.")
+    device: Literal["cpu", "cuda"] = Field("cpu", description="Where the networks are computed.")
 
     @field_validator("prompts")
     @classmethod
@@ -77,23 +70,15 @@ class GroundedOptions(Document):
         return prompts
 
 
-@dataclass(frozen=True, slots=True)
-class _Outlines:
-    """SAM and what prepares its input."""
-
-    processor: Any
-    model: Any
-
-
 class GroundedDetector:
-    """Both networks, loaded."""
+    """Both networks, loaded, each behind what prepares its input."""
 
     def __init__(
         self,
         options: GroundedOptions,
         torch: ModuleType,
         finder: tuple[Any, Any],
-        outlines: _Outlines | None,
+        outlines: tuple[Any, Any] | None,
         version: str,
     ) -> None:
         self._options, self._torch = options, torch
@@ -139,7 +124,7 @@ class GroundedDetector:
     def _outlined(self, rgb: Pixels, detections: tuple[Detection, ...]) -> tuple[Detection, ...]:
         """The detections with the boxes of SAM's masks, one mask for each."""
         assert self._outlines is not None
-        processor, model = self._outlines.processor, self._outlines.model
+        processor, model = self._outlines
         prompts = [[list(detection.box) for detection in detections]]
         inputs = processor(rgb, input_boxes=prompts, return_tensors="pt")
         sizes = inputs["original_sizes"], inputs["reshaped_input_sizes"]
@@ -179,7 +164,7 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
         import transformers
     except ImportError as error:
         raise SetupError(
-            Fault("perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL)
+            "perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL
         ) from error
     if options.device == "cuda" and not torch.cuda.is_available():
         raise option_fault("device", "torch finds no CUDA device", "set device: cpu")
@@ -197,9 +182,7 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
     outlines = None
     if options.sam is not None:
         sam = _load(transformers.SamModel, "sam", options.sam, use_safetensors=True)
-        outlines = _Outlines(
-            _load(transformers.SamProcessor, "sam", options.sam), sam.to(options.device).eval()
-        )
+        outlines = _load(transformers.SamProcessor, "sam", options.sam), sam.to(options.device).eval()
         versions.append(_version_of("SAM", options.sam, sam))
     versions += [f"transformers {transformers.__version__}", f"torch {torch.__version__}"]
     return GroundedDetector(

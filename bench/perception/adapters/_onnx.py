@@ -29,61 +29,47 @@ Colour = tuple[float, float, float]
 class OnnxOptions(Document):
     """`perception.detector_options` of the detector `onnx`."""
 
-    weights: Annotated[
-        str, Field(min_length=1, description="The ONNX file; a relative path starts where rebar was started.")
-    ]
-    labels: Annotated[
-        dict[Annotated[int, Field(ge=0)], str],
-        Field(
-            min_length=1,
-            description="Class label of the catalogue for each class id of the network (in quotes: '0': civilian). Other ids are left out.",
-        ),
-    ]
-    layout: Annotated[
-        Layout,
-        Field(
-            description=(
-                "Of the results. yolo: (1, 4 + classes, boxes) as YOLOv8; boxes-scores-labels: as torchvision; "
-                "detr: logits and pred_boxes as DETR."
-            )
-        ),
-    ] = "yolo"
-    input_px: Annotated[tuple[Side, Side], Field(description="Width and height of the network's input.")] = (
-        640,
-        640,
+    weights: str = Field(
+        min_length=1, description="The ONNX file; a relative path starts where rebar was started."
     )
-    letterbox: Annotated[
-        bool,
-        Field(
-            description="Whether the picture keeps its shape, with grey beside it, or is stretched to the input."
-        ),
-    ] = True
-    channels: Annotated[Literal["rgb", "bgr"], Field(description="Order of the network's colours.")] = "rgb"
-    scale: Annotated[
-        float, Field(gt=0.0, description="Factor on levels of 0 to 255, before mean and deviation.")
-    ] = 1.0 / 255.0
-    mean: Annotated[Colour, Field(description="Subtracted after the factor, in the order of `channels`.")] = (
-        0.0,
-        0.0,
-        0.0,
+    labels: dict[Annotated[int, Field(ge=0)], str] = Field(
+        min_length=1,
+        description="Class label of the catalogue for each class id of the network (in quotes: '0': civilian). Other ids are left out.",
     )
-    deviation: Annotated[Colour, Field(description="Divided by, in the same order.")] = (1.0, 1.0, 1.0)
-    min_score: Annotated[float, Field(gt=0.0, lt=1.0, description="Least score of a detection.")] = 0.25
-    most_overlap: Annotated[
-        float | None,
-        Field(
-            gt=0.0,
-            le=1.0,
-            description=(
-                "Of two boxes of one label that share more (intersection over union) the surer stays; null: both, for "
-                "networks that do this themselves."
-            ),
+    layout: Layout = Field(
+        "yolo",
+        description=(
+            "Of the results. yolo: (1, 4 + classes, boxes) as YOLOv8; boxes-scores-labels: as torchvision; "
+            "detr: logits and pred_boxes as DETR."
         ),
-    ] = 0.45
-    max_detections: Annotated[int, Field(ge=1, le=1000, description="The surest so many of a picture.")] = 300
-    runtime: Annotated[
-        Literal["opencv", "onnxruntime"], Field(description="The library that computes the network.")
-    ] = "opencv"
+    )
+    input_px: tuple[Side, Side] = Field((640, 640), description="Width and height of the network's input.")
+    letterbox: bool = Field(
+        True,
+        description="Whether the picture keeps its shape, with grey beside it, or is stretched to the input.",
+    )
+    channels: Literal["rgb", "bgr"] = Field("rgb", description="Order of the network's colours.")
+    scale: float = Field(
+        1.0 / 255.0, gt=0.0, description="Factor on levels of 0 to 255, before mean and deviation."
+    )
+    mean: Colour = Field(
+        (0.0, 0.0, 0.0), description="Subtracted after the factor, in the order of `channels`."
+    )
+    deviation: Colour = Field((1.0, 1.0, 1.0), description="Divided by, in the same order.")
+    min_score: float = Field(0.25, gt=0.0, lt=1.0, description="Least score of a detection.")
+    most_overlap: float | None = Field(
+        0.45,
+        gt=0.0,
+        le=1.0,
+        description=(
+            "Of two boxes of one label that share more (intersection over union) the surer stays; null: both, for "
+            "networks that do this themselves."
+        ),
+    )
+    max_detections: int = Field(300, ge=1, le=1000, description="The surest so many of a picture.")
+    runtime: Literal["opencv", "onnxruntime"] = Field(
+        "opencv", description="The library that computes the network."
+    )
 
     @field_validator("labels")
     @classmethod

@@ -38,7 +38,7 @@ def _path(field: str) -> str:
 
 def option_fault(field: str, what: str, remedy: str) -> SetupError:
     """The error of one option."""
-    return SetupError(Fault(f"{OPTIONS}.{field}", what, remedy))
+    return SetupError(f"{OPTIONS}.{field}", what, remedy)
 
 
 def require_class_labels(labels: Iterable[str]) -> None:

@@ -3,7 +3,5 @@
 from __future__ import annotations
 
 from ._document import DetectorFit as DetectorFit
-from ._document import FitEvidence as FitEvidence
-from ._document import SizeBand as SizeBand
 from ._fit import CARRIED_PARAMETERS as CARRIED_PARAMETERS
 from ._fit import fit_detector as fit_detector

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from bench.arrays import Floats
 
-from ._matching import MatchedFrame, MatchedRun
+from ._matching import MatchedFrame, MatchedRun, successive
 
 BORDER_PX = 10.0
 """Boxes nearer to the border of the picture may be clipped, which hides displacements."""
@@ -42,17 +42,15 @@ class BoxFit:
 
 def fit_boxes(runs: Sequence[MatchedRun], longest_gap_s: float) -> BoxFit:
     """From two opposite edges: what they share is drift, what they do not is jitter."""
-    edges, sides, successive = [], [], []
-    for run in runs:
-        last: dict[int, tuple[float, Floats]] = {}
-        for frame in run.frames:
-            for actor, displaced, side_px in _displacements(run, frame):
-                edges.append(displaced)
-                sides.append(side_px)
-                previous = last.get(actor)
-                if previous is not None and frame.exposed.s - previous[0] <= longest_gap_s:
-                    successive.append((frame.exposed.s - previous[0], previous[1], displaced))
-                last[actor] = (frame.exposed.s, displaced)
+    displacements = [
+        ((number, actor), frame.exposed.s, displaced, side_px)
+        for number, run in enumerate(runs)
+        for frame in run.frames
+        for actor, displaced, side_px in _displacements(run, frame)
+    ]
+    edges = [displaced for *_, displaced, _ in displacements]
+    sides = [side_px for *_, side_px in displacements]
+    pairs = list(successive(((key, time_s, edge) for key, time_s, edge, _ in displacements), longest_gap_s))
     if len(edges) < 2:
         return BoxFit(None, 0.0, 0.0, None, len(edges), 0)
     table: Floats = np.array(edges)  # left, top, right, bottom
@@ -62,11 +60,9 @@ def fit_boxes(runs: Sequence[MatchedRun], longest_gap_s: float) -> BoxFit:
     # Without drift the product of two edges has the deviation jitter^2, over two axes.
     if drift2 <= SIGNIFICANT * jitter2 / math.sqrt(2.0 * len(table)):
         jitter_px, share = _by_size(((leading**2 + trailing**2) / 2.0).ravel(), np.array(sides).ravel())
-        return BoxFit(jitter_px, share, 0.0, None, len(table), len(successive))
+        return BoxFit(jitter_px, share, 0.0, None, len(table), len(pairs))
     jitter_px, share = _by_size(((trailing - leading) ** 2).ravel() / 2.0, np.array(sides).ravel())
-    return BoxFit(
-        jitter_px, share, math.sqrt(drift2), _drift_s(successive, drift2), len(table), len(successive)
-    )
+    return BoxFit(jitter_px, share, math.sqrt(drift2), _drift_s(pairs, drift2), len(table), len(pairs))
 
 
 def _by_size(squares: Floats, side_px: Floats) -> tuple[float, float]:
@@ -88,11 +84,11 @@ def _by_size(squares: Floats, side_px: Floats) -> tuple[float, float]:
     return math.sqrt(rest), math.sqrt(slope)
 
 
-def _drift_s(successive: Sequence[tuple[float, Floats, Floats]], drift2: float) -> float | None:
-    if not successive:
+def _drift_s(pairs: Sequence[tuple[float, Floats, Floats]], drift2: float) -> float | None:
+    if not pairs:
         return None
-    span_s: Floats = np.array([row[0] for row in successive])
-    first, second = (np.array([row[place] for row in successive]) for place in (1, 2))
+    span_s: Floats = np.array([row[0] for row in pairs])
+    first, second = (np.array([row[place] for row in pairs]) for place in (1, 2))
     # Jitter is fresh in each frame, so only drift is left in the product of two frames' middles.
     middles = ((first[:, :2] + first[:, 2:]) / 2.0, (second[:, :2] + second[:, 2:]) / 2.0)
     shared = float((middles[0] * middles[1]).mean()) / drift2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -17,7 +17,7 @@ class SizeBand(Document):
     until_px: float
     sightings: int
     detected: int
-    expected: Annotated[float, Field(description="By the fitted model.")]
+    expected: float = Field(description="By the fitted model.")
 
 
 class LabelCounts(Document):
@@ -31,38 +31,30 @@ class FitEvidence(Document):
     """The counts behind the numbers of a fitted model."""
 
     recordings: int
-    frames: Annotated[int, Field(description="Frames with a result, outside outages of the detector.")]
-    unanswered: Annotated[int, Field(description="Frames without a result, which count nowhere.")]
-    sightings: Annotated[int, Field(description="Actors in these frames, by the truth.")]
-    detected: Annotated[int, Field(description="Those of them that a detection was matched with.")]
-    false_detections: Annotated[int, Field(description="Detections that no actor was matched with.")]
-    false_continued: Annotated[
-        tuple[int, int],
-        Field(description="False detections that stayed in the next frame, of those that had a next frame."),
-    ]
-    bands: Annotated[
-        tuple[SizeBand, ...], Field(description="half_height_px, slope, ceiling: the curve over size.")
-    ]
-    frame_pairs: Annotated[int, Field(description="correlation_s: actors in sight in two successive frames.")]
-    both_detected: Annotated[int, Field(description="correlation_s: of these pairs, detected in both.")]
-    labels: Annotated[dict[str, LabelCounts], Field(description="mislabel and confusion, by true label.")]
-    unknown_labels: Annotated[
-        int, Field(description="Detections with a label that the catalogue does not have; in no confusion.")
-    ]
-    boxes: Annotated[int, Field(description="jitter_px, drift_px: boxes compared, away from the border.")]
-    box_pairs: Annotated[int, Field(description="drift_s: boxes of one actor in successive detections.")]
-    delays: Annotated[int, Field(description="latency_s, latency_jitter_s: frames with a delay.")]
-    track_pairs: Annotated[
-        int, Field(description="id_switches_per_s: successive detections of one actor with tracks.")
-    ]
-    track_s: Annotated[float, Field(description="The time between them, summed.")]
-    switches: Annotated[int, Field(description="The changes of track among them.")]
-    unfitted: Annotated[
-        tuple[str, ...],
-        Field(
-            description="Parameters that these recordings cannot show: as in their SimSpecs, or at their defaults."
-        ),
-    ]
+    frames: int = Field(description="Frames with a result, outside outages of the detector.")
+    unanswered: int = Field(description="Frames without a result, which count nowhere.")
+    sightings: int = Field(description="Actors in these frames, by the truth.")
+    detected: int = Field(description="Those of them that a detection was matched with.")
+    false_detections: int = Field(description="Detections that no actor was matched with.")
+    false_continued: tuple[int, int] = Field(
+        description="False detections that stayed in the next frame, of those that had a next frame."
+    )
+    bands: tuple[SizeBand, ...] = Field(description="half_height_px, slope, ceiling: the curve over size.")
+    frame_pairs: int = Field(description="correlation_s: actors in sight in two successive frames.")
+    both_detected: int = Field(description="correlation_s: of these pairs, detected in both.")
+    labels: dict[str, LabelCounts] = Field(description="mislabel and confusion, by true label.")
+    unknown_labels: int = Field(
+        description="Detections with a label that the catalogue does not have; in no confusion."
+    )
+    boxes: int = Field(description="jitter_px, drift_px: boxes compared, away from the border.")
+    box_pairs: int = Field(description="drift_s: boxes of one actor in successive detections.")
+    delays: int = Field(description="latency_s, latency_jitter_s: frames with a delay.")
+    track_pairs: int = Field(description="id_switches_per_s: successive detections of one actor with tracks.")
+    track_s: float = Field(description="The time between them, summed.")
+    switches: int = Field(description="The changes of track among them.")
+    unfitted: tuple[str, ...] = Field(
+        description="Parameters that these recordings cannot show: as in their SimSpecs, or at their defaults."
+    )
 
 
 class DetectorFit(Document):

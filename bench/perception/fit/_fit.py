@@ -21,7 +21,7 @@ from .._tracks import TRACK_GAP_S
 from ._boxes_fit import BoxFit, fit_boxes
 from ._curve import SizeCurve, fit_correlation_s, fit_curve, solve_rate
 from ._document import DetectorFit, FitEvidence, LabelCounts, SizeBand
-from ._matching import MatchedRun, match_runs
+from ._matching import MatchedRun, match_runs, successive
 from ._points import at_threshold, fit_doubts, fit_points, misfits
 from ._scores_fit import fit_scores
 from ._timing import FalseFit, LatencyFit, fit_false, fit_latency
@@ -66,11 +66,9 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     rows = _sightings(matched)
     if not rows.hit.any():
         raise SetupError(
-            Fault(
-                "fit-detector",
-                "no detection in these recordings lies on an actor",
-                "give recordings with detections of actors; with perception.source agent there are none",
-            )
+            "fit-detector",
+            "no detection in these recordings lies on an actor",
+            "give recordings with detections of actors; with perception.source agent there are none",
         )
     unfitted = list(CARRIED_PARAMETERS)
     form = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
@@ -80,17 +78,17 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     if form is not None and _does_not_fit(rows, views):
         views = _views_by_points(rows, form)
     p = views.probability
-    pairs = _frame_pairs(rows)
-    both = int((rows.hit[pairs.first] & rows.hit[pairs.second]).sum())
+    first, second, span_s = _frame_pairs(rows)
+    both = int((rows.hit[first] & rows.hit[second]).sum())
     correlation_s = given.correlation_s
-    if len(pairs.first):
-        correlation_s = fit_correlation_s(p[pairs.first], p[pairs.second], pairs.span_s, both)
+    if len(first):
+        correlation_s = fit_correlation_s(p[first], p[second], span_s, both)
     else:
         unfitted.append("correlation_s")
     labels = _fit_labels(rows, views.doubt)
     boxes = fit_boxes(matched, TRACK_GAP_S)
     latency, false = fit_latency(matched), fit_false(matched)
-    tracks = _track_changes(matched)
+    track_spans_s, track_changes = _track_changes(matched)
     unfitted += [] if boxes.jitter_px is not None else ["jitter_px"]
     unfitted += [] if labels.mislabel is not None else ["mislabel"]
     model = given.model_copy(
@@ -106,7 +104,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
             **_box_parameters(boxes, given),
             **_timing_parameters(latency, false),
             "scores": _fit_scores(matched, rows, views.doubt, labels, false.score),
-            "id_switches_per_s": round(solve_rate(tracks.spans_s, tracks.changes), 5),
+            "id_switches_per_s": round(solve_rate(track_spans_s, track_changes), 5),
         }
     )
     evidence = FitEvidence(
@@ -118,16 +116,16 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
         false_detections=false.detections,
         false_continued=(false.continued, false.followed),
         bands=_bands(rows, p),
-        frame_pairs=len(pairs.first),
+        frame_pairs=len(first),
         both_detected=both,
         labels=labels.counts,
         unknown_labels=labels.unknown,
         boxes=boxes.boxes,
         box_pairs=boxes.pairs,
         delays=latency.frames,
-        track_pairs=len(tracks.spans_s),
-        track_s=round(sum(tracks.spans_s), 3),
-        switches=tracks.changes,
+        track_pairs=len(track_spans_s),
+        track_s=round(sum(track_spans_s), 3),
+        switches=track_changes,
         unfitted=tuple(unfitted),
     )
     # Validated again: model_copy does not check the ranges that the document promises.
@@ -137,7 +135,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
 
 def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
     if not runs:
-        raise SetupError(Fault("fit-detector", "there is no recording", "name one or more"))
+        raise SetupError("fit-detector", "there is no recording", "name one or more")
     models = [simspec.perception.model for simspec, _ in runs]
     if faults := [
         Fault(
@@ -181,15 +179,6 @@ def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
         label,
         np.array(score, dtype=np.float64),
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _FramePairs:
-    """Rows of one actor in two successive frames, and the time between them."""
-
-    first: Counts
-    second: Counts
-    span_s: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,17 +250,13 @@ def _labelled(rows: _Sightings) -> tuple[Bools, Bools]:
     return known, wrong
 
 
-def _frame_pairs(rows: _Sightings) -> _FramePairs:
-    last: dict[tuple[int, int], int] = {}
-    pairs = []
-    for row, chain in enumerate(rows.chain):
-        previous = last.get(chain)
-        # After a longer absence nothing of the process is left to see.
-        if previous is not None and rows.time_s[row] - rows.time_s[previous] <= TRACK_GAP_S:
-            pairs.append((previous, row))
-        last[chain] = row
-    table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return _FramePairs(table[:, 0], table[:, 1], rows.time_s[table[:, 1]] - rows.time_s[table[:, 0]])
+def _frame_pairs(rows: _Sightings) -> tuple[Counts, Counts, Floats]:
+    """(n,) rows of one actor in two successive frames, and the time between them."""
+    # After a longer absence nothing of the process is left to see.
+    values = zip(rows.chain, rows.time_s.tolist(), range(len(rows.chain)), strict=True)
+    pairs = [(first, second) for _, first, second in successive(values, TRACK_GAP_S)]
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return first, second, rows.time_s[second] - rows.time_s[first]
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,27 +311,17 @@ def _at_threshold(doubt: Floats, wrong: int) -> float | None:
     return at_threshold(doubt, wrong)
 
 
-@dataclass(frozen=True, slots=True)
-class _TrackChanges:
-    spans_s: list[float]
-    changes: int
-
-
-def _track_changes(matched: Sequence[MatchedRun]) -> _TrackChanges:
-    spans_s, changes = [], 0
-    for run in matched:
-        last: dict[int, tuple[float, str]] = {}
-        for frame in run.frames:
-            for item in frame.sightings:
-                if item.detection is None or not item.detection.track:
-                    continue
-                actor, track = item.sighting.actor, item.detection.track
-                previous = last.get(actor)
-                if previous is not None and 0.0 < frame.exposed.s - previous[0] <= TRACK_GAP_S:
-                    spans_s.append(frame.exposed.s - previous[0])
-                    changes += track != previous[1]
-                last[actor] = (frame.exposed.s, track)
-    return _TrackChanges(spans_s, changes)
+def _track_changes(matched: Sequence[MatchedRun]) -> tuple[list[float], int]:
+    """Seconds between successive detections of one actor with tracks, and how many of them have another track."""
+    values = (
+        ((number, item.sighting.actor), frame.exposed.s, item.detection.track)
+        for number, run in enumerate(matched)
+        for frame in run.frames
+        for item in frame.sightings
+        if item.detection is not None and item.detection.track
+    )
+    pairs = [pair for pair in successive(values, TRACK_GAP_S) if pair[0] > 0.0]
+    return [span_s for span_s, _, _ in pairs], sum(first != second for _, first, second in pairs)
 
 
 def _box_parameters(boxes: BoxFit, given: DetectionModel) -> Mapping[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -13,6 +14,8 @@ from bench.contracts import Detection, DetectionFrame, Sighting, SimTime, Tape, 
 from bench.simspec import Camera, SimSpec
 
 from .._boxes import Box
+
+T = TypeVar("T")
 
 WIDE_GATE_PX = 20.0
 WIDE_GATE_SHARE = 0.4
@@ -71,6 +74,18 @@ class MatchedRun:
     unanswered: int
 
 
+def successive(
+    values: Iterable[tuple[Hashable, float, T]], longest_gap_s: float
+) -> Iterator[tuple[float, T, T]]:
+    """Seconds between two successive values of one key, and both; not over longer gaps. Values come as key, time, value."""
+    last: dict[Hashable, tuple[float, T]] = {}
+    for key, time_s, value in values:
+        previous = last.get(key)
+        if previous is not None and time_s - previous[0] <= longest_gap_s:
+            yield time_s - previous[0], previous[1], value
+        last[key] = (time_s, value)
+
+
 def match_runs(runs: Sequence[tuple[SimSpec, Tape]]) -> list[MatchedRun]:
     """Match all runs twice: with a wide gate, and with one from the displacements that the first pass found."""
     cameras = [(simspec, tape, camera) for simspec, tape in runs for camera in simspec.perceiving_cameras]
@@ -101,11 +116,8 @@ def _apart(run: MatchedRun) -> Iterator[tuple[float, float]]:
         for matched in frame.sightings:
             if matched.detection is not None:
                 box = matched.sighting.box
-                yield _mean_edge_distance_px(matched.detection.box, box), _mean_side_px(box)
-
-
-def _mean_edge_distance_px(box: Box, other: Box) -> float:
-    return float(np.mean(np.abs(np.subtract(box, other))))
+                apart_px = float(np.mean(np.abs(np.subtract(matched.detection.box, box))))
+                yield apart_px, _mean_side_px(box)
 
 
 def _mean_side_px(box: Box) -> float:

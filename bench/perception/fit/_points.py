@@ -77,8 +77,7 @@ def fit_points(size_px: Floats, hit: Bools, group: Sequence[str]) -> tuple[Point
     values = (in_bin + 1e-6) / np.bincount(bins)
     factors = np.ones(len(names))
     for _ in range(_ROUNDS):
-        # By turns (iterative proportional fitting, Deming and Stephan 1940). Lines between the points cut the corners of
-        # the curve, so the points move too.
+        # By turns (iterative proportional fitting, Deming and Stephan 1940); lines cut corners: points move.
         expected = np.minimum(1.0, np.interp(sizes, log_px, values) * factors[members])
         values *= in_bin / np.maximum(np.bincount(bins, weights=expected), 1e-9)
         expected = np.minimum(1.0, np.interp(sizes, log_px, values) * factors[members])

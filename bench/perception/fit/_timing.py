@@ -39,8 +39,7 @@ def fit_latency(runs: Sequence[MatchedRun]) -> LatencyFit:
     spread_s = most_s - least_s
     tick_s = max(run.simspec.pace.tick_s for run in runs)
     if _on_ticks(runs, tick_s):
-        # Less than a tick between delays comes from the rounding alone; where there is more, the least delay has been
-        # rounded up too.
+        # Less than a tick comes from the rounding alone; with more, the least delay was rounded up too.
         if spread_s >= 0.999 * tick_s:
             least_s = max(0.0, least_s - tick_s)
         spread_s = most_s - least_s if spread_s >= 0.999 * tick_s else 0.0

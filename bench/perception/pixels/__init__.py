@@ -1,5 +1,4 @@
-"""The detector on pixels that ships: a small network through OpenCV, on one core. docs/pixel-detector.md says how well
-it does.
+"""The detector on pixels that ships, a small network through OpenCV: docs/pixel-detector.md.
 
 detector = open_small_detector(simspec)
 detections = detector.detect(frame.bgr)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from pydantic import Field
 
-from bench.arrays import Bools
 from bench.camera import opencv_build, use_one_thread
 from bench.contracts import Detection, Pixels
 from bench.documents import Document
 from bench.simspec import SimSpec
 
-from ..adapters._options import read_options
+from ..adapters._options import read_options, surest_detections
 from ._decoding import without_duplicates
 from ._model import NetworkModel, load_model
 
@@ -27,17 +24,15 @@ _MOST_OVERLAP = 0.55
 class SmallDetectorOptions(Document):
     """`perception.detector_options` of the detector `small`."""
 
-    min_object: Annotated[
-        float,
-        Field(
-            ge=0.01,
-            le=0.99,
-            description="Least probability that there is an object at all. Lower finds more, and more that is nothing.",
-        ),
-    ] = DEFAULT_MIN_OBJECT
-    max_detections: Annotated[
-        int, Field(ge=1, le=400, description="At most so many in a picture, those with the highest scores.")
-    ] = 200
+    min_object: float = Field(
+        DEFAULT_MIN_OBJECT,
+        ge=0.01,
+        le=0.99,
+        description="Least probability that there is an object at all. Lower finds more, and more that is nothing.",
+    )
+    max_detections: int = Field(
+        200, ge=1, le=400, description="At most so many in a picture, those with the highest scores."
+    )
 
 
 class SmallDetector:
@@ -66,21 +61,16 @@ class SmallDetector:
         labels = self._model.label_shares(peaks)
         best = labels.argmax(axis=1)
         scores = self._model.object_shares(peaks) * labels[np.arange(len(best)), best]
-        height, width = bgr.shape[:2]
-        boxes = np.clip(peaks.boxes_px, 0.0, (width, height, width, height))
-        # A peak in the continuation of the picture has no box in it.
-        inside: Bools = np.asarray((boxes[:, 2:] > boxes[:, :2]).all(axis=1))
-        order = [place for place in np.argsort(-scores, kind="stable").tolist() if inside[place]]
         names = self._model.document.labels
-        return tuple(
-            Detection(names[best[place]], float(scores[place]), _box(boxes[place].tolist()))
-            for place in order[: self._options.max_detections]
+        # A peak in the continuation of the picture has no box in it.
+        return surest_detections(
+            [names[number] for number in best.tolist()],
+            scores,
+            peaks.boxes_px,
+            (bgr.shape[1], bgr.shape[0]),
+            None,
+            self._options.max_detections,
         )
-
-
-def _box(sides: list[float]) -> tuple[float, float, float, float]:
-    left, top, right, bottom = sides
-    return left, top, right, bottom
 
 
 def open_small_detector(simspec: SimSpec) -> SmallDetector:

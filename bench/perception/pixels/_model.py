@@ -6,7 +6,7 @@ import hashlib
 import math
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from bench.arrays import Floats, Narrow
 from bench.documents import Document, read_json_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.temporary_folders import temporary_folder
 
 from ._decoding import RawDetections, cells_of, decode
@@ -25,28 +25,26 @@ DOCUMENT_NAME, WEIGHTS_NAME = "small.json", "small.onnx"
 class Calibration(Document):
     """What makes frequencies of the network's numbers, fitted on scenes that it was not trained on."""
 
-    object_slope: Annotated[float, Field(gt=0.0, description="Factor on the logit of an object.")] = 1.0
-    object_offset: Annotated[float, Field(description="Added to it afterwards.")] = 0.0
-    label_slope: Annotated[float, Field(gt=0.0, description="Factor on the logits of labels.")] = 1.0
+    object_slope: float = Field(1.0, gt=0.0, description="Factor on the logit of an object.")
+    object_offset: float = Field(0.0, description="Added to it afterwards.")
+    label_slope: float = Field(1.0, gt=0.0, description="Factor on the logits of labels.")
 
 
 class Provenance(Document):
     """From what the network came: the same on the same machine with the same versions gives it again."""
 
     seed: int
-    scenes: Annotated[int, Field(ge=1, description="Random scenes that were rendered for training.")]
-    crops: Annotated[int, Field(ge=1, description="Parts of pictures, of 256 x 256 pixels.")]
-    data_sha256: Annotated[str, Field(description="Digest of all crops and their boxes.")]
-    steady_steps: Annotated[int, Field(ge=0, description="Steps of training at a steady rate.")]
-    falling_steps: Annotated[int, Field(ge=0, description="Steps at a falling rate after them.")]
-    ground_crops: Annotated[int, Field(ge=0, description="Crops of bare ground, for the last steps.")]
-    ground_sha256: Annotated[str, Field(description="Digest of these crops.")]
-    refining_steps: Annotated[
-        int, Field(ge=0, description="Last steps, with crops of bare ground among the others.")
-    ]
-    batch: Annotated[int, Field(description="Crops in each step.")]
-    torch: Annotated[str, Field(description="Version of torch.")]
-    opencv: Annotated[str, Field(description="Build of OpenCV that rendered the crops.")]
+    scenes: int = Field(ge=1, description="Random scenes that were rendered for training.")
+    crops: int = Field(ge=1, description="Parts of pictures, of 256 x 256 pixels.")
+    data_sha256: str = Field(description="Digest of all crops and their boxes.")
+    steady_steps: int = Field(ge=0, description="Steps of training at a steady rate.")
+    falling_steps: int = Field(ge=0, description="Steps at a falling rate after them.")
+    ground_crops: int = Field(ge=0, description="Crops of bare ground, for the last steps.")
+    ground_sha256: str = Field(description="Digest of these crops.")
+    refining_steps: int = Field(ge=0, description="Last steps, with crops of bare ground among the others.")
+    batch: int = Field(description="Crops in each step.")
+    torch: str = Field(description="Version of torch.")
+    opencv: str = Field(description="Build of OpenCV that rendered the crops.")
 
 
 class ModelDocument(Document):
@@ -54,12 +52,10 @@ class ModelDocument(Document):
 
     format: Literal["rebar.pixel-detector/1"] = "rebar.pixel-detector/1"
     weights_sha256: str
-    labels: Annotated[
-        tuple[str, ...], Field(description="Class labels in the order of the network's result.")
-    ]
-    size_multiple_px: Annotated[
-        int, Field(ge=8, description="Pictures are continued to multiples of this, to the right and below.")
-    ]
+    labels: tuple[str, ...] = Field(description="Class labels in the order of the network's result.")
+    size_multiple_px: int = Field(
+        ge=8, description="Pictures are continued to multiples of this, to the right and below."
+    )
     calibration: Calibration
     provenance: Provenance
 
@@ -103,9 +99,7 @@ class NetworkModel:
 
 
 def _network_of(weights: bytes) -> cv2.dnn.Net:
-    """The network on the older of OpenCV 5's two engines, which is that of OpenCV 4: it takes three quarters of the
-    newer one's time.
-    """
+    """The network on OpenCV 5's older engine, that of OpenCV 4: it takes three quarters of the time."""
     engine = getattr(cv2.dnn, "ENGINE_CLASSIC", None)
     if engine is None:
         return cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
@@ -129,10 +123,8 @@ def load_model(folder: Traversable | None = None) -> NetworkModel:
     digest = hashlib.sha256(weights).hexdigest()
     if digest != document.weights_sha256:
         raise SetupError(
-            Fault(
-                str(folder / WEIGHTS_NAME),
-                f"has SHA-256 {digest[:12]}..., and {DOCUMENT_NAME} names {document.weights_sha256[:12]}...",
-                "install the package again, or train both files anew",
-            )
+            str(folder / WEIGHTS_NAME),
+            f"has SHA-256 {digest[:12]}..., and {DOCUMENT_NAME} names {document.weights_sha256[:12]}...",
+            "install the package again, or train both files anew",
         )
     return NetworkModel(document, weights)

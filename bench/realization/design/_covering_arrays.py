@@ -26,9 +26,7 @@ from ._factors import FactorLevel, FactorLevels
 # A factor of a row that has no level yet.
 UNSET = -1
 
-
 MAX_COMBINATIONS = 500_000
-
 
 # Assignments that are tried before the rules count as too complex. Chosen, not measured.
 MAX_ASSIGNMENTS = 200_000
@@ -58,9 +56,7 @@ class CoveringArray(Document):
 
 
 class PartialAssignments:
-    """Decides whether a partial choice of levels, as indices into `choices`, can be completed without
-    breaking a rule.
-    """
+    """Decides whether indices into `choices`, as far as chosen, can be completed without breaking a rule."""
 
     def __init__(self, choices: Mapping[str, Sequence[FactorLevel]], rules: Sequence[LevelRule]) -> None:
         self._names = list(choices)
@@ -220,9 +216,7 @@ class _UncoveredCombinations:
 def _extend_rows(
     rows: list[list[int]], missing: _UncoveredCombinations, possible: PartialAssignments
 ) -> None:
-    """Give every row the level of the new factor that covers most, then add rows for what is still
-    uncovered.
-    """
+    """Give each row the new factor's level that covers most, then add rows for what is still uncovered."""
     for row in rows:
         gains = missing.gains(row)
         # A stable sort breaks ties the same way on every machine.

@@ -11,7 +11,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Protocol, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -27,21 +27,6 @@ from ._orthogonal_hypercubes import NearlyOrthogonalLatinHypercube, OrthogonalLa
 from ._screening import DefinitiveScreening, PlackettBurman
 from ._space_filling import Halton, LatinHypercube, Sobol
 from ._stratified import Difficulties, Stratified
-
-
-class Combines(Protocol):
-    """A method that combines levels. Methods are documents: a campaign gives the `kind` and its options."""
-
-    grows: ClassVar[bool]
-    """Whether more points leave the earlier ones as they were, number and levels."""
-
-    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        """The points in order, each with the levels of all factors; the same for the same factors, options
-        and seed.
-
-        Raises ValueError with a sentence when the method cannot combine these factors.
-        """
-
 
 Method = Annotated[
     FullFactorial
@@ -59,6 +44,9 @@ Method = Annotated[
     | Stratified,
     Field(discriminator="kind"),
 ]
+"""Documents: a campaign gives the `kind` and its options. `combinations(space, seed)` has the points in order, with the levels
+of all factors, and raises ValueError with a sentence; with `grows` more points leave the earlier ones as they were.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +129,7 @@ class Design(Document):
         return any(isinstance(method, Stratified) for method in self.methods)
 
     def points(self, difficulties: Difficulties | None = None) -> list[DesignPoint]:
-        """Every design point, in the design's own order; the same for the same document (and difficulties,
-        where it is `rated`).
-        """
+        """Every design point, in the design's own order; the same for the same document and difficulties."""
         return [point for block in self._blocks(difficulties) for point in block]
 
     def pairs(self, difficulties: Difficulties | None = None) -> list[tuple[DesignPoint, int]]:
@@ -177,7 +163,11 @@ class Design(Document):
         if take is None:
             return pairs
         # A hash ranks each pair independently of the others, which a random stream would not.
-        drawn = {(point.id, replicate) for point, replicate in sorted(pairs, key=self._lot)[:take]}
+        lot = {
+            (point.id, replicate): hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
+            for point, replicate in pairs
+        }
+        drawn = set(sorted(lot, key=lot.__getitem__)[:take])
         return [pair for pair in pairs if (pair[0].id, pair[1]) in drawn]
 
     def _count(self, method: Method, place: int) -> int:
@@ -192,10 +182,6 @@ class Design(Document):
             if place == 0
             else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
         )
-
-    def _lot(self, pair: tuple[DesignPoint, int]) -> bytes:
-        point, replicate = pair
-        return hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
 
 
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:

@@ -9,10 +9,8 @@ from graphlib import CycleError, TopologicalSorter
 from ._expression import Expression, InactiveFactor, parse_expression
 from ._factors import INACTIVE, DesignFactor, FactorLevel, FactorLevels
 
-# Points that a sequence may have refused for each one found, before what is forbidden is said to leave too
-# little ...
+# Points that a sequence may have refused for each one found, until `forbid` leaves too little ...
 MAX_DRAWS_PER_POINT = 1000
-
 
 # ... and for so many that are still to be found.
 MIN_POINTS_FOR_LIMIT = 10
@@ -20,9 +18,7 @@ MIN_POINTS_FOR_LIMIT = 10
 
 @dataclass(frozen=True, slots=True)
 class LevelRule:
-    """A condition on a point: `names` are the free factors it depends on; `broken` may be called once all of
-    them have levels.
-    """
+    """A condition on a point, `broken` or not once the free factors in `names` have levels."""
 
     names: frozenset[str]
     broken: Callable[[Mapping[str, FactorLevel]], bool]
@@ -206,9 +202,7 @@ def _parsed(where: str, text: str, by_name: Mapping[str, DesignFactor]) -> Expre
 
 
 def _check_compared(where: str, text: str, factor: DesignFactor, value: str | bool) -> None:
-    """Raise ValueError for a text that the factor never takes: a typing error would silently forbid
-    nothing.
-    """
+    """Raise ValueError for a text that the factor never takes: a slip would silently forbid nothing."""
     if factor.formula is not None or any(
         level == value and isinstance(level, str | bool) for level in factor.levels
     ):

@@ -14,21 +14,15 @@ from ._expression import MAX_CHARACTERS, parse_expression
 
 MAX_POINTS = 100_000
 
-
 FactorLevel = bool | int | float | str
-
 
 FactorLevels = dict[str, FactorLevel]
 
-
-# The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing
-# there.
+# The level of a conditional factor in a point whose other levels do not switch it on: it changes nothing.
 INACTIVE = "inactive"
-
 
 BASE = "base"
 """The path of the whole base SimSpec: the levels of the factor that sets it are names of situations."""
-
 
 ExpressionText = Annotated[str, Field(min_length=1, max_length=MAX_CHARACTERS)]
 
@@ -167,18 +161,14 @@ class DesignFactor(Document):
         return self.levels[0], self.levels[1]
 
     def at(self, share: float) -> FactorLevel:
-        """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal
-        parts.
-        """
+        """The level at a share in [0, 1] of the range; levels and whole numbers have equal parts."""
         if self.range is not None:
             return self.range.drawn(share)
         # A share of exactly 1 belongs to the last level.
         return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
 
     def ranked(self, rank: int, count: int) -> FactorLevel:
-        """The level of the rank, from 0, among `count` even steps: a range's ends are reached, whole numbers
-        and levels take turns.
-        """
+        """The level of a rank from 0 among `count` even steps, of which a range has both ends."""
         if self.range is not None and not self.range.integer:
             return self.range.at(rank / (count - 1))
         return self.at((rank + 0.5) / count)
@@ -191,7 +181,5 @@ class DesignFactor(Document):
 
 
 def _rounded(value: float | int) -> float | int:
-    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` expressions with 0.3 match
-    it.
-    """
+    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` with 0.3 matches it."""
     return float(f"{value:.12g}") if isinstance(value, float) else value

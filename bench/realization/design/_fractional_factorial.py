@@ -7,7 +7,7 @@ resolution).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import ClassVar, Literal, Self
 
@@ -22,7 +22,6 @@ from ._factor_space import FactorSpace
 from ._factors import DesignFactor, FactorLevels
 
 MAX_RUNS = 4096
-
 
 # Columns that the search for a fraction looks at before it takes more runs instead.
 MAX_COLUMNS_TRIED = 20_000
@@ -83,9 +82,7 @@ class FractionalFactorial(Document):
 
 
 def fraction(factors: int, resolution: int) -> tuple[int, ...]:
-    """The columns of the smallest fraction found with at least this resolution; all base factors where only
-    the whole has it.
-    """
+    """The columns of the smallest fraction found with at least this resolution, else all base factors."""
     for bases in range(2, factors):
         if columns := _search(factors, bases, resolution):
             return columns
@@ -173,11 +170,8 @@ def _runs_of(columns: Sequence[int]) -> Counts:
 
 
 def _product(raised: Mapping[int, Counts], column: int) -> Counts:
-    return np.asarray(np.prod([raised[base] for base in _bits(column)], axis=0), dtype=np.int64)
-
-
-def _bits(column: int) -> Iterator[int]:
-    return (1 << place for place in range(column.bit_length()) if column >> place & 1)
+    bases = [raised[1 << place] for place in range(column.bit_length()) if column >> place & 1]
+    return np.asarray(np.prod(bases, axis=0), dtype=np.int64)
 
 
 def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:

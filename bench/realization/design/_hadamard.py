@@ -13,9 +13,7 @@ from bench.arrays import Counts
 
 
 def conference_matrix(order: int) -> Counts | None:
-    """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has
-    none.
-    """
+    """C with 0 on the diagonal, else -1 and +1, and C'C = (order - 1) I; None where none is constructed."""
     field = _jacobsthal_matrix(order - 1)
     if field is not None:
         # Symmetric for a field of 4 k + 1 elements, else skew-symmetric: -1 is a square only in the former.
@@ -59,9 +57,7 @@ def hadamard_matrix(order: int) -> Counts | None:
 
 
 def _jacobsthal_matrix(size: int) -> Counts | None:
-    """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a
-    difference is a square.
-    """
+    """Jacobsthal's matrix of the field of a prime or its square: +1 where a difference is a square."""
     if size % 2 == 1 and _is_prime(size):
         signs = _quadratic_character(size)
         return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])

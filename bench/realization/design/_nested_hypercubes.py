@@ -6,7 +6,7 @@ Latin hypercube, and so are those at high fidelity among themselves.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +23,13 @@ MAXIMIN_DRAWS = 20
 
 
 class Nested(Document):
-    """A Latin hypercube at low fidelity; a smaller one among its points is flown at high fidelity too, in the
-    same scenes.
-    """
+    """A Latin hypercube at low fidelity, and some of its points, in the same scenes, at high fidelity."""
 
     grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"
-    points: Annotated[int, Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")]
-    high: Annotated[int, Field(ge=1, description="How many of them are flown at high fidelity too.")]
-    fidelity: Annotated[Identifier, Field(description="The factor with two levels, the low fidelity first.")]
+    points: int = Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")
+    high: int = Field(ge=1, description="How many of them are flown at high fidelity too.")
+    fidelity: Identifier = Field(description="The factor with two levels, the low fidelity first.")
 
     @model_validator(mode="after")
     def _divides(self) -> Self:
@@ -80,8 +78,7 @@ def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator
     columns = []
     for _ in range(factors):
         finer = points // high
-        # One of the fine strata inside each coarse one: so the high points are a Latin hypercube among
-        # themselves as well.
+        # One of the fine strata inside each coarse one: the high points are a Latin hypercube too.
         first = draws.permutation(high) * finer + draws.integers(finer, size=high)
         rest = draws.permutation(np.setdiff1d(np.arange(points), first))
         columns.append((np.concatenate([first, rest]) + draws.random(points)) / points)

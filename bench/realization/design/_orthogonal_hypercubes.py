@@ -9,7 +9,7 @@ search included, is in whole numbers: a correlation of 0 is exact, and every mac
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -22,32 +22,24 @@ from ._factors import FactorLevels
 
 MAX_ORTHOGONAL_POINTS = 1025
 
-
 MAX_NEARLY_ORTHOGONAL_POINTS = 500
-
 
 # Random starts of the search for a nearly orthogonal hypercube; the best result is kept.
 SEARCHES = 4
 
-
-# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison
-# takes long.
+# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points: it takes long.
 COLUMN_CHOICES = 60
-
 
 MAX_COMPARED_POINTS = 300
 
-
 MAX_SWEEPS = 60
-
 
 # The search stops at correlations below 1 / 500; nearly orthogonal designs are customarily allowed 0.03.
 CORRELATION_DIVISOR = 500
 
 
 class OrthogonalLatinHypercube(Document):
-    """A Latin hypercube in which every two columns have a correlation of exactly 0, and each with every
-    square of a column too.
+    """A Latin hypercube in which no column correlates with another one, nor with the square of one.
 
     Up to 2**c factors in r * 2**(c + 1) points, or one more (the centre): 8 in 16, 17, 32, 33, 48 ..., 16 in
     32, 33, 64, 65 ...
@@ -74,7 +66,7 @@ class NearlyOrthogonalLatinHypercube(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["nearly_orthogonal_latin_hypercube"] = "nearly_orthogonal_latin_hypercube"
-    points: Annotated[int, Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)]
+    points: int = Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         square = nearly_orthogonal_latin_hypercube(self.points, len(space.free), seed)
@@ -87,8 +79,7 @@ def least_points(factors: int) -> int:
 
 
 def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
-    """All columns that the construction gives for so many points, in whole numbers; any `factors` of them are
-    orthogonal.
+    """All columns that the construction gives for so many points, whole numbers; any of them are orthogonal.
 
     With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises
     ValueError where the construction has none.
@@ -122,8 +113,7 @@ def _constructed(points: int, exponent: int) -> Counts:
 
 @lru_cache(maxsize=16)
 def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
-    """The maximin choice: of several random choices of columns the one whose closest points are farthest
-    apart.
+    """Of several random choices of columns the one whose closest points are farthest apart (maximin).
 
     Correlations do not depend on which column a factor gets, nor on its sign.
     """
@@ -142,9 +132,7 @@ def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
 
 
 def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
-    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from
-    drawn hypercubes.
-    """
+    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches."""
     return _nearly_orthogonal(points, factors, seed).copy()
 
 
@@ -168,8 +156,7 @@ def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
 
 
 def _decorrelated(square: Counts) -> Counts:
-    """Swaps within columns, the best one at a time, until all correlations are small or none lowers the sum
-    of their squares.
+    """Swaps in columns, the best first, until all correlations are small or their squares' sum is least.
 
     Swapping rows a and b of column j, whose values are d apart, changes its product with another column m by
     d times that column's difference; so the change of the whole sum is 2 d (u_a - u_b) + d d w, u being the
@@ -226,9 +213,7 @@ def _exponent(factors: int) -> int:
 
 
 def _halves(exponent: int) -> tuple[Counts, Counts]:
-    """The matrices S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs, both with
-    orthogonal columns.
-    """
+    """S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs; orthogonal columns."""
     signs, places = np.array([[1, 1], [1, -1]], dtype=np.int64), np.array([[1, 2], [2, -1]], dtype=np.int64)
     for step in range(1, exponent):
         high = 2**step

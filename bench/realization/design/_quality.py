@@ -10,7 +10,6 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +25,17 @@ from ._factors import INACTIVE, DesignFactor, FactorLevel
 # Equal parts of a range without steps, when combinations of levels are counted.
 RANGE_PARTS = 3
 
-
-# Above this number, discrepancy and distance are not computed: their time grows with the square of the
-# points.
+# Discrepancy and distance take time by the square of the points, and are not computed above this.
 MAX_POINTS_FOR_DISTANCE = 2000
-
 
 MAX_COMBINATIONS = 200_000
 
-
 SHOWN_CONFIGURATIONS = 20
-
 
 SHOWN_ALIASES = 8
 
-
 # Points times two-factor interactions, above which interactions are not measured.
 MAX_INTERACTION_TERMS = 5_000_000
-
 
 TOLERANCE = 1e-9
 
@@ -53,7 +45,7 @@ class Coverage(Document):
 
     t: int
     covered: int
-    possible: Annotated[int, Field(description="Without those that are forbidden.")]
+    possible: int = Field(description="Without those that are forbidden.")
 
     @property
     def share(self) -> float:
@@ -67,7 +59,7 @@ class DesignQuality(Document):
     """
 
     points: int
-    pairs: Annotated[int, Field(description="Of design point and replicate.")]
+    pairs: int = Field(description="Of design point and replicate.")
     max_abs_correlation: float | None = Field(
         None,
         description="The largest absolute Pearson correlation between two factors that are numbers or have two levels.",
@@ -186,9 +178,7 @@ def design_quality(
 
 
 def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Coverage | None:
-    """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too
-    many combinations.
-    """
+    """How many combinations of t factors' levels occur; None with fewer factors or too many combinations."""
     choices = {levels.name: _parts(levels) for levels in space.free}
     places = list(itertools.combinations(range(len(choices)), t))
     sizes = [len(levels) for levels in choices.values()]
@@ -235,9 +225,7 @@ def _parts(factor: DesignFactor) -> tuple[FactorLevel, ...]:
 
 
 def _part(factor: DesignFactor, level: FactorLevel) -> int:
-    """The index of a level: its own, that of the nearest step of a range, or that of the part of the range it
-    lies in.
-    """
+    """The index of a level: its own, that of the nearest step of a range, or of its part of the range."""
     if factor.when and level == INACTIVE:
         return len(_parts(factor)) - 1
     if factor.range is None:
@@ -251,9 +239,7 @@ def _part(factor: DesignFactor, level: FactorLevel) -> int:
 
 
 def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """Levels scaled to [0, 1], for numbers or two levels; None for other factors and for those inactive at
-    some point.
-    """
+    """Levels scaled to [0, 1], for numbers or two levels; None for others and where some are inactive."""
     levels = [point.levels[factor.name] for point in points]
     if factor.when and INACTIVE in levels:
         return None
@@ -275,9 +261,7 @@ def _bounds(factor: DesignFactor, values: NDArray[np.float64]) -> tuple[float, f
 
 
 def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """Indices of a factor's levels scaled to [0, 1]; None for a range, for one level, and for a factor
-    inactive at some point.
-    """
+    """Indices of levels scaled to [0, 1]; None for a range, for one level, and where some are inactive."""
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
     return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (
@@ -310,8 +294,7 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
 def _largest(
     blocks: Mapping[str, NDArray[np.float64]], always: Mapping[str, NDArray[np.float64]], *, names: bool
 ) -> tuple[float | None, tuple[str, ...]]:
-    """The largest correlation of two factors, with or without factors of three or more names, over points
-    where both are active.
+    """The largest correlation of two factors where both are active, with or without those of three names.
 
     `always` are the factors of one column that are active everywhere.
     """
@@ -360,9 +343,7 @@ def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArr
 def _interactions(
     columns: Mapping[str, NDArray[np.float64]],
 ) -> tuple[float | None, tuple[str, ...], tuple[str, ...]]:
-    """Correlation of main effects with products of two, the largest pair, and the terms that are equal up to
-    sign.
-    """
+    """Correlation of main effects with products of two, the largest pair, and the terms that are alike."""
     names, mains = _units(columns)
     pairs = list(itertools.combinations(range(len(names)), 2))
     if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
@@ -388,9 +369,7 @@ def _interactions(
 
 
 def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
-    """Whether the blocks that are active everywhere are linearly independent of each other and of a
-    constant.
-    """
+    """Whether the blocks that are active everywhere, and a constant, are linearly independent."""
     whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
     if not whole:
         return None

@@ -1,5 +1,4 @@
-"""Designs that find the few factors that matter: two-level fractions, Plackett-Burman, and definitive
-screening.
+"""Designs that find the few factors that matter: Plackett-Burman and definitive screening.
 
 Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions,
 resolution). Plackett, R. L. and Burman, J. P. (1946), "The design of optimum multifactorial experiments",
@@ -29,8 +28,7 @@ MAX_FACTORS = 100
 
 
 class PlackettBurman(Document):
-    """Two levels of up to N - 1 factors in N runs, N a multiple of four; with `foldover` also every run
-    mirrored.
+    """Two levels of up to N - 1 factors in N runs, a multiple of four; with `foldover` mirrored too.
 
     Main effects are orthogonal; interactions of two factors are confounded with them, unless the design is
     folded over.
@@ -51,9 +49,7 @@ class PlackettBurman(Document):
 
 
 class DefinitiveScreening(Document):
-    """Three levels (low, middle, high) of k factors in about 2 k + 1 runs: main effects apart from all
-    second-order effects.
-    """
+    """Three levels of k factors in about 2 k + 1 runs: main effects apart from all of second order."""
 
     grows: ClassVar[bool] = False
     kind: Literal["definitive_screening"] = "definitive_screening"
@@ -75,11 +71,9 @@ def plackett_burman(factors: int) -> Counts:
     if factors >= MAX_FACTORS:
         raise ValueError(f"a plackett_burman takes at most {MAX_FACTORS - 1} factors here, not {factors}")
     for runs in range(4 * (factors // 4 + 1), 2 * MAX_FACTORS, 4):
-        # Not every multiple of four has a construction here; a power of two always does, and there is one
-        # below twice the start.
+        # A power of two always has a construction, and there is one below twice the start.
         if (square := hadamard_matrix(runs)) is not None:
-            # The first column is made constant and left out: it would be the mean, and the others are
-            # balanced against it.
+            # The first column, made constant, would be the mean; the others are balanced against it.
             return -(square[:, 1:] * square[:, :1])[:, :factors]
     raise AssertionError("a Hadamard matrix of a power of two is always there")
 

@@ -1,13 +1,11 @@
-"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended at any
-time.
-"""
+"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,39 +20,33 @@ HALTON_BLOCK = 256
 
 
 class LatinHypercube(Document):
-    """Points that take every factor's range in equal strata, once each; optimised for low centred
-    discrepancy.
-    """
+    """Points that take every factor's range in equal strata, once each; of low centred discrepancy."""
 
     grows: ClassVar[bool] = False
     kind: Literal["latin_hypercube"] = "latin_hypercube"
-    points: Annotated[int, Field(ge=1, le=10_000)]
+    points: int = Field(ge=1, le=10_000)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.every([space.at(row) for row in _latin(self.points, len(space.free), seed)], self.kind)
 
 
 class Halton(Document):
-    """The first points of a scrambled Halton sequence: space-filling, and points added later leave the
-    earlier ones unchanged.
-    """
+    """The first points of a scrambled Halton sequence: points added later leave the earlier ones."""
 
     grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
-    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+    points: int = Field(ge=1, le=MAX_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, halton_shares(len(space.free), seed)), self.points)
 
 
 class Sobol(Document):
-    """The first points of a scrambled Sobol sequence, best as powers of two; points added later leave the
-    earlier ones unchanged.
-    """
+    """The first points of a scrambled Sobol sequence, best as powers of two; more leave the earlier ones."""
 
     grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"
-    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+    points: int = Field(ge=1, le=MAX_POINTS)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, _sobol_shares(len(space.free), seed)), self.points)
@@ -85,8 +77,7 @@ def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
     # See halton_shares.
     from scipy.stats import qmc
 
-    # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not
-    # measured.
+    # The optimiser takes time by the square of the points. Chosen, not measured.
     optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None
     return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(
         points

@@ -1,6 +1,4 @@
-"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment`; list members by their id or
-number.
-"""
+"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment` (by id or number)."""
 
 from __future__ import annotations
 
@@ -16,10 +14,8 @@ from bench.simspec import SimSpec
 
 _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_-]+)\])?")
 
-
 # Fields that realization itself writes into every SimSpec; factors may not set them.
 OWNED = ("format", "name", "realized", "agent", "seeds.root")
-
 
 # Units by the suffix of a field's name. The first match wins, so longer suffixes come first.
 UNITS = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -19,13 +19,11 @@ Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float | None]]
 where a node has no difficulty there.
 """
 
-
 DECIMALS = 6
 
 
 class Stratified(Document):
-    """The same number of points, as nearly as may be, from every difficulty configuration that the factors
-    can produce.
+    """The same number of points, as nearly as may be, from every possible difficulty configuration.
 
     Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns.
     Points added later leave the earlier ones unchanged.
@@ -33,7 +31,7 @@ class Stratified(Document):
 
     grows: ClassVar[bool] = True
     kind: Literal["stratified"] = "stratified"
-    points: Annotated[int, Field(ge=1, le=10_000)]
+    points: int = Field(ge=1, le=10_000)
     candidates: int = Field(
         1000,
         ge=10,
@@ -60,7 +58,9 @@ class Stratified(Document):
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
                 "or give band (20 is a tension), the width of difficulties that count as one"
             )
-        drawn = list(itertools.islice(_round_robin(list(strata.values())), self.points))
+        # A point of each stratum in turn.
+        turns = itertools.zip_longest(*strata.values())
+        drawn = [levels for turn in turns for levels in turn if levels is not None][: self.points]
         if len(drawn) < self.points:
             raise ValueError(
                 f"only {len(drawn)} different points are among the candidates; lower points or raise candidates"
@@ -81,8 +81,3 @@ class Stratified(Document):
         rounded = round(difficulty, DECIMALS)
         # As with tensions, an edge belongs to the easier band.
         return rounded if self.band is None else max(1, -int(-rounded // self.band))
-
-
-def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:
-    for turn in itertools.zip_longest(*strata):
-        yield from (levels for levels in turn if levels is not None)

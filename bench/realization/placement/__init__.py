@@ -1,6 +1,4 @@
-"""Places for every actor: seeded sampling, a CP-SAT solver, proofs of impossibility, and an independent
-judge.
-"""
+"""Places for every actor: seeded sampling, a CP-SAT solver, proofs of impossibility, and a judge."""
 
 from __future__ import annotations
 

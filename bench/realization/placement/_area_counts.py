@@ -1,6 +1,4 @@
-"""Counts of members inside areas: the parts of the ground that differ in what they are inside of, and how many
-members each may take.
-"""
+"""Counts of members inside areas: parts of the ground, and how many members each may take."""
 
 from __future__ import annotations
 

@@ -29,7 +29,6 @@ from ._check_geometry import (
 
 SLACK_DEG = 1e-5
 
-
 # Repeated here on purpose: the judge imports nothing from the modules that it judges.
 HOME_CLEARANCE_M = 3.0
 
@@ -130,9 +129,7 @@ class _Judge:
                 yield _fault([actor], "is too close to the vehicle's home", remedy)
 
     def _is_hosted(self, first: PlacedActor, second: PlacedActor) -> bool:
-        """Whether one of them lies wholly in the other, and its group belongs inside the other's, directly or
-        through other hosts.
-        """
+        """Whether one of them lies in the other, and its group belongs inside the other's or its hosts'."""
         return any(
             host.group in self._hosts(guest.group)
             and self.outlines[host.id].buffer(SLACK_M).covers(self.outlines[guest.id])
@@ -297,8 +294,7 @@ class _Judge:
         if bearing and (spots := self._spots(bearing)):
             angle = bearing_deg(spots[0], actor)
             span = (bearing.to_deg - bearing.from_deg) % 360.0
-            # The slack on both sides of the modulo, so that a place a hair before `from_deg` is not 360
-            # degrees past it.
+            # Slack on both sides: a place a hair before `from_deg` is not 360 degrees past it.
             past_deg = (angle - bearing.from_deg + SLACK_DEG) % 360.0 - SLACK_DEG
             if not -SLACK_DEG <= past_deg <= span + SLACK_DEG:
                 sector = f"{bearing.from_deg:g} to {bearing.to_deg:g}"
@@ -317,9 +313,7 @@ class _Judge:
                 yield _fault([actor], f"heads {off:.2f} degrees off what it faces", remedy)
 
     def _sight(self, group: ActorGroup, actor: PlacedActor) -> Iterator[Fault]:
-        """Faults of sight: `hidden_from` must hold for every member of the other group, `visible_from` for one
-        of them.
-        """
+        """`hidden_from` must hold for every member of the other group, `visible_from` for one of them."""
         hidden, visible = group.placement.hidden_from, group.placement.visible_from
         if hidden and any(self._is_visible(actor, eye, hidden.height_m) for eye in self._spots(hidden)):
             what = "is visible from where it must be hidden"

@@ -12,7 +12,6 @@ from bench.simspec import ASSETS, Distance, Near, PlacedActor, PlacedReport, Poi
 # Slacks absorb rounding alone: places are millimetres, headings microdegrees, so real faults are far larger.
 SLACK_M = 1e-6
 
-
 Spot = Point | PlacedActor | PlacedReport
 
 

@@ -16,7 +16,6 @@ from ._geometry import Geometry, shrunk_at_most
 # Headings that are told apart: narrower spans that may fit count as fitting. Chosen, not measured.
 NARROWEST_SPAN_RAD = pi / 1440.0
 
-
 # Answers that are kept: the groups of a campaign's scenes ask the same ones again and again. Chosen, not measured.
 REMEMBERED_ANSWERS = 1024
 

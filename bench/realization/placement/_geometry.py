@@ -1,6 +1,4 @@
-"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, and places drawn
-at random.
-"""
+"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, places."""
 
 from __future__ import annotations
 
@@ -20,39 +18,28 @@ from bench.simspec import Polygon, Road
 Geometry = Any
 """A shapely geometry; shapely ships no types."""
 
-
 QUARTER_SEGMENTS = 16
-
 
 # Factor by which a polygon of `QUARTER_SEGMENTS` edges a quarter must exceed the circle that it contains.
 _CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
-
 
 # More ground than any coordinate in a document can reach.
 # A finite box, because overlays of unbounded ground do not exist in GEOS.
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 
-
 # Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about
 # 5e-5 of the distance by which it shrinks a polygon.
 MARGIN_M = 1e-3
 
-
-# GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a
-# geometry.
+# GEOS drops corners shallower than this share of the distance by which it grows or shrinks.
 SHALLOW_CORNER = 0.01
-
 
 MAX_COORDINATES = 64
 
-
 SIMPLIFY_M = 0.1
 
-
-# Scenes of a campaign share their few polygons. Large enough for one campaign, and small in memory. Chosen, not
-# measured.
+# Scenes of a campaign share their few polygons. Enough for one campaign; chosen, not measured.
 REMEMBERED_POLYGONS = 256
-
 
 Corners = tuple[tuple[float, float], ...]
 """East and north of each corner: compared sooner than the documents that they come from."""

@@ -31,16 +31,20 @@ def region_of(simspec: SimSpec, group: ActorGroup) -> Polygon:
     return group.placement.region or simspec.world.area
 
 
+def names_in_relations(group: ActorGroup) -> set[str]:
+    """Whom the group's relations name: groups, roles, and the vehicle's home."""
+    place = group.placement
+    relations = (place.near, place.away, place.mean_distance, place.inside, *place.distances, *place.avoid)
+    names = {relation.of for relation in relations if relation}
+    names |= {reference.of for reference in place.place_references.values()}
+    names |= {place.between.first, place.between.second} if place.between else set()
+    return {name for name in names if name}
+
+
 def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
     """The groups to place before this one: those that it relates to and, for sight, every solid group."""
     place = group.placement
-    names = {relation.of for relation in (place.near, place.away, place.mean_distance) if relation}
-    names |= {reference.of for reference in place.place_references.values() if reference.of}
-    names |= {place.between.first, place.between.second} if place.between else set()
-    names |= {place.inside.of} if place.inside and place.inside.of else set()
-    names -= {name for name in names if is_home(simspec, name)}
-    for name in (*(distance.of for distance in place.distances), *(avoid.of for avoid in place.avoid)):
-        names |= set(groups_named(simspec, group, name))
+    names = {other for name in names_in_relations(group) for other in groups_named(simspec, group, name)}
     if place.hidden_from or place.visible_from:
         names |= {
             other.id
@@ -51,9 +55,7 @@ def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
 
 
 def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
-    """The chain of hosts: the group that members stand inside, the group that this one stands inside, and so
-    on.
-    """
+    """The group that members stand inside, the group that this one stands inside, and so on."""
     hosts: list[str] = []
     inside = group.placement.inside
     while inside and inside.of and inside.of not in hosts:
@@ -62,10 +64,8 @@ def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
     return tuple(hosts)
 
 
-def groups_named(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple[str, ...]:
-    """The group of that name, or all other groups of that role; none for a point and the vehicle's home."""
-    if name is None:
-        return ()
+def groups_named(simspec: SimSpec, group: ActorGroup, name: str) -> tuple[str, ...]:
+    """The group of that name, or all other groups of that role; none for the vehicle's home."""
     # A group takes precedence over a role of the same name, as in the documents.
     if any(other.id == name for other in simspec.actors):
         return (name,)

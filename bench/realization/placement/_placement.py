@@ -31,7 +31,7 @@ from bench.simspec import (
 from ._check import check_placement
 from ._footprint import Footprints
 from ._geometry import Geometry, polygon_ground, prepared_ground
-from ._groups import member_count, prerequisite_groups
+from ._groups import member_count, names_in_relations, prerequisite_groups
 from ._honeypot import honeypots
 from .proofs._capacity import check_areas
 from .proofs._proof import narrowed_ground, prove_infeasible
@@ -39,17 +39,13 @@ from .relations._patrol_routes import check_fixed_routes, route_faults
 from .search._anchors import anchor_grounds
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
-# Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies
-# well inside.
+# Share of a report's uncertainty in which its error is drawn, so that the truth lies well inside.
 REPORT_ERROR_SHARE = 0.8
-
 
 # Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier.
 MAX_ATTEMPTS = 32
 
-
-# When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not
-# measured.
+# Where crowding leaves a place to fewer, sampling is not tried again. Chosen, not measured.
 RETRY_SHARE = 0.8
 
 
@@ -122,8 +118,7 @@ def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -
 
 
 def _anchored(simspec: SimSpec, order: list[ActorGroup]) -> Placed | None:
-    """Places where members whom later groups need nearby are drawn first, on the ground that helps; None when none
-    were found.
+    """Places where members whom later groups need nearby are drawn first, where they help; None without any.
 
     Last, so that no scene that is found without it is placed otherwise than before.
     """
@@ -192,7 +187,7 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         if group.placement.region:
             yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
         if member_count(simspec, group) and (
-            empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]
+            empty := [other for other in sorted(names_in_relations(group)) if least.get(other) == 0]
         ):
             yield Fault(
                 f"{where}.placement",
@@ -220,21 +215,6 @@ def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fa
                 f"needs two members of {other.id!r}, which may have fewer",
                 "give it two, or name two groups",
             )
-
-
-def _groups_named(group: ActorGroup) -> set[str]:
-    """The groups that this one relates to by name: a relation to a group without members would be empty."""
-    place = group.placement
-    names = {
-        relation.of
-        for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside)
-        if relation
-    }
-    names |= {avoid.of for avoid in place.avoid}
-    names |= {place.between.first, place.between.second} if place.between else set()
-    return {
-        name for name in (*names, *(reference.of for reference in place.place_references.values())) if name
-    }
 
 
 def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:
@@ -277,9 +257,7 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
 
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
-    """A report's position: uniform over the disc of its error around the truth, or over the part of the disc
-    inside the area.
-    """
+    """A report's position: uniform over the disc of its error, as far as that lies in the area."""
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

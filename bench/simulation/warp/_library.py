@@ -42,17 +42,13 @@ def built_library(folder: Path | None = None) -> Path:
     Raises SetupError on a host for which there is none: without a compiler, or other than 64-bit Linux with glibc.
     """
     if platform.system() != "Linux" or platform.libc_ver()[0] != "glibc":
-        raise SetupError(
-            Fault(FIELD, "warp is for Linux with glibc", "fly on such a host, or with --pace realtime")
-        )
+        raise SetupError(FIELD, "warp is for Linux with glibc", "fly on such a host, or with --pace realtime")
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
         raise SetupError(
-            Fault(
-                FIELD,
-                "warp needs a C compiler for its library, and there is none here",
-                "install gcc (Debian: apt install gcc libc6-dev), or fly with --pace realtime",
-            )
+            FIELD,
+            "warp needs a C compiler for its library, and there is none here",
+            "install gcc (Debian: apt install gcc libc6-dev), or fly with --pace realtime",
         )
     folder = folder or cache_folder()
     library = folder / f"librebar-warp-{_key(compiler)}.so"
@@ -96,11 +92,9 @@ def _build(compiler: str, library: Path) -> None:
                 f"it ended with {done.returncode}"
             ]
             raise SetupError(
-                Fault(
-                    FIELD,
-                    f"{compiler} cannot build the library for warp: {lines[0]}",
-                    "install the C library's headers (Debian: apt install libc6-dev), or fly with --pace realtime",
-                )
+                FIELD,
+                f"{compiler} cannot build the library for warp: {lines[0]}",
+                "install the C library's headers (Debian: apt install libc6-dev), or fly with --pace realtime",
             )
         # In one step: of two sessions that build at once, neither sees half a library.
         os.replace(made, library)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.contracts import Outcome, ProcessRoot, SimTime, WarpAccess
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.process_threads import ProcessThreads
 from bench.temporary_folders import temporary_folder
 
@@ -268,7 +268,7 @@ def _preloadable(library: Path) -> Generator[Path | None]:
     )
     if parent is None:
         what = f"LD_PRELOAD cannot name {library}: it has a space or a colon, and so has the folder of temporary files"
-        raise SetupError(Fault(FIELD, what, "write into another folder (--out), or fly with --pace realtime"))
+        raise SetupError(FIELD, what, "write into another folder (--out), or fly with --pace realtime")
     with temporary_folder("warp", Path(parent)) as folder:
         # An agent under Landlock may be another user. What it may read is decided where the link leads to.
         folder.chmod(0o711)

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.process_threads import ProcessThreads, WatchedProcess
 
 # From <elf.h>: the header of a 64-bit file from e_type on, one program header, one section header.
@@ -132,7 +132,7 @@ def _program_of(process: WatchedProcess) -> tuple[int, int] | None:
     except PermissionError as error:
         what = "the system does not let the bench see what the agent's threads do, as it is another user"
         remedy = "give the bench CAP_SYS_PTRACE, or start the agent with --isolation none"
-        raise SetupError(Fault("pace.mode", what, remedy)) from error
+        raise SetupError("pace.mode", what, remedy) from error
     except OSError:
         return None
     return status.st_dev, status.st_ino

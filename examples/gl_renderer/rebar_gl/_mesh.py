@@ -20,7 +20,7 @@ class Mesh:
     """All triangles of all actors, three vertices each, those of one actor side by side.
 
     plain (n, 2) and details (n, 2): first vertex and number of vertices of each actor's faces and of its details, which lie
-    on other faces and are drawn over them. middles_m (n, 3) and radii_m (n,): spheres in the actors' frames. faces (n,).
+    on other faces and are drawn over them. middles_m (n, 3) and radii_m (n,): spheres in the actors' frames.
     """
 
     vertices: NDArray[np.void]
@@ -28,7 +28,6 @@ class Mesh:
     details: Counts
     middles_m: Floats
     radii_m: Floats
-    faces: Counts
 
     @classmethod
     def of(cls, looks: Sequence[Look]) -> Self:
@@ -57,7 +56,6 @@ class Mesh:
             np.array(details, dtype=np.int64).reshape(-1, 2),
             sphere[:, :3],
             sphere[:, 3],
-            np.array([len(look.geometry.normals) for look in looks], dtype=np.int64),
         )
 
 

@@ -313,10 +313,6 @@ class ModernGlRenderer:
         """(k,) actors that the picture may show."""
         return in_view(self._canvas.lens, self._stage.light, pose, centres, radii)
 
-    def face_count(self, actors: Counts) -> int:
-        """The faces of actors, those that face away included."""
-        return int(self._mesh.faces[actors].sum())
-
     @property
     def reach_m(self) -> float:
         """How far something is drawn."""
@@ -393,10 +389,6 @@ class ModernGlPicture:
     @property
     def bgr(self) -> Pixels:
         return self._bgr
-
-    @property
-    def face_count(self) -> int:
-        return self._renderer.face_count(self._scene.actors)
 
     def instances(self) -> Labels:
         return self._drawn()[0]

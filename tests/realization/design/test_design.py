@@ -33,9 +33,7 @@ def faults(*factors: dict[str, Any], **fields: Any) -> str:
 
 
 def test_paper_experiment() -> None:
-    """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are
-    drawn.
-    """
+    """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 are drawn."""
     points = validate_document(PAPER["design"], Design)
     plans = realize(BASE, points, AGENTS[:1])
 
@@ -143,9 +141,7 @@ def test_seed_of_its_own_is_kept() -> None:
 
 
 def test_latin_hypercube_fills_its_strata() -> None:
-    """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are
-    even.
-    """
+    """Each of n equal strata of each range holds exactly one of n points; levels are even."""
     plan = design(
         {"name": "wind", "range": {"low": 0.0, "high": 10.0}, "sets": ["environment.wind.speed_mps"]},
         {"name": "trees", "range": {"low": 0, "high": 19, "integer": True}, "sets": ["actors[trees].count"]},
@@ -216,9 +212,7 @@ def test_paths_that_lead_nowhere(path: str, message: str) -> None:
 
 
 def test_levels_that_do_not_fit() -> None:
-    """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come
-    together.
-    """
+    """A level out of bounds or of a wrong type names factor, level, path and bounds; all come together."""
     message = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
 
     assert "factor 'fog': level 12.0 for environment.fog_level" in message
@@ -228,9 +222,7 @@ def test_levels_that_do_not_fit() -> None:
 
 
 def test_units_that_do_not_fit() -> None:
-    """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds
-    there.
-    """
+    """One per metre is no metre; a share has no unit; one number cannot be metres and seconds."""
     extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
     mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
 
@@ -296,9 +288,7 @@ def test_agents_need_names_of_their_own() -> None:
 
 
 def test_pairs_of_fidelities_share_their_scene() -> None:
-    """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach
-    their fields.
-    """
+    """A point flown at high fidelity has the seeds of its twin at low; formulas reach their fields."""
     factors = [
         {"name": "rate", "levels": [2.0, 5.0], "sets": ["vehicle.camera.rate_hz"]},
         {"name": "wind", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]},

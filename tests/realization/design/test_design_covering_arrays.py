@@ -28,9 +28,7 @@ def occurring(points: list[DesignPoint], names: tuple[str, ...]) -> set[tuple[ob
     ],
 )
 def test_covering_arrays_cover_everything(sizes: list[int], strength: int, max_runs: int) -> None:
-    """Every combination of levels of any t factors, by going through them all; in a number of points near to
-    what is known.
-    """
+    """Every combination of levels of any t factors, in a number of points near to what is known."""
     factors = [levels(f"f{place}", *range(size)) for place, size in enumerate(sizes)]
     points = design(factors, method={"kind": "covering_array", "strength": strength}).points()
 
@@ -43,9 +41,7 @@ def test_covering_arrays_cover_everything(sizes: list[int], strength: int, max_r
 
 @pytest.mark.parametrize("strength", [2, 3])
 def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
-    """With conditional factors, formulas and prohibitions: all that can be, judged by every point there is,
-    and nothing else.
-    """
+    """With conditional factors, formulas, prohibitions: all that can be, by every point there is."""
     full = design(TANGLED, forbid=FORBID).points()
     points = design(TANGLED, forbid=FORBID, method={"kind": "covering_array", "strength": strength}).points()
 

@@ -1,6 +1,4 @@
-"""Expressions over factors: what they work out, what they refuse, and that nothing else can be reached from
-them.
-"""
+"""Expressions over factors: what they work out and refuse, and that they reach nothing else."""
 
 from __future__ import annotations
 
@@ -146,9 +144,7 @@ def test_what_comes_to_an_absent_factor_is_absent() -> None:
     st.text(alphabet="abN'\"()+-*/%<>=!,. 0129e_infortdls\n", max_size=MAX_CHARACTERS) | st.text(max_size=60)
 )
 def test_any_text_is_refused_or_ends_soon(text: str) -> None:
-    """Whatever stands there: names other than factors are never looked up, results are plain, and it takes no
-    time.
-    """
+    """Names other than factors are never looked up, results are plain, and it takes no time."""
     began = time.perf_counter()
     try:
         expression = parse_expression(text)

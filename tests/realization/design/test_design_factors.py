@@ -11,9 +11,7 @@ from bench.realization import INACTIVE
 
 
 def test_conditional_factors_and_formulas() -> None:
-    """A conditional factor is inactive where its condition fails, one point then stands for all its levels,
-    and formulas follow.
-    """
+    """Inactive where its condition fails, one point then stands for all its levels; formulas follow."""
     points = [point.levels for point in design(TANGLED).points()]
 
     assert len(points) == (2 + 3) * 4 * 3 * 2

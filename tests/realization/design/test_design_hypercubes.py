@@ -36,9 +36,7 @@ from bench.realization.design._orthogonal_hypercubes import (
     ],
 )
 def test_orthogonal_latin_hypercubes_are_exactly_that(points: int, columns: int) -> None:
-    """In whole numbers: every column a permutation about 0, every product of two 0, and of one with another's
-    square too.
-    """
+    """In whole numbers: columns are permutations about 0; products with others and their squares are 0."""
     square = orthogonal_latin_hypercube(points, columns)
 
     assert square.shape == (points, columns)
@@ -51,9 +49,7 @@ def test_orthogonal_latin_hypercubes_are_exactly_that(points: int, columns: int)
 
 
 def test_orthogonal_latin_hypercube_of_eight_factors() -> None:
-    """17 runs of 8 factors: the upper half is the T of Sun, Liu and Lin (2009) for c = 3, signs and order
-    aside.
-    """
+    """17 runs of 8 factors: the upper half is the T of Sun, Liu and Lin (2009) for c = 3."""
     square = np.abs(orthogonal_latin_hypercube(17, 8))
 
     assert square[:8].tolist() == [
@@ -70,9 +66,7 @@ def test_orthogonal_latin_hypercube_of_eight_factors() -> None:
 
 
 def test_orthogonal_design_over_factors() -> None:
-    """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points where
-    none are given.
-    """
+    """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points."""
     plan = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=4)
 
     values = np.rint(matrix(plan) * 16 - 8).astype(np.int64)
@@ -123,9 +117,7 @@ def test_nested_designs_are_latin_twice() -> None:
 
 
 def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() -> None:
-    """Points that happen to have the same levels are no twins: flown in one scene they would be one run
-    counted twice.
-    """
+    """Points that happen to have the same levels would be one run counted twice."""
     factors = [levels("rate", 10, 50), levels("a", 1, 2), {"name": "b", "formula": "a * rate", "sets": ["b"]}]
     points = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
 
@@ -141,9 +133,7 @@ def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() 
 
 @pytest.mark.parametrize("kind", ["sobol", "halton", "latin_hypercube", "nearly_orthogonal_latin_hypercube"])
 def test_whole_numbers_and_levels_are_even(kind: str) -> None:
-    """The ends of whole numbers come as often as those between, and so does every level, the order of levels
-    no matter.
-    """
+    """Ends of whole numbers come as often as those between, and so do levels, in any order."""
     plan = design(
         [*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}
     ).points()
@@ -155,9 +145,7 @@ def test_whole_numbers_and_levels_are_even(kind: str) -> None:
 
 
 def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
-    """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored
-    number.
-    """
+    """65 points on 4 numbers: 16 each, the centre, and each point's mirror image."""
     points = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
 
     assert sorted(Counter(point.levels["whole"] for point in points).values()) == [16, 16, 16, 17]

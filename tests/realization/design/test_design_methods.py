@@ -18,9 +18,7 @@ from bench.realization import Design, DesignPoint, Method
 
 @pytest.mark.parametrize("kind", ["halton", "sobol"])
 def test_sequences_grow_without_reshuffling(kind: str) -> None:
-    """More points begin with the earlier ones, forbidden ones among them or not, over the block that is drawn
-    at once too.
-    """
+    """More points begin with the earlier ones, forbidden or not, over blocks drawn at once too."""
     shorter, longer = (
         design(
             [*ranges(2), levels("a", "x", "y")],
@@ -35,9 +33,7 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
 
 
 def test_every_method_that_says_so_grows() -> None:
-    """Which methods claim to take more points later; the test above and that of stratified designs hold them
-    to it.
-    """
+    """Which methods claim to take more points later; two other tests hold them to it."""
     kinds = {point.model_fields["kind"].default: point.grows for point in get_args(get_args(Method)[0])}
 
     assert {kind for kind, grows in kinds.items() if grows} == {"halton", "sobol", "stratified"}
@@ -45,9 +41,7 @@ def test_every_method_that_says_so_grows() -> None:
 
 
 def test_further_points_follow_those_that_are_there() -> None:
-    """`then` numbers on, whatever the methods are, and leaves points, draws and scenes of the first as they
-    were.
-    """
+    """`then` numbers on, whatever the methods, and leaves points, draws and scenes of the first."""
     factors = [levels("a", 1, 2, 3), levels("b", 1, 2, 3)]
     first = design(factors, replicates=2, method={"kind": "full_factorial", "take": 7}, seed=3)
     grown = design(
@@ -67,9 +61,7 @@ def test_further_points_follow_those_that_are_there() -> None:
 
 
 def test_stratified_designs_are_even_and_grow() -> None:
-    """Configurations that are rare among the factors' levels get as many points as common ones, and more
-    points keep the first.
-    """
+    """Rare configurations get as many points as common ones, and more points keep the first."""
 
     def points(count: int) -> list[DesignPoint]:
         method = {"kind": "stratified", "points": count, "candidates": 300}

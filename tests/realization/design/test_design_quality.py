@@ -12,9 +12,7 @@ from bench.realization import DesignPoint, design_quality
 
 
 def test_quality_against_what_can_be_counted() -> None:
-    """A square's corners: correlation 0, all pairs, the side over the diagonal; a line of points: correlation
-    1 and what is missing.
-    """
+    """A square's corners: correlation 0, all pairs; a line of points: 1, and what is missing."""
     corners = design([levels("a", 0, 1), levels("b", "x", "y")])
     line = [DesignPoint(f"p{n}", {"f0": n / 4, "f1": 1 - n / 4}) for n in range(5)]
 
@@ -33,9 +31,7 @@ def test_quality_against_what_can_be_counted() -> None:
 
 
 def test_quality_tells_aliases() -> None:
-    """Half of 2^4: pairs are aliased with pairs; a quarter of 2^5: main effects too; Plackett-Burman: a
-    third; folded over: none.
-    """
+    """Half of 2^4: pairs alias pairs; a quarter of 2^5: main effects; Plackett-Burman: a third; folded: 0."""
 
     def measured(count: int, **method: Any) -> Any:
         named = [{**point, "name": name} for point, name in zip(ranges(count), "abcdefghijk", strict=False)]
@@ -60,9 +56,7 @@ def test_quality_tells_aliases() -> None:
 
 
 def test_quality_tells_what_prohibitions_tie_together() -> None:
-    """Names that go with a number, and a conditional factor where it is active: both are told, and points
-    that carry no effects.
-    """
+    """Names that go with a number, a conditional factor where active, points that carry no effects."""
     factors = [levels("a", "x", "y", "z"), levels("fog", 0, 1, 2), levels("more", 0, 1, 2, when="fog > 0")]
     free = design(factors)
     tied = design(
@@ -84,9 +78,7 @@ def test_quality_tells_what_prohibitions_tie_together() -> None:
 
 
 def test_quality_counts_only_what_may_be() -> None:
-    """Forbidden combinations are not missed, and a covering array of strength 2 has all pairs and not all
-    triples.
-    """
+    """Forbidden combinations are not missed; an array of strength 2 has all pairs, not all triples."""
     plan = design(TANGLED, forbid=FORBID, method={"kind": "covering_array"})
     pairs, triples = design_quality(plan.space, plan.points()).coverage
 

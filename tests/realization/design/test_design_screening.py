@@ -15,9 +15,7 @@ from bench.realization.design._screening import definitive_screening, plackett_b
 
 
 def test_plackett_burman_of_twelve_runs_as_printed() -> None:
-    """The first row that Plackett and Burman (1946) print for 12 runs, turned, and a last row of low
-    levels.
-    """
+    """The first row that Plackett and Burman (1946) print for 12 runs, turned, and a row of lows."""
     printed = [1, 1, -1, 1, 1, 1, -1, -1, -1, 1, -1]
     rows = plackett_burman(11).tolist()
 
@@ -133,9 +131,7 @@ def test_definitive_screening_over_factors() -> None:
     ],
 )
 def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolution: int, runs: int) -> None:
-    """No product of fewer columns is a constant, found by multiplying them all; and no more runs than the
-    tables give.
-    """
+    """No product of fewer columns is a constant, by multiplying all; no more runs than the tables."""
     columns = fraction(factors, resolution)
 
     assert 2 ** max(columns).bit_length() == runs
@@ -154,9 +150,7 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
 
 
 def test_fraction_by_generators_and_by_runs() -> None:
-    """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs it is found by
-    itself.
-    """
+    """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs too."""
     four = [{**point, "name": name} for point, name in zip(ranges(4), "abcd", strict=True)]
     by_hand = (
         2

@@ -14,9 +14,7 @@ SIDE_M = 120.0
 
 
 def pinned_radar(seed: int, trees: int, near_m: float, *, pinned_by: str) -> SimSpec:
-    """A radar that can stand at one point alone and near one of some free trees, among sheds; a second radar near
-    another kind.
-    """
+    """A radar that can stand at one point and near one of some free trees; a second near another kind."""
     corners = ((-SIDE_M, -SIDE_M), (SIDE_M, -SIDE_M), (SIDE_M, SIDE_M), (-SIDE_M, SIDE_M))
     point = {"east_m": 20.0, "north_m": 30.0}
     tight = [

@@ -1,5 +1,4 @@
-"""The judge against a brute-force reference written from docs/placement.md: random places, with two of
-everything.
+"""The judge against a reference written from docs/placement.md: random places, two of everything.
 
 Two eyes to be hidden from, two areas, two roads, two walls, two routes, and two groups related to the same
 third. Places are drawn without regard to relations, so about half of these are broken, and both judges must
@@ -16,6 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import yards
+from yards import YARDS, corners, points, written
 
 from bench.documents import validate_document
 from bench.realization import check_placement
@@ -42,70 +43,18 @@ KINDS = {
 }
 
 
-def corners(west: float, south: float, east: float, north: float) -> list[dict[str, float]]:
-    return [
-        {"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))
-    ]
-
-
-def line(*points: tuple[float, float]) -> list[dict[str, float]]:
-    return [{"east_m": e, "north_m": n} for e, n in points]
-
-
-# Sized so that each relation holds for some of the random places and fails for others.
+# Sized so that each relation of `two of everything` holds for some random places and fails for others.
 AREAS = {"west": (0.0, 0.0, 40.0, 80.0), "south": (0.0, 0.0, 80.0, 45.0)}
 ROADS = {"long": ((0.0, 40.0), (80.0, 40.0), 30.0), "slanted": ((0.0, 0.0), (80.0, 80.0), 24.0)}
 ROUTES = {"patrol-a": [(10.0, 10.0), (70.0, 10.0)], "patrol-b": [(10.0, 70.0), (40.0, 30.0), (70.0, 70.0)]}
 GROUPS: list[dict[str, Any]] = [
-    {"id": "eyes", "asset": "soldier", "count": 2},
-    {"id": "walls", "asset": "house", "count": 2},
-    {"id": "posts", "asset": "crate", "count": 2},
-    {
-        "id": "first",
-        "asset": "civilian",
-        "count": 3,
-        "placement": {
-            "inside": {"area": "west"},
-            "near": {"of": "posts", "min_m": 5.0, "max_m": 35.0},
-            "hidden_from": {"of": "eyes", "height_m": 1.7},
-            "along": {"road": "long", "where": "on"},
-            "spread_m": 20.0,
-        },
-    },
-    {
-        "id": "second",
-        "asset": "soldier",
-        "count": 3,
-        "placement": {
-            "inside": {"area": "south"},
-            "away": {"of": "posts", "min_m": 15.0, "max_m": 70.0},
-            "visible_from": {"of": "eyes", "height_m": 1.7},
-            "along": {"road": "slanted", "where": "beside", "at_least_m": 2.0, "within_m": 25.0},
-            "separation_m": 12.0,
-        },
-    },
-    {
-        "id": "third",
-        "asset": "civilian-car",
-        "count": 3,
-        "placement": {
-            "between": {"first": "eyes", "second": "eyes", "within_m": 15.0},
-            "bearing": {"of": "posts", "from_deg": 300.0, "to_deg": 100.0},
-            "facing": {"of": "posts", "within_deg": 80.0},
-            "distances": [
-                {"of": "posts", "whom": "every", "min_m": 10.0, "max_m": 60.0},
-                {"of": "posts", "whom": "some", "max_m": 30.0},
-            ],
-        },
-    },
+    *written(YARDS["two of everything"]),
     *(
         {
-            "id": name,
-            "asset": "soldier",
-            "count": 2,
-            "motion": {"kind": "patrol", "route": line(*points), "speed_mps": 1.0},
+            **yards.group(name, "soldier", 2),
+            "motion": {"kind": "patrol", "route": points(*route), "speed_mps": 1.0},
         }
-        for name, points in ROUTES.items()
+        for name, route in ROUTES.items()
     ),
 ]
 
@@ -126,15 +75,15 @@ def random_scene(seed: int) -> SimSpec:
     document = {
         "name": "two-of-everything",
         "world": {
-            "area": {"corners": corners(0.0, 0.0, 80.0, 80.0)},
-            "areas": [{"id": name, "corners": corners(*bounds)} for name, bounds in AREAS.items()],
+            "area": corners(0.0, 0.0, 80.0, 80.0),
+            "areas": [{"id": name, **corners(*bounds)} for name, bounds in AREAS.items()],
             "roads": [
-                {"id": name, "points": line(start, end), "width_m": width}
+                {"id": name, "points": points(start, end), "width_m": width}
                 for name, (start, end, width) in ROADS.items()
             ],
         },
         "vehicle": {"home": {"east_m": -50.0, "north_m": -50.0, "heading_deg": 0.0}},
-        "actors": [{"role": "clutter", **group} for group in GROUPS],
+        "actors": GROUPS,
         "seeds": {"root": seed},
         "realized": {"actors": actors, "reports": [], "method": "by hand"},
     }

@@ -1,16 +1,16 @@
-"""Patrols get from their places to their routes and round them: as the simulation walks, by sampling, solver
-and check alike.
-"""
+"""Patrols get to their routes and round them, by sampling, solver and check alike."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+import yards
+from yards import corners, group, points
 
 from bench.contracts import SimTime
-from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order, with_places
@@ -22,14 +22,6 @@ from bench.simulation import open_plain_scene
 ROUTE = [(70.0, 20.0), (90.0, 20.0), (90.0, 60.0), (70.0, 60.0)]
 
 
-def corners(*places: tuple[float, float]) -> dict[str, Any]:
-    return {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
-
-
-def box(west: float, south: float, east: float, north: float) -> dict[str, Any]:
-    return corners((west, south), (east, south), (east, north), (west, north))
-
-
 def fixed(
     name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **fields: Any
 ) -> dict[str, Any]:
@@ -37,31 +29,17 @@ def fixed(
     return {"id": name, "asset": asset, "role": "clutter", "count": 1, "placement": {"at": at}, **fields}
 
 
-def free(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
-
-
 def patrol(count: int = 1, route: Any = ROUTE, **placement: Any) -> dict[str, Any]:
     motion = {
         "kind": "patrol",
-        "route": [{"east_m": e, "north_m": n} for e, n in route],
+        "route": points(*route),
         "pause_s": 0.0,
         "speed_mps": 20.0,
     }
-    return free("guards", "soldier", count, **placement) | {"motion": motion, "role": "adversary"}
+    return group("guards", "soldier", count, **placement) | {"motion": motion, "role": "adversary"}
 
 
-def scene(*groups: dict[str, Any], seed: int = 1, area: Any = None) -> SimSpec:
-    world = {"area": area or box(0, 0, 100, 100)}
-    home = {"east_m": 3.0, "north_m": 97.0}
-    document = {
-        "name": "yard",
-        "world": world,
-        "actors": list(groups),
-        "seeds": {"root": seed},
-        "vehicle": {"home": home},
-    }
-    return validate_document(document, SimSpec)
+scene = partial(yards.scene, vehicle={"home": {"east_m": 3.0, "north_m": 97.0}})
 
 
 def fence(*gaps: int) -> list[dict[str, Any]]:
@@ -85,14 +63,12 @@ def walked(placed: SimSpec, group: str = "guards", steps: int = 400) -> list[set
     return met
 
 
-CROWDED = [free("houses", "house", 8), free("trees", "tree", 12), patrol(4), free("sheds", "shed", 8)]
+CROWDED = [group("houses", "house", 8), group("trees", "tree", 12), patrol(4), group("sheds", "shed", 8)]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_every_walker_gets_round_its_route(seed: int) -> None:
-    """Among houses placed before and after them, all walk the whole route, by sampled places and by the
-    solver's.
-    """
+    """Among houses placed before and after them all walk the whole route, sampled or solved."""
     simspec = scene(*CROWDED, seed=seed)
     by_solver = solve_placement(simspec, placement_order(simspec))
 
@@ -104,15 +80,15 @@ def test_every_walker_gets_round_its_route(seed: int) -> None:
 
 def test_walkers_stand_where_a_way_is_open() -> None:
     """Behind a fence with one gap they stand where the gap lets them see a point of the route."""
-    placed = place(scene(*fence(3), patrol(3, region=box(1, 1, 30, 95))))
+    placed = place(scene(*fence(3), patrol(3, region=corners(1, 1, 30, 95))))
 
     assert walked(placed) == [{0, 1, 2, 3}] * 3
 
 
 def test_solver_keeps_ways_open_between_what_it_places_together() -> None:
     """Walkers of the yard's west, and houses that tile its middle with little room to spare."""
-    houses = free("houses", "house", 5, separation_m=0.1, region=box(40, 0, 56, 100))
-    simspec = scene(houses, patrol(3, region=box(1, 1, 30, 60)))
+    houses = group("houses", "house", 5, separation_m=0.1, region=corners(40, 0, 56, 100))
+    simspec = scene(houses, patrol(3, region=corners(1, 1, 30, 60)))
     by_solver = solve_placement(simspec, placement_order(simspec))
 
     assert by_solver is not None
@@ -123,7 +99,7 @@ def test_solver_keeps_ways_open_between_what_it_places_together() -> None:
 
 def test_no_way_at_all_is_proved_and_named() -> None:
     """A closed fence is a proof: the region, the route, and only such walls as are needed."""
-    simspec = scene(*fence(), patrol(2, region=box(1, 1, 30, 60)), free("people", "civilian", 5))
+    simspec = scene(*fence(), patrol(2, region=corners(1, 1, 30, 60)), group("people", "civilian", 5))
 
     with pytest.raises(
         PlacementInfeasible, match="walk straight from its place to some point of its patrol route"
@@ -139,7 +115,7 @@ def test_no_way_at_all_is_proved_and_named() -> None:
 def test_a_gap_is_never_called_closed() -> None:
     """The proof says nothing where the fence has a gap, wherever that is."""
     for gap in range(8):
-        simspec = scene(*fence(gap), patrol(2, region=box(1, 1, 30, 95)))
+        simspec = scene(*fence(gap), patrol(2, region=corners(1, 1, 30, 95)))
         assert prove_infeasible(simspec, placement_order(simspec)) is None
 
 
@@ -170,20 +146,18 @@ def test_what_is_fixed_in_the_way_is_refused_at_once(groups: list[dict[str, Any]
     assert "actors[guards].motion.route" in refused.value.clash
 
 
-BAY = corners((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (40, 40), (40, 100), (0, 100))
+BAY = {"corners": points((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (40, 40), (40, 100), (0, 100))}
 
 
 def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
-    """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is
-    walked.
-    """
+    """Nobody inside the area walks out of it: the fault names the leg; one round the bay is walked."""
     with pytest.raises(
         SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"
     ):
         place(scene(patrol(route=[(20.0, 80.0), (80.0, 80.0), (80.0, 20.0), (20.0, 20.0)]), area=BAY))
 
     round_it = [(20.0, 80.0), (30.0, 20.0), (70.0, 20.0), (80.0, 80.0), (70.0, 20.0), (30.0, 20.0)]
-    placed = place(scene(patrol(3, route=round_it), free("trees", "tree", 10), area=BAY))
+    placed = place(scene(patrol(3, route=round_it), group("trees", "tree", 10), area=BAY))
     assert check_placement(placed) == []
     assert [len(points) for points in walked(placed)] == [6, 6, 6]
 
@@ -191,7 +165,7 @@ def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
 def test_points_beyond_the_border_are_walked_inside_it() -> None:
     """A point outside is taken half a metre inside; what stands there closes the route."""
     beyond = [(20.0, 50.0), (130.0, 50.0)]
-    placed = place(scene(patrol(2, route=beyond), free("trees", "tree", 6)))
+    placed = place(scene(patrol(2, route=beyond), group("trees", "tree", 6)))
     assert check_placement(placed) == []
     with pytest.raises(PlacementInfeasible, match="on the patrol route"):
         place(scene(patrol(2, route=beyond), fixed("tree", "tree", 98.0, 52.0)))
@@ -215,9 +189,9 @@ def moved(simspec: SimSpec, actor: str, east_m: float, north_m: float) -> list[s
 
 def test_check_finds_closed_ways() -> None:
     """A house moved onto the route, and a walker moved behind the fence, are found."""
-    yard = scene(free("house", "house", 1), patrol())
+    yard = scene(group("house", "house", 1), patrol())
     assert any("blocks the patrol route of 'guards'" in fault for fault in moved(yard, "house-1", 80.0, 20.0))
-    fenced = scene(*fence(), patrol(region=box(50, 1, 99, 99)))
+    fenced = scene(*fence(), patrol(region=corners(50, 1, 99, 99)))
     assert any(
         "has no straight way to any point of its patrol route" in fault
         for fault in moved(fenced, "guards-1", 20.0, 40.0)
@@ -225,9 +199,7 @@ def test_check_finds_closed_ways() -> None:
 
 
 def test_corners_count_as_the_simulation_counts_them() -> None:
-    """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is
-    closed here.
-    """
+    """Footprints are grown along and across: what the simulation closes at a corner is closed here."""
     # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an
     # axis.
     corner = np.array([46.0, 44.5])
@@ -246,7 +218,7 @@ def test_wanderers_need_no_way() -> None:
         *(fixed(f"west-{k}", "house", 23.9, 33.0 + 12.1 * k) for k in range(3)),
         *(fixed(f"east-{k}", "house", 69.3, 33.0 + 12.1 * k) for k in range(3)),
     ]
-    people = free("people", "civilian", 3, region=box(40, 40, 55, 50)) | {
+    people = group("people", "civilian", 3, region=corners(40, 40, 55, 50)) | {
         "motion": {"kind": "wander", "speed_mps": 3.0}
     }
     placed = place(scene(*walls, people))

@@ -1,6 +1,4 @@
-"""Bounds on numbers and headings: known packings are never refused, what exceeds a bound is, with the fields
-that clash.
-"""
+"""Bounds on numbers and headings: packings are not refused, what exceeds a bound is, with fields."""
 
 from __future__ import annotations
 
@@ -13,8 +11,8 @@ import shapely
 import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from yards import corners, group, points, scene
 
-from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order
 from bench.realization.placement.proofs._packing import max_aligned_rectangles, max_spaced_points
@@ -41,20 +39,18 @@ def triangle(side: int, apart_m: float) -> Any:
 @pytest.mark.parametrize("apart_m", [0.3, 1.0, 7.3])
 @pytest.mark.parametrize("turn_deg", [0.0, 33.0])
 def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> None:
-    """Squares of points, hexagonal lattices, triangles (which reach the bound) and lines stand on their own
-    hulls.
-    """
+    """Squares of points, hexagonal lattices, triangles (at the bound), lines stand on their hulls."""
     packings = [
         *([(i * apart_m, j * apart_m) for i in range(k) for j in range(k)] for k in range(1, 12)),
         *(hexagonal(rows, columns, apart_m) for rows in range(1, 9) for columns in range(1, 9)),
         *(triangle(side, apart_m) for side in range(1, 12)),
         *([(i * apart_m, 0.0) for i in range(k)] for k in range(1, 12)),
     ]
-    for points in packings:
+    for packing in packings:
         hull = shapely.affinity.rotate(
-            shapely.convex_hull(shapely.multipoints(points)), turn_deg, origin=(0.0, 0.0)
+            shapely.convex_hull(shapely.multipoints(packing)), turn_deg, origin=(0.0, 0.0)
         )
-        assert len(points) <= max_spaced_points(hull, apart_m)
+        assert len(packing) <= max_spaced_points(hull, apart_m)
     for side in range(1, 12):
         whole = shapely.convex_hull(shapely.multipoints(triangle(side, apart_m)))
         assert max_spaced_points(whole, apart_m) == (side + 1) * (side + 2) / 2
@@ -88,9 +84,7 @@ def test_rows_of_rectangles_are_never_refused(
     within_deg: float,
     seed: int,
 ) -> None:
-    """A grid of them, each turned by chance as far as it may and as close as that leaves, is no more than the
-    bound.
-    """
+    """A grid of them, each turned as far as it may and as close as that leaves, is within the bound."""
     length_m, width_m = size[0], size[0] * size[1]
     turns = np.radians(np.random.default_rng(seed).choice([-within_deg, 0.0, within_deg], columns * rows))
     max_rad = np.radians(within_deg)
@@ -118,21 +112,16 @@ def test_aligned_rectangles_are_bounded_by_their_rows() -> None:
     assert 11 <= lane(1.0, 10.0) <= 12
 
 
+HOME = {"home": {"east_m": -50.0, "north_m": -50.0}}
+
+
 def yard(*groups: dict[str, Any], size_m: float = 40.0, roads: Any = (), area: Any = None) -> SimSpec:
-    places = area or ((0, 0), (size_m, 0), (size_m, size_m), (0, size_m))
-    corners = {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
-    home = {"east_m": -50.0, "north_m": -50.0}
-    world = {"area": corners, "roads": list(roads)}
-    document = {"name": "yard", "world": world, "actors": list(groups), "vehicle": {"home": home}}
-    return validate_document(document, SimSpec)
+    outline = {"corners": points(*area)} if area else corners(0.0, 0.0, size_m, size_m)
+    return scene(*groups, seed=0, area=outline, roads=roads, vehicle=HOME)
 
 
-def group(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
-
-
-def road(*points: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
-    return {"id": "main", "width_m": width_m, "points": [{"east_m": e, "north_m": n} for e, n in points]}
+def road(*places: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
+    return {"id": "main", "width_m": width_m, "points": points(*places)}
 
 
 def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
@@ -150,9 +139,7 @@ def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
 def test_what_exceeds_oler_is_refused(
     few: int, most: int, required: dict[str, Any], fields: tuple[str, ...]
 ) -> None:
-    """As many as stand in rows and columns are placed, and more than the bound are refused, though their
-    circles have the area.
-    """
+    """What stands in rows and columns is placed, more than the bound refused, though circles fit."""
     within = {name: value for name, value in required.items() if name != "asset"}
     placed = place(yard(group("people", required["asset"], few, **within)))
     assert check_placement(placed) == []
@@ -215,9 +202,7 @@ BENT = road((0.0, 10.0), (20.0, 10.0), (20.0, 40.0))
 def test_headings_that_clash(
     lane: dict[str, Any], facing: dict[str, Any], region: Any, clashes: bool
 ) -> None:
-    """Along a road within ten degrees and facing elsewhere: refused with both fields where nobody can, found
-    where one can.
-    """
+    """Along a road within ten degrees and facing elsewhere: refused with both fields, or found."""
     placement = {"along": {"road": "main", "parallel_deg": 10.0}, "facing": facing}
     if region:
         placement["region"] = {"corners": [{"east_m": e, "north_m": n} for e, n in region]}
@@ -256,9 +241,7 @@ FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
     ],
 )
 def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set[str] | None) -> None:
-    """No place is near somebody and far from everybody of the same group; both fields are named, and no
-    others are.
-    """
+    """No place is near somebody and far from everybody of the same group; both fields are named."""
     groups = [group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)]
     clash = clash_of(yard(*groups))
 

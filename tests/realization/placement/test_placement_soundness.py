@@ -1,6 +1,4 @@
-"""What is possible is never refused with proof: scenes that fit exactly, to the rounding of areas and the
-corners of buffers.
-"""
+"""What is possible is never refused with proof: scenes that fit exactly, to rounding."""
 
 from __future__ import annotations
 
@@ -10,6 +8,7 @@ from typing import Any
 import pytest
 import shapely
 import shapely.affinity
+from yards import group
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
@@ -28,10 +27,6 @@ def ring(geometry: Any) -> dict[str, Any]:
     }
 
 
-def group(name: str, asset: str, count: Any = 1, **placement: Any) -> dict[str, Any]:
-    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
-
-
 def yard(*groups: dict[str, Any], **world: Any) -> SimSpec:
     home = {"east_m": -500.0, "north_m": -500.0}
     area = {"area": ring(shapely.box(0.0, 0.0, 100.0, 100.0))}
@@ -41,9 +36,7 @@ def yard(*groups: dict[str, Any], **world: Any) -> SimSpec:
 
 
 def refusal(simspec: SimSpec) -> PlacementInfeasible | None:
-    """What is said of the scene before anything is tried, or when trying stalls; None where nothing is
-    proved.
-    """
+    """What is said before anything is tried, or when trying stalls; None where nothing is proved."""
     order = placement_order(simspec)
     try:
         check_fixed_routes(simspec, fixed_places(order))
@@ -66,9 +59,7 @@ def is_kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
 @pytest.mark.parametrize("separation_m", [0.0, 0.7, 25.0])
 @pytest.mark.parametrize("where", ["region", "inside"])
 def test_ground_of_the_size_of_a_footprint_holds_it(turn_deg: float, separation_m: float, where: str) -> None:
-    """One house on ground of exactly its own size, however that lies and whatever gap nobody is there to
-    keep.
-    """
+    """One house on ground of exactly its own size, however that lies and whatever its gap."""
     lot = shapely.affinity.rotate(shapely.box(44.0, 45.5, 56.0, 54.5), -turn_deg)
     placement = {"region": ring(lot)} if where == "region" else {"inside": {"area": "lot"}}
     simspec = yard(
@@ -80,9 +71,7 @@ def test_ground_of_the_size_of_a_footprint_holds_it(turn_deg: float, separation_
 
 
 def test_rounded_ground_is_not_cut_short() -> None:
-    """Shrunk ground holds every centre whose footprint fits, grown ground none beyond reach, corners ever so
-    shallow.
-    """
+    """Shrunk ground holds every centre whose footprint fits, grown ground none beyond reach."""
     disc = shapely.Polygon(
         [(9.5 * math.cos(a * math.pi / 22), 9.5 * math.sin(a * math.pi / 22)) for a in range(44)]
     )
@@ -106,9 +95,7 @@ def test_a_crowded_region_names_the_crowd_alone() -> None:
 
 
 def test_a_wall_across_one_way_round_leaves_the_other() -> None:
-    """Guards whose region reaches past the border walk a route of their own out there; a house on that holds
-    only those.
-    """
+    """Guards past the border walk a route out there; a house on that holds only those."""
     walk = {"kind": "patrol", "route": [{"east_m": e, "north_m": 50.0} for e in (50.0, 140.0)]}
     guards = group("guards", "soldier", 3, region=ring(shapely.box(80.0, 30.0, 110.0, 70.0))) | {
         "motion": walk
@@ -125,9 +112,7 @@ def test_a_wall_across_one_way_round_leaves_the_other() -> None:
 
 
 def test_who_is_fixed_is_told_who_walls_him_in() -> None:
-    """A guard behind a house that stands between him and his route: the house is named, the one elsewhere is
-    not.
-    """
+    """A guard behind a house that stands before his route: that house is named, another is not."""
     walk = {"kind": "patrol", "route": [{"east_m": 80.0, "north_m": n} for n in (48.0, 52.0)]}
     guard = group("guard", "soldier", at={"east_m": 20.0, "north_m": 50.0}) | {"motion": walk}
     house = group("house", "house", at={"east_m": 30.0, "north_m": 50.0, "heading_deg": 0.0})
@@ -143,9 +128,7 @@ def test_who_is_fixed_is_told_who_walls_him_in() -> None:
 
 
 def test_a_mean_distance_tells_where_its_target_may_stand() -> None:
-    """A radar is drawn from a wide yard, and one guard on a lawn far off is to be at just some distance from
-    it.
-    """
+    """A radar is drawn from a wide yard, one guard far off is to be at just some distance from it."""
     lawn = ring(shapely.box(0.0, 0.0, 6.0, 6.0))
     guard = group("guard", "soldier", region=lawn, mean_distance={"of": "radar", "mean_m": 124.0})
     for seed in range(3):
@@ -162,9 +145,7 @@ def test_who_is_fixed_must_head_as_fixed() -> None:
 
 
 def test_a_lone_member_is_drawn_where_its_mean_distance_is() -> None:
-    """The mean of one is its own distance: a crate in a wide yard is found at 42 m from a civilian, to four
-    centimetres.
-    """
+    """The mean of one is its own distance: a crate in a wide yard is found at 42 m, to 4 cm."""
     crate = group("crate", "crate", mean_distance={"of": "civilian", "mean_m": 42.0, "tolerance": 0.001})
     for seed in range(5):
         simspec = yard(group("civilian", "civilian"), crate).model_copy(update={"seeds": Seeds(root=seed)})

@@ -24,8 +24,7 @@ AREA_TOLERANCE_M2 = 1e-3
 
 
 def check_areas(simspec: SimSpec) -> None:
-    """Refuse at once what cannot fit: footprints grown by half their gap do not overlap, so their areas add
-    up.
+    """Refuse at once what cannot fit: footprints grown by half their gap do not overlap.
 
     Raises PlacementInfeasible.
     """
@@ -115,9 +114,7 @@ def _offered_m2(region: Polygon, gap_m: float) -> float:
 
 
 def _check_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> None:
-    """The same for members near others: a grown footprint reaches no further than its band, its own radius
-    and half its gap.
-    """
+    """The same near others: a grown footprint reaches half its gap and its radius beyond the band."""
     gap, need = _need(simspec, [group])
     # The centre lies in the band; a footprint reaches half its diagonal, and its margin half its gap further.
     reach_m = outer_radius_m(group) + gap / 2.0

@@ -1,6 +1,4 @@
-"""The constraints of a scene, each with the field that states it, for proofs and for the messages about
-them.
-"""
+"""The constraints of a scene, each with its field, for proofs and for messages about them."""
 
 from __future__ import annotations
 
@@ -25,7 +23,6 @@ from ..relations._relation import HOME_CLEARANCE_M, field_path
 from ._capacity import count_path, grown_area_m2
 
 HOME_FIELD = "vehicle.home"
-
 
 Kind = Literal[
     "home",  # the point that actors keep clear of
@@ -108,8 +105,7 @@ def _wishes(simspec: SimSpec, group: ActorGroup) -> Iterator[tuple[str, str, Kin
         if (room := relation.ground()) is not None:
             yield relation.path, relation.text, "ground", room
     for tie in group_relations(simspec, group):
-        # A relation to fixed points is known ground. One to a group stays a relation until its members are
-        # placed.
+        # A relation to fixed points is known ground; one to a group waits for its members.
         if tie.points is None:
             yield tie.path, tie.text, "relation", tie
         elif (room := tie.bound(tie.points).ground()) is not None:

@@ -13,9 +13,7 @@ from .._geometry import Geometry, areal_parts
 
 _TOLERANCE = 1e-6
 
-
-# Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a
-# valid bound.
+# Shares of a footprint's length for the axis-parallel rectangle inside it; every one gives a valid bound.
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
@@ -83,9 +81,7 @@ def max_aligned_rectangles(
 def _aligned_inner_rectangle(
     size_m: tuple[float, float], share: float, turn_rad: float
 ) -> tuple[float, float]:
-    """Length and width of a rectangle that lies inside one of `size_m` however far that is turned, up to
-    `turn_rad`.
-    """
+    """Length and width of a rectangle that lies inside one of `size_m` turned by up to `turn_rad`."""
     length_m, width_m = size_m
     long_m = share * length_m
     wide_m = (width_m - long_m * sin(turn_rad)) / cos(turn_rad)
@@ -108,8 +104,7 @@ MAX_PIECES = 200
 
 
 def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
-    """Whether the pieces into which the zones cut each other can be shared out so that each group has the
-    area that it needs.
+    """Whether the pieces into which the zones cut each other can be shared out as the groups need.
 
     In square decimetres, needs rounded down and pieces up; True when undecided.
     """
@@ -139,9 +134,7 @@ def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) 
 
 
 def _overlay_pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
-    """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too
-    many.
-    """
+    """The ground cut along the zones' edges, with the zones of each piece; None for too many pieces."""
     pieces: list[tuple[Geometry, tuple[int, ...]]] = []
     for index, zone in enumerate(zones):
         rest, cut = zone, []

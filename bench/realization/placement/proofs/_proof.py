@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import combinations
 from math import ceil, floor, pi
 from typing import Any
 
@@ -49,7 +50,7 @@ from .._groups import (
 )
 from .._infeasible import smallest_failing
 from ..relations._between import BetweenRelation
-from ..relations._distance_bands import band_ground, distance_bands
+from ..relations._distance_bands import band_ground
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground
 from ..relations._relation import HOME_CLEARANCE_M, GroupRelation, field_path
@@ -60,19 +61,15 @@ from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced
 # Rounds in which groups cut each other's ground before the proof looks at what is left. Chosen, not measured.
 NARROWING_ROUNDS = 6
 
-
 # Parts into which the ground of a single member is split at the most. Chosen, not measured.
 MAX_CASES = 48
-
 
 # A part narrower than this is not split further. Chosen, not measured.
 MIN_CASE_SIDE_M = 2.0
 
 
 def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
-    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is
-    proved.
-    """
+    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; else None."""
     terms = scene_constraints(simspec, order)
     # The cheapest proof first; the others include it.
     for proof in (_Relaxation.narrow, _Relaxation.check_areas, _Relaxation.check_cases):
@@ -94,9 +91,7 @@ def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placement
 
 
 def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
-    """For each group with members, ground that contains its centres in every arrangement; for the vehicle's
-    home its point.
-    """
+    """Ground that holds the centres of each group with members in every arrangement, and home."""
     scene = _Relaxation(simspec, order, scene_constraints(simspec, order))
     # What is left of a contradiction is still true of every arrangement: there is none.
     with suppress(_Contradiction):
@@ -159,7 +154,7 @@ class _Relaxation:
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         for group in self.order:
-            self._check_bands(group)
+            self._check_bands(group.id)
         self._each("heading", self._check_headings)
 
     def _facts(self, kind: Kind) -> list[tuple[str, Any]]:
@@ -224,16 +219,21 @@ class _Relaxation:
     def _narrow_by_between(self, group_id: str, between: BetweenRelation) -> None:
         self._cut(group_id, between.ground(*(self.ground[name] for name in between.ends)))
 
-    def _check_bands(self, group: ActorGroup) -> None:
-        """No two distances of a group to the same members exclude each other."""
-        bands = distance_bands(self.simspec, group)
-        paths = {
-            term.path for term in self.terms if term.group == group.id and term.kind in ("relation", "mean")
-        }
-        kept = [band for path, band in bands.items() if path in paths]
-        _Contradiction.unless(
-            not any(band.excludes(other) for number, band in enumerate(kept) for other in kept[:number])
-        )
+    def _check_bands(self, group_id: str) -> None:
+        """No two distances of a group to the same members exclude each other.
+
+        Some member who keeps the one, or the mean of all, may be another than who keeps the other.
+        """
+        bands = [
+            (tie.of, tie.quantifier, tie.band_m) for tie in self._facts_of("relation", group_id) if tie.band_m
+        ]
+        for mean in self._facts_of("mean", group_id):
+            # Positions are rounded to the millimetre.
+            slack_m = mean.tolerance * mean.mean_m + 1e-3
+            bands.append(((mean.of,), "mean", (mean.mean_m - slack_m, mean.mean_m + slack_m)))
+        for (of, quantifier, (low_m, high_m)), (other, other_quantifier, band_m) in combinations(bands, 2):
+            if of == other and "every" in (quantifier, other_quantifier):
+                _Contradiction.unless(max(low_m, band_m[0]) <= min(high_m, band_m[1]))
 
     def _check_headings(self, group_id: str, parallel: RequiredHeading) -> None:
         """Some heading of a group follows its road and faces its target."""
@@ -270,9 +270,7 @@ class _Relaxation:
         )
 
     def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
-        """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from
-        the group's ground.
-        """
+        """A lone member keeps the mean itself, and so does a lone target seen from the group's ground."""
         if self._alone(group_id):
             self._keep_mean(group_id, mean.of, mean, 0.0)
         if not is_home(self.simspec, mean.of) and self._alone(mean.of):
@@ -285,9 +283,7 @@ class _Relaxation:
         self._cut(name, band_ground(simplified(self.ground[other]), *band))
 
     def _narrow_by_extent(self, group_id: str, extent_m: float) -> None:
-        """Everybody is within the extent of the member that each count puts into its area, and of the mean of all
-        distances.
-        """
+        """Everybody is within the extent of each counted member, and of the mean of all distances."""
         for count in self._facts_of("count", group_id):
             if count.low:
                 area = named_area(self.simspec, count.area)
@@ -312,9 +308,7 @@ class _Relaxation:
         self._check_zones(free)
 
     def _check_spread(self, group_id: str, spread_m: float) -> None:
-        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
-        centres.
-        """
+        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds."""
         count, ground = member_count(self.simspec, self.simspec.group(group_id)), self.ground[group_id]
         room_m2 = shapely.area(grown_at_least(ground, spread_m / 2.0))
         fits = count * pi * spread_m**2 / 4.0 <= room_m2 and count <= max_spaced_points(ground, spread_m)
@@ -351,10 +345,7 @@ class _Relaxation:
     def _capacity(self, group: ActorGroup, part: GroundPart, counts: Sequence[AreaCount]) -> int:
         """At most so many members stand in a part of the ground."""
         apart_m, gap_m = self._least_apart_m(group.id), group.placement.separation_m
-        bounds = [
-            float(member_count(self.simspec, group)),
-            max(1.0, max_spaced_points(part.ground, apart_m)),
-        ]
+        bounds = [float(member_count(self.simspec, group)), max(1.0, max_spaced_points(part.ground, apart_m))]
         if self._facts_of("need_m2", group.id):
             zone = grown_at_least(part.ground, outer_radius_m(group) + gap_m / 2.0)
             for count, is_inside in zip(counts, part.inside, strict=True):
@@ -428,9 +419,7 @@ class _Relaxation:
                 _Contradiction.unless(not self._always_fails(name, len(relations)))
 
     def _always_fails(self, name: str, relation_count: int) -> bool:
-        """Whether the scene fails wherever that member stands; a part that does not fail at once is
-        halved.
-        """
+        """Whether the scene fails wherever that member stands; parts that do not fail are halved."""
         # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // relation_count)):

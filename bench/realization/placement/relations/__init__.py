@@ -1,3 +1,1 @@
-"""Relations that a place can keep: to the ground, to other groups, to headings, lines of sight and patrol
-routes.
-"""
+"""Relations that a place can keep: to ground, other groups, headings, lines of sight and patrol routes."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import shapely
 
-from bench.arrays import Bools
+from bench.arrays import Bools, Floats
 from bench.simspec import ActorGroup, Along, AreaCount, Road, SimSpec
 
 from .._area_counts import prepared_area
@@ -24,41 +24,38 @@ from .._geometry import (
 )
 from .._groups import centre_ground, hosts_of, inner_radius_m, member_count, outer_radius_m, region_of
 from .._targets import home_obstacle
+from ._headings import RequiredHeading, facing_heading, road_heading
 from ._relation import HOME_CLEARANCE_M, Relation, field_path
 
 
 def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     """The relations of the group that depend on no other group."""
+    place = group.placement
     region = prepared_ground(region_of(simspec, group))
-    relations = [_inside_region(group, region)]
-    if group.placement.inside and group.placement.inside.area:
-        relations.append(_in_area(simspec, group, group.placement.inside.area))
-    for number, avoid in enumerate(group.placement.avoid):
+    path = field_path(group, "region") if place.region else "world.area"
+    relations = [_within(path, f"stand inside its region of {region.area:.0f} m2", group, region)]
+    if place.inside and place.inside.area:
+        area = prepared_area(simspec, place.inside.area)
+        text = f"stand inside area {place.inside.area!r} of {area.area:.0f} m2"
+        relations.append(_within(field_path(group, "inside"), text, group, area))
+    for number, avoid in enumerate(place.avoid):
         if avoid.area is not None:
             relations.append(_outside(simspec, group, number, avoid.area, avoid.at_least_m))
-    for number, count in enumerate(group.placement.counts):
+    for number, count in enumerate(place.counts):
         relations.append(_off_the_border(simspec, group, number, count))
-    if group.placement.facing and group.placement.facing.heading_deg is not None:
-        relations.append(
-            _heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg)
-        )
-    if group.placement.along:
-        road = simspec.world.road(group.placement.along.road)
-        relations += _road_relations(group, group.placement.along, road)
+    facing, parallel = facing_heading(group), road_heading(simspec, group)
+    if facing and place.facing and (course_deg := place.facing.heading_deg) is not None:
+        # Modulo 360 degrees, so that 359 and 1 are 2 degrees apart.
+        relations.append(_heading_relation(facing, lambda places_m: course_deg, 360.0))
+    if place.along:
+        road = simspec.world.road(place.along.road)
+        relations.append(_road_relation(group, place.along, road))
+        if parallel:
+            # Modulo 180 degrees: either direction of the road is parallel to it.
+            relations.append(
+                _heading_relation(parallel, lambda places_m: road_heading_deg(road, places_m), 180.0)
+            )
     return relations
-
-
-def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
-    """The whole footprint inside a region."""
-    path = field_path(group, "region") if group.placement.region else "world.area"
-    return _within(path, f"stand inside its region of {region.area:.0f} m2", group, region)
-
-
-def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
-    area = prepared_area(simspec, name)
-    return _within(
-        field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area
-    )
 
 
 def _outside(simspec: SimSpec, group: ActorGroup, number: int, name: str, gap_m: float) -> Relation:
@@ -93,16 +90,16 @@ def _off_the_border(simspec: SimSpec, group: ActorGroup, number: int, count: Are
     return Relation(path, text, lambda candidates: inside.keeps(candidates) | outside.keeps(candidates))
 
 
-def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
+def _heading_relation(
+    required: RequiredHeading, course_deg: Callable[[Floats], Floats | float], period_deg: float
+) -> Relation:
     def keeps(candidates: Footprints) -> Bools:
-        # Into -180 to 180 degrees, so that 359 and 1 are 2 degrees apart.
-        off = np.abs((np.degrees(candidates.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
-        valid: Bools = off <= within_deg + 1e-9
+        off_deg = np.degrees(candidates.heading_rad) - course_deg(candidates.centre_m)
+        turn_deg = np.abs((off_deg + period_deg / 2.0) % period_deg - period_deg / 2.0)
+        valid: Bools = turn_deg <= required.within_deg + 1e-9
         return valid
 
-    return Relation(
-        field_path(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps
-    )
+    return Relation(required.path, required.text, keeps)
 
 
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
@@ -120,9 +117,7 @@ def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relati
 
 
 def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
-    """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand
-    in.
-    """
+    """Clearance from everything placed and from the vehicle's home, except from the group's hosts."""
     around = hosts_of(simspec, group)
     obstacles = joined(
         [home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)]
@@ -143,9 +138,10 @@ def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprin
     return Relation(field_path(group, "separation_m"), text, keeps)
 
 
-def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
+def _road_relation(group: ActorGroup, along: Along, road: Road) -> Relation:
     ground_m2 = road_ground(road)
     shapely.prepare(ground_m2)
+    path = field_path(group, "along")
 
     def on(candidates: Footprints) -> Bools:
         valid: Bools = shapely.covers(ground_m2, shapely.polygons(candidates.corners()))
@@ -156,34 +152,12 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
         valid: Bools = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
         return valid
 
+    def verge() -> Geometry:
+        # Errs to too little covered ground, since this part is taken away.
+        covered = grown_at_most(ground_m2, along.at_least_m + inner_radius_m(group))
+        return grown_at_least(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
+
     if along.where == "on":
         text = f"stand on road {road.id!r} of {road.width_m:g} m width"
-        yield Relation(field_path(group, "along"), text, on, lambda: centre_ground(ground_m2, group))
-    else:
-
-        def verge() -> Geometry:
-            # Errs to too little covered ground, since this part is taken away.
-            covered = grown_at_most(ground_m2, along.at_least_m + inner_radius_m(group))
-            return grown_at_least(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
-
-        yield Relation(
-            field_path(group, "along"),
-            f"stand beside road {road.id!r}, {along.gap_text} off it",
-            beside,
-            verge,
-        )
-    if along.parallel_deg is not None:
-        limit = along.parallel_deg
-
-        def parallel(candidates: Footprints) -> Bools:
-            # Modulo 180 degrees: either direction of the road is parallel to it.
-            off = np.abs(
-                (np.degrees(candidates.heading_rad) - road_heading_deg(road, candidates.centre_m) + 90.0)
-                % 180.0
-                - 90.0
-            )
-            valid: Bools = off <= limit + 1e-9
-            return valid
-
-        text = f"head along road {road.id!r} within {limit:g} degrees"
-        yield Relation(field_path(group, "along.parallel_deg"), text, parallel)
+        return Relation(path, text, on, lambda: centre_ground(ground_m2, group))
+    return Relation(path, f"stand beside road {road.id!r}, {along.gap_text} off it", beside, verge)

@@ -1,6 +1,4 @@
-"""Headings of members: drawn for places, and, as arcs of the compass, whether two wishes can be kept at
-once.
-"""
+"""Headings of members: drawn for places, and, as arcs of the compass, whether two can both be kept."""
 
 from __future__ import annotations
 
@@ -27,30 +25,25 @@ def sampled_headings_deg(
     targets: Footprints | None,
     rng: np.random.Generator,
 ) -> Floats:
-    """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else
-    uniform.
-    """
+    """(n,) headings drawn for (n, 2) places: within the group's heading relations, else uniform."""
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
+    aimed: Floats
     if facing and facing.heading_deg is not None:
-        # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
-        limit = 0.999 * facing.within_deg
-        fixed: Floats = np.round(facing.heading_deg + rng.uniform(-limit, limit, count), 3) % 360.0
-        return fixed
-    if facing and targets is not None:
+        aimed, within_deg = np.full(count, facing.heading_deg), facing.within_deg
+    elif facing and targets is not None:
         offset = targets.centre_m[0] - places_m
-        towards = np.degrees(np.arctan2(offset[:, 0], offset[:, 1]))
-        limit = 0.999 * facing.within_deg
-        turned: Floats = np.round(towards + rng.uniform(-limit, limit, count), 3) % 360.0
-        return turned
-    if along and along.parallel_deg is not None:
-        road = simspec.world.road(along.road)
-        limit = 0.999 * along.parallel_deg
+        aimed, within_deg = np.degrees(np.arctan2(offset[:, 0], offset[:, 1])), facing.within_deg
+    elif along and along.parallel_deg is not None:
         # Along a road either direction counts, so half of the members are turned around.
-        stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
-        aimed: Floats = np.round(stretch + rng.uniform(-limit, limit, count), 3) % 360.0
-        return aimed
-    return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
+        stretch = road_heading_deg(simspec.world.road(along.road), places_m)
+        aimed, within_deg = stretch + 180.0 * rng.integers(2, size=count), along.parallel_deg
+    else:
+        return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
+    # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
+    limit = 0.999 * within_deg
+    headings: Floats = np.round(aimed + rng.uniform(-limit, limit, count), 3) % 360.0
+    return headings
 
 
 def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
@@ -69,8 +62,7 @@ _TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class RequiredHeading:
-    """A required heading: one of these courses (either way along a road), or towards a target, within some
-    degrees.
+    """A required heading, within some degrees: one of these courses (either way), or towards a target.
 
     `lines` are the stretches of the road, one for each course. Off roads there is one course, or none when
     members face a target: the group `of` or the place `point`.
@@ -86,18 +78,14 @@ class RequiredHeading:
 
     @property
     def common(self) -> tuple[float, float] | None:
-        """One course, and within how many degrees of it or its opposite all members head; None where no
-        course is known.
-        """
+        """One course, and within how many degrees of it or its opposite all head; None for a target."""
         if not self.courses_deg:
             return None
         first = self.courses_deg[0]
         return first, self.within_deg + max(_slant_deg(first, other) for other in self.courses_deg)
 
     def arc(self, ground: Geometry, theirs: Geometry) -> tuple[float, float] | None:
-        """The middle of all courses that lead from some place to another, and how far they reach from it;
-        None for any course.
-        """
+        """The middle and the half width of all courses from some place to another; None for any course."""
         if self.courses_deg:
             return self.courses_deg[0], 0.0
         ways = hull_ways(ground, theirs)
@@ -137,22 +125,18 @@ def facing_heading(group: ActorGroup) -> RequiredHeading | None:
     facing = group.placement.facing
     if facing is None:
         return None
-    path, within = field_path(group, "facing"), facing.within_deg
+    courses_deg: tuple[float, ...] = ()
+    point = None
     if facing.heading_deg is not None:
-        return RequiredHeading(
-            path,
-            f"head {facing.heading_deg:g} degrees within {within:g} degrees",
-            within,
-            (facing.heading_deg,),
-        )
-    if facing.of is not None:
-        return RequiredHeading(
-            path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of
-        )
-    assert facing.point is not None
-    place = shapely.Point(facing.point.east_m, facing.point.north_m)
-    text = f"head towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north within {within:g} degrees"
-    return RequiredHeading(path, text, within, point=place)
+        courses_deg, what = (facing.heading_deg,), f"{facing.heading_deg:g} degrees"
+    elif facing.point is not None:
+        point = shapely.Point(facing.point.east_m, facing.point.north_m)
+        what = f"towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north"
+    else:
+        what = f"towards {facing.of!r}"
+    text = f"head {what} within {facing.within_deg:g} degrees"
+    path = field_path(group, "facing")
+    return RequiredHeading(path, text, facing.within_deg, courses_deg, of=facing.of, point=point)
 
 
 def headings_conflict(

@@ -55,9 +55,7 @@ class Solids:
 
 
 def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
-    """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the
-    origin.
-    """
+    """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends inside a box round the origin."""
     way = end[:, None, :] - eye[None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         first = (-half - eye[None]) / way

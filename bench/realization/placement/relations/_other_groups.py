@@ -79,7 +79,9 @@ def _keeping_clear(simspec: SimSpec, group: ActorGroup, number: int, avoid: Avoi
 
     text = f"keep {gap_m:g} m clear of {target.described('every')}"
     path = field_path(group, f"avoid[{number}]")
-    return GroupRelation(path, text, target.of, "every", pairs, room, room, target.points)
+    # Footprints may touch circles inside them up to rounding.
+    band_m = (apart_m - 1e-6, np.inf)
+    return GroupRelation(path, text, target.of, "every", pairs, room, room, target.points, band_m=band_m)
 
 
 def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
@@ -135,7 +137,8 @@ def _distance(
     def room(others: Geometry) -> Geometry | None:
         return band_ground(others, low_m, high_m)
 
-    return GroupRelation(path, text, target.of, quantifier, pairs, room, room, target.points)
+    band_m = (low_m, most_m)
+    return GroupRelation(path, text, target.of, quantifier, pairs, room, room, target.points, band_m=band_m)
 
 
 def bearings_deg(candidates: Footprints, others: Footprints) -> Floats:
@@ -157,9 +160,7 @@ def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_d
 
 @dataclass(frozen=True, slots=True)
 class _Sector:
-    """All ground in a sector seen from anywhere in the given ground, out beyond any document's
-    coordinates.
-    """
+    """All ground in a sector seen from anywhere in the given ground, beyond any coordinates."""
 
     from_deg: float
     span_deg: float

@@ -29,10 +29,8 @@ from ._relation import Relation, field_path
 # How far inside the border a route point beyond it is moved; the simulation does the same.
 BORDER_INSET_M = 0.5
 
-
 # Extra width over what the simulation needs, so that rounding on either side blocks no way.
 ROUNDING_MARGIN_M = 1e-6
-
 
 # Beyond EVERYWHERE, so that a wall's shadow ends outside any ground.
 _SHADOW_M = 1e6
@@ -54,9 +52,7 @@ def half_width_m(walker: ActorGroup) -> float:
 
 
 def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
-    """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for
-    each start that is possible.
-    """
+    """(k, 2) points of the route as walked, by whether members start inside the area, where possible."""
     area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:
@@ -136,9 +132,7 @@ def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
 
 
 def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
-    """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start
-    that is possible.
-    """
+    """(n,) which of the walls block the route, for each possible start, inside the area or outside."""
     outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
         inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
@@ -193,9 +187,7 @@ def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> R
 def open_legs(
     simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints
 ) -> tuple[Floats, Bools]:
-    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to
-    straight.
-    """
+    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which are open."""
     area = polygon_ground(simspec.world.area)
     inside: Bools = np.asarray(
         shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1])
@@ -224,8 +216,7 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
     for index in range(len(walls)):
         centre, half = walls.centre_m[index], walls.half_m[index]
         begin, end = (starts_m - centre) @ axes[index].T, (ends_m - centre) @ axes[index].T
-        # A walker that stands closer than its half width may walk away, but never through the solid; the
-        # simulation does the same.
+        # As in the simulation, who stands closer may walk away, but never through the solid.
         touching = (np.abs(begin) <= half + need_m).all(axis=1)
         for who, wide in (
             (touching, half + ROUNDING_MARGIN_M),
@@ -236,9 +227,7 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
 
 
 def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
-    """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside
-    the other too.
-    """
+    """Whether segments touch the box from `-half` to `half`: inside both slabs at some moment."""
     way = end - begin
     # A way parallel to a side would divide by zero.
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
@@ -337,9 +326,7 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 def _blocking_groups(
     simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
 ) -> list[ActorGroup]:
-    """The fewest fixed obstacles that block the route wherever its walkers start; none when it is open to
-    some.
-    """
+    """The fewest fixed obstacles that block the route from every start; none when one is open."""
 
     def fails(subset: Sequence[ActorGroup]) -> bool:
         return all(

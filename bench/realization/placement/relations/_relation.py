@@ -22,7 +22,6 @@ from .._geometry import EVERYWHERE, Geometry
 
 HOME_CLEARANCE_M = 3.0
 
-
 Quantifier = Literal["some", "every", "first"]
 
 
@@ -43,7 +42,7 @@ class GroupRelation:
     `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it
     towards a member that stands somewhere in the ground given; `back` every centre of the member, seen from
     ours. `points` stand for members where no group is meant. `among` is as `room`, for members that stand,
-    where their headings tell more.
+    where their headings tell more. `band_m` bounds the distance to each member who counts.
     """
 
     path: str
@@ -55,6 +54,7 @@ class GroupRelation:
     reverse_ground: Callable[[Geometry], Geometry | None]
     points: Footprints | None = None
     ground_among: Callable[[Footprints], Geometry | None] | None = None
+    band_m: tuple[float, float] | None = None
 
     def keeps(self, candidates: Footprints, others: Footprints) -> Bools:
         """(k,) whether places keep it towards all of the others who count."""
@@ -101,3 +101,10 @@ def common_ground(relations: Sequence[Relation]) -> Geometry:
     """Where centres that keep all of them must lie."""
     rooms = [room for relation in relations if (room := relation.ground()) is not None]
     return shapely.intersection_all(rooms) if rooms else EVERYWHERE
+
+
+def kept_places(places: Footprints, relations: Sequence[Relation]) -> Footprints:
+    """Those of the places that keep all of the relations."""
+    for relation in relations:
+        places = places[relation.keeps(places)]
+    return places

@@ -20,9 +20,7 @@ ROUNDING_GAP_M = 0.002
 
 
 def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
-    """Rows and columns along the region's longest side, from each corner, either way round; the largest
-    first.
-    """
+    """Rows and columns along the region's longest side, from each corner, either way; the largest first."""
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
     frame = _BoundingFrame.of(region)
     distinct: dict[bytes, Footprints] = {}
@@ -49,9 +47,7 @@ def _turned_deg(group: ActorGroup, heading_deg: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _BoundingFrame:
-    """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their
-    lengths.
-    """
+    """The smallest rectangle round a region: corner, unit vectors (2, 2) along its sides, and lengths."""
 
     corner_m: Floats
     axes: Floats

@@ -1,6 +1,4 @@
-"""Seeded sampling: one group after the other, each place drawn at random and accepted if it keeps every
-relation.
-"""
+"""Seeded sampling: group after group, each place drawn at random and accepted if it keeps all relations."""
 
 from __future__ import annotations
 
@@ -29,22 +27,18 @@ from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import access_relations, route_clearances
-from ..relations._relation import GroupRelation, Relation, common_ground
+from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
 from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
 
 MAX_POOLS = 5
 
-
 POOL_SIZE = 4096
-
 
 # The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured.
 CROWDING_RATIO = 4
 
-
 # Places of which the first that keeps a group's relations is where the group gathers. Chosen, not measured.
 GATHERING_PLACES = 400
-
 
 Placed = dict[str, Footprints]
 
@@ -128,9 +122,7 @@ def placed_relations(
 def kept_relations(
     simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints], waiting: Collection[str] = ()
 ) -> list[Relation]:
-    """All relations of the group to the ground and to what is placed, except clearance; none to groups that are
-    `waiting` for their places.
-    """
+    """All relations to the ground and to what is placed, but clearance and those to groups `waiting`."""
     relations = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
     relations += [
         tie.bound_to(placed)
@@ -182,11 +174,11 @@ class Sampler:
             if relation
         ]
         ring = min(rings, key=lambda candidate: candidate.area_m2, default=None)
+        west, south, east, north = region.bounds
         # Rings larger than the region's box would draw most places outside it.
-        if ring and ring.area_m2 > _box_area_m2(region):
+        if ring and ring.area_m2 > (east - west) * (north - south):
             ring = None
-        # Sectors, roads and distances leave so little of the region's box that drawing from the box would
-        # waste the budget.
+        # These leave so little of the region's box that drawing from it would waste the budget.
         grounds = (where.along, where.bearing, where.distances, where.inside, where.between)
         narrow = any((*grounds, where.avoid, where.counts, where.extent_m))
         room = common_ground(relations) if narrow or remaining is not None else None
@@ -228,9 +220,7 @@ class Sampler:
         ground = gathering_ground(self.simspec, self.group, self.ground, extent_m, self.target_m)
         if shapely.area(ground) == 0.0:
             return self
-        places = self._candidates(GATHERING_PLACES, None, ground)
-        for relation in self.relations:
-            places = places[relation.keeps(places)]
+        places = kept_places(self._candidates(GATHERING_PLACES, None, ground), self.relations)
         if not len(places):
             return self
         # Half the extent keeps all of them together wherever they stand; all of it finds other shapes than discs.
@@ -326,10 +316,7 @@ class Sampler:
                 return
             wanted = min(size * 2**turn, 4 * POOL_SIZE)
             self.budget.remaining -= wanted
-            candidates = self._candidates(wanted, self.ring, self.ground)
-            for relation in self.relations:
-                candidates = candidates[relation.keeps(candidates)]
-            yield candidates
+            yield kept_places(self._candidates(wanted, self.ring, self.ground), self.relations)
 
     def _candidates(self, count: int, ring: _Ring | None, room: Geometry | None = None) -> Footprints:
         if room is not None:
@@ -371,11 +358,6 @@ class Sampler:
         return f" and no more than {extent_m:g} m from one to another" if extent_m else ""
 
 
-def _box_area_m2(region: shapely.Polygon) -> float:
-    west, south, east, north = region.bounds
-    return float((east - west) * (north - south))
-
-
 def gathering_ground(
     simspec: SimSpec, group: ActorGroup, ground: Geometry, extent_m: float, target_m: Floats | None
 ) -> Geometry:
@@ -395,9 +377,7 @@ def gathering_ground(
 
 
 class _Ring:
-    """The rings around the members of another group: where to look when a relation leaves little of the
-    region.
-    """
+    """Rings around the members of another group: where to look when they leave little of the region."""
 
     def __init__(self, relation: Near, centres_m: Floats) -> None:
         self._inner, self._outer, self._centres = relation.min_m, relation.max_m, centres_m

@@ -35,9 +35,7 @@ class ChosenMembers:
         return self._room[np.arange(self.count)]
 
     def fits(self, candidate: Footprints, but: int | None = None) -> bool:
-        """Whether a footprint keeps clear of all members, or of all except the member `but` that it
-        replaces.
-        """
+        """Whether a footprint keeps clear of all members except the member `but` that it replaces."""
         room = self._room
         offset = room.centre_m[: self.count] - candidate.centre_m[0]
         reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + candidate.radius_m[0]
@@ -57,9 +55,7 @@ class ChosenMembers:
         return len(close) == 0 or not bool(too_close(candidate, room[close])[0])
 
     def _overlaps(self, candidate: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
-        """Whether circles inside the footprints are too close already: a cheap test that settles most
-        misfits.
-        """
+        """Whether circles inside the footprints are too close: a cheap test that settles most."""
         inner = (
             self._room.half_m[close].min(axis=1)
             + candidate.half_m[0].min()
@@ -196,9 +192,7 @@ class MeanDistanceChoice:
 
 
 def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
-    """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean
-    is out of reach.
-    """
+    """Weights exp(lambda * distance) with the wanted weighted mean, by bisection, held where out of reach."""
     centred = distance_m - distance_m.mean()
     # Per metre: at the ends the nearest or farthest places take nearly all of the weight.
     low, high = -0.5, 0.5

@@ -1,5 +1,4 @@
-"""Places by CP-SAT, for scenes in which sampling stalls: the solver chooses from pools of places so that all
-relations hold.
+"""Places by CP-SAT, for scenes in which sampling stalls: a choice from pools of places.
 
 Every group gets a pool of places that keep its relations to the ground and to what is placed: tight lattices
 and random places. Each place has one Boolean; places that are too close exclude each other, and relations
@@ -32,13 +31,8 @@ from ..relations._distance_bands import lone_member_ground
 from ..relations._ground import clearance
 from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._other_groups import group_relations
-from ..relations._patrol_routes import (
-    blocking_pairs,
-    is_obstacle,
-    patrols,
-    placed_obstacles,
-)
-from ..relations._relation import GroupRelation, Relation, common_ground
+from ..relations._patrol_routes import blocking_pairs, is_obstacle, patrols, placed_obstacles
+from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
 from ._lattices import lattices
 from ._sampling import (
     GATHERING_PLACES,
@@ -51,31 +45,22 @@ from ._sampling import (
 
 MAX_ATTEMPTS = 2
 
-
-# Attempts when members stand in or between others, which are placed first and without knowing the later
-# groups.
+# Attempts where members stand in or between others, which are placed first and know no later groups.
 MAX_DEPENDENT_ATTEMPTS = 12
-
 
 # Share of a host's ground that its guests are assumed to fill. Chosen, not measured.
 HOST_FILL = 0.5
 
-
-# CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same
-# places.
+# CP-SAT's deterministic limit for one attempt, roughly core seconds: same seed, same places.
 ATTEMPT_LIMIT = 1.0
 
-
 MAX_PLACES = 6000
-
 
 # Places of one lattice that are tried for each place wanted. Chosen, not measured.
 TRIED_PER_WANTED = 12
 
-
 # Number of hosts in which lattices for guests are tried. Chosen, not measured.
 MAX_LATTICE_HOSTS = 12
-
 
 Literal = cp_model.IntVar
 
@@ -191,9 +176,7 @@ class _Phase:
         return {**self.standing, **{group.id: self._members(group, solver) for group in self.groups}}
 
     def _members(self, group: ActorGroup, solver: cp_model.CpSolver) -> Footprints:
-        """The chosen places in a drawn order, behind the one that relations to the first member were kept
-        to.
-        """
+        """The chosen places in a drawn order, behind the one that stands for the first member."""
         if group.id not in self.pools:
             return empty_footprints()
         chosen = np.array(
@@ -225,8 +208,7 @@ class _Phase:
         if group.placement.extent_m:
             room = self._gathered(group, room, relations)
         for candidates in self._candidates(group, room, wanted):
-            for relation in relations:
-                candidates = candidates[relation.keeps(candidates)]
+            candidates = kept_places(candidates, relations)
             # Any part of a lattice is one whose places do not crowd each other.
             if len(candidates) > wanted - len(pool):
                 candidates = candidates[np.sort(self.rng.permutation(len(candidates))[: wanted - len(pool)])]
@@ -241,17 +223,13 @@ class _Phase:
         assert extent_m is not None
         target_m = target_footprints(self.simspec, mean.of, self.standing).centre_m[0] if mean else None
         ground = gathering_ground(self.simspec, group, room, extent_m, target_m)
-        places = self._random(group, ground, GATHERING_PLACES)
-        for relation in relations:
-            places = places[relation.keeps(places)]
+        places = kept_places(self._random(group, ground, GATHERING_PLACES), relations)
         if not len(places):
             return room
         return areal_parts(room.intersection(shapely.Point(places.centre_m[0]).buffer(extent_m)))
 
     def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
-        """Random places and lattices in turn, the random ones where the group's relations leave room for
-        them.
-        """
+        """Random places and lattices in turn, the random ones where the group's relations have room."""
         if group.placement.counts:
             # By parts, because small areas would get hardly any of the places.
             parts = areal_ground_parts(self.simspec, group, room)
@@ -294,9 +272,7 @@ class _Phase:
         return footprints(ASSETS[group.asset], centre_m, heading_deg, group.placement.separation_m)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
-        """One Boolean for each place, as many of them true as the group has members, and one for the first
-        member.
-        """
+        """One Boolean for each place, as many true as there are members, and one for the first member."""
         led = {
             name
             for group in groups
@@ -319,9 +295,7 @@ class _Phase:
                         self.model.add_implication(leads, literal)
 
     def _keep_clear(self, groups: Sequence[ActorGroup]) -> None:
-        """Places that are too close, closer than the spread of their group or farther apart than its extent, exclude
-        each other.
-        """
+        """Places too close, closer than the spread or farther than the extent exclude each other."""
         everywhere = joined([self.pools[group.id] for group in groups])
         all_taken = [literal for group in groups for literal in self.taken[group.id]]
         whose = np.concatenate(
@@ -333,9 +307,7 @@ class _Phase:
             self._exclude(all_taken[index], [all_taken[other] for other in others])
 
     def _keep_routes_open(self, groups: Sequence[ActorGroup]) -> None:
-        """An obstacle's place that blocks a walker's shortest open way to its route excludes the walker's
-        place.
-        """
+        """An obstacle's place on a walker's shortest way to its route excludes the walker's place."""
         walls = placed_obstacles(self.simspec, self.standing)
         for walker in groups:
             for other in groups if patrols(self.simspec, walker) else ():

@@ -1,4 +1,4 @@
-"""How many cores a session and its agent can use."""
+"""What the host has for a session and its agent: cores, and memory that did not run out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 _GROUPS = Path("/sys/fs/cgroup")
 _OWN_GROUP = Path("/proc/self/cgroup")
+_VMSTAT = Path("/proc/vmstat")
 
 
 def usable_cores(groups: Path = _GROUPS, own_group: Path = _OWN_GROUP) -> float:
@@ -36,3 +37,16 @@ def _limit(file: Path) -> float:
         if quota_us != "max":
             return float(quota_us) / float(period_us)
     return float("inf")
+
+
+def count_memory_kills(vmstat: Path = _VMSTAT) -> int:
+    """How many processes the kernel killed for want of memory since it started, in containers too.
+
+    0 where the system does not tell (Linux before 4.13, another system).
+    """
+    with suppress(OSError, ValueError):
+        for line in vmstat.read_text(encoding="ascii").splitlines():
+            name, _, count = line.partition(" ")
+            if name == "oom_kill":
+                return int(count)
+    return 0
