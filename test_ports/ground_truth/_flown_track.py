@@ -152,6 +152,12 @@ class FlownTrack:
         return taken
 
     @cached_property
+    def by_choice(self) -> Bools:
+        """(n,) whether it was in the air, and neither the operator nor such a failsafe flew it."""
+        chosen: Bools = self.airborne & ~self.taken_over
+        return chosen
+
+    @cached_property
     def ordered_down(self) -> Bools:
         """(n,) whether the operator has ordered it to land where it is: from the delivery of that order on."""
         return self.between(ordered_silent_s(self._tape), np.inf)
@@ -172,7 +178,15 @@ class FlownTrack:
     @cached_property
     def went_out(self) -> bool:
         """Whether it was out for `MIN_OUT_S`: only then did it fly a mission at all."""
-        return self.seconds(self.out()) >= MIN_OUT_S
+        return self.went_out_by(math.inf)
+
+    def went_out_by(self, time_s: float) -> bool:
+        """Whether it had been out for `MIN_OUT_S` by a moment."""
+        return self.seconds(self.out() & (self.time_s <= time_s)) >= MIN_OUT_S
+
+    def first_s(self, condition: Bools) -> float:
+        """When `condition` (n,) first holds; infinite when never."""
+        return float(self.time_s[condition.argmax()]) if condition.any() else math.inf
 
     def seconds(self, condition: Bools) -> float:
         """Total time for which `condition` holds."""

@@ -90,6 +90,16 @@ def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
     assert x_of(priority_visited, went(spec, *backwards)) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("kind", "area", "x"), [("retask", "second", None), ("retask", "first", 0.0), ("mark", "second", 0.0)]
+)
+def test_sub_areas_that_an_order_puts_first_are_in_no_order(kind: str, area: str, x: float | None) -> None:
+    """Both are reached in the wrong order: as an order to go to the second asks, and no other order does."""
+    asked = {"id": "asked", "kind": kind, "at_s": 12.0, "intelligence": area}
+    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
+    assert x_of(priority_visited, went(scene(orders=[asked]), *backwards)) == x
+
+
 def test_late_intelligence_is_timed_from_its_delivery() -> None:
     """A visit before the delivery does not count; a visit within the limit does."""
     late = scene(

@@ -258,7 +258,7 @@ def _stacked(values: Sequence[Sequence[Any]], fill: float, width: int) -> np.nda
 _ROLES = {Role.BYSTANDER: 0, Role.ADVERSARY: 1, Role.CLUTTER: 2}
 
 
-_ASSET = {name: index for index, name in enumerate(ASSETS)}
+ASSET_INDEX = {name: index for index, name in enumerate(ASSETS)}
 LABEL_INDEX = {
     label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
 }
@@ -394,7 +394,7 @@ def _of_group(group: ActorGroup) -> dict[str, Any]:
         "wide_m": _MEAN_WIDTH * (asset.length_m + asset.width_m),
         "concealment": group.concealment,
         "mistakable": bool(asset.confused_with),
-        "asset": _ASSET[group.asset],
+        "asset": ASSET_INDEX[group.asset],
         "label": LABEL_INDEX[asset.class_label],
     }
 

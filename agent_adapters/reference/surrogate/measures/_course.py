@@ -5,14 +5,15 @@ Standing still counts for nothing here: what a mission waits has no span.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 from bench.polygons import are_inside
-from bench.simspec import Point, SimSpec
+from bench.simspec import Point
 
 from ..batch._batch import Batch
 from ..flight._outcome import FlownMissions, standing_span_of
@@ -75,31 +76,30 @@ class FlownCourse:
         distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
         return distance_m
 
-    def beyond_m(self, corners_of: Callable[[SimSpec], Sequence[Point]]) -> Floats:
-        """How far outside a polygon of each scene, negative inside; inf where a scene has no corner."""
+    def beyond_m(self, polygons: Sequence[Sequence[Point]]) -> Floats:
+        """How far outside the polygon of its scene (n of them), negative inside; inf where a scene has no corner."""
         distance_m = np.full(len(self.row), np.inf)
-        polygons: dict[tuple[tuple[float, float], ...], list[int]] = {}
-        for row, scene in enumerate(self.batch.scenes):
-            corners = tuple((corner.east_m, corner.north_m) for corner in corners_of(scene))
-            polygons.setdefault(corners, []).append(row)
-        for corners, rows in polygons.items():
+        rows_of: dict[tuple[tuple[float, float], ...], list[int]] = {}
+        for row, polygon in enumerate(polygons):
+            corners = tuple((corner.east_m, corner.north_m) for corner in polygon)
+            rows_of.setdefault(corners, []).append(row)
+        for corners, rows in rows_of.items():
             if corners:
                 at = np.flatnonzero(np.isin(self.row, rows))
                 distance_m[at] = beyond_m(self.place_m[at], np.array(corners))
         return distance_m
 
+    @cached_property
     def closed_m(self) -> Floats:
         """How far from the nearest area that is closed at the moment, negative inside; inf while none is."""
         closed_m = np.full(len(self.row), np.inf)
-        scenes = self.batch.scenes
-        for index in range(max((len(scene.rules.no_fly) for scene in scenes), default=0)):
-            areas = [(*scene.rules.no_fly, *[None] * (index + 1))[index] for scene in scenes]
-            since_s = np.array([np.inf if area is None else area.from_s for area in areas])
-            until_s = np.array(
-                [np.inf if area is None or area.until_s is None else area.until_s for area in areas]
-            )
-            in_force = (self.time_s >= since_s[self.row]) & (self.time_s < until_s[self.row])
-            apart_m = self.beyond_m(partial(_area, index))
+        for areas in zip_longest(*(scene.rules.no_fly for scene in self.batch.scenes)):
+            spans_s = [
+                (np.inf, np.inf) if area is None else (area.from_s, area.until_s or np.inf) for area in areas
+            ]
+            since_s, until_s = np.array(spans_s)[self.row].T
+            apart_m = self.beyond_m([() if area is None else area.area.corners for area in areas])
+            in_force = (self.time_s >= since_s) & (self.time_s < until_s)
             closed_m = np.where(in_force, np.minimum(closed_m, apart_m), closed_m)
         return closed_m
 
@@ -114,10 +114,6 @@ class FlownCourse:
             over &= self.time_s >= since_s[:, task][self.row]
             np.minimum.at(first_s[:, task], self.row[over], self.time_s[over])
         return first_s
-
-
-def _area(index: int, scene: SimSpec) -> Sequence[Point]:
-    return [corner for area in scene.rules.no_fly[index : index + 1] for corner in area.area.corners]
 
 
 def _flat(stretch: Stretch) -> tuple[np.ndarray, ...]:
