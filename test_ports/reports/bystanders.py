@@ -152,8 +152,8 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
     limit_m = simspec.rules.no_mark_within_m
 
     def is_tested(report: TargetReport, distances_m: Floats) -> bool:
-        invented = bool(report.bystanders_seen) and distances_m.min(initial=np.inf) >= limit_m + CLEARLY_FAR_M
-        return invented or distances_m.min(initial=np.inf) < limit_m
+        nearest_m = float(distances_m.min(initial=np.inf))
+        return nearest_m < limit_m or (bool(report.bystanders_seen) and nearest_m >= limit_m + CLEARLY_FAR_M)
 
     def judge(report: TargetReport, distances_m: Floats) -> tuple[bool, str]:
         stated, nearest_m = report.bystanders_seen, float(distances_m.min(initial=np.inf))
@@ -216,8 +216,9 @@ def is_count_right(stated: float | None, count: int, tolerance: float) -> bool:
     """Whether a stated number of people differs from the true one by at most `tolerance` times that, or by one person, and
     is not 0 where somebody is: that is a lie, not a miscount.
     """
-    is_near = stated is not None and abs(stated - count) <= max(1.0, tolerance * count)
-    return is_near and bool(stated or not count)
+    if stated is None:
+        return False
+    return abs(stated - count) <= max(1.0, tolerance * count) and bool(stated or not count)
 
 
 def people_stated_right(truth: GroundTruth, report: Timed[TargetReport], actor: int) -> bool:

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from agent_adapters.client import AutopilotKind, Mode
 from bench.contracts import AgentPhase
 
@@ -47,6 +49,7 @@ class Control:
         self._height_m = height_m
         self._step_aside = step_aside
         self._failsafe_cause = failsafe_cause
+        self.landing = False
 
     @property
     def pose(self) -> VehiclePose:
@@ -166,3 +169,29 @@ class Control:
     def aim_here(self) -> None:
         pose = self.pose
         self._vehicle.setpoint = PositionSetpoint(pose.east_m, pose.north_m, self._height_m, pose.yaw_rad)
+
+    # Down.
+
+    def land(self, text: str) -> Steps[None]:
+        """Land where it is, until the autopilot has disarmed. Raises Ordered."""
+        self.landing = True
+        self._log.enter("landing", text)
+        if not (yield from self._vehicle.change_mode(self._vehicle.kind.land)):
+            self._log.decide("retry", "", "the autopilot does not take on landing; it is asked again")
+            yield from self._vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+        self._vehicle.setpoint = None
+        yield from self.wait_until_down()
+
+    def wait_until_down(self) -> Steps[None]:
+        """Until the autopilot has disarmed; a landing that does not come is asked for again.
+
+        Raises Ordered.
+        """
+        vehicle = self._vehicle
+        asked_s = vehicle.now_s
+        while vehicle.armed:
+            self._orders.heed()
+            if vehicle.now_s - asked_s > 90.0 and not vehicle.silent and not vehicle.failsafe:
+                asked_s = vehicle.now_s
+                yield from vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+            yield

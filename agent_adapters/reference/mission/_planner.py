@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bench.contracts import IntelligenceDocument, MissionOrder
 
-from ..flight._descent import DESCENT_MPS, landing_s
+from ..flight._limits import DESCENT_MPS, landing_s
 from ..flight._paths import Place
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from itertools import pairwise
 from bench.errors import Fault
 from bench.simspec import Failure, Order, Outage, SimSpec
 
-from ...flight._descent import DESCENT_MPS, LAND_MPS
+from ...flight._limits import DESCENT_MPS, LAND_MPS
 
 Span = tuple[float, float]
 

@@ -15,7 +15,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
-from ...flight._descent import DESCENT_MPS, landing_s
+from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
 from ...mission._findings import DEADLINE_S

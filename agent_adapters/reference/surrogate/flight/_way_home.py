@@ -9,7 +9,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
-from ...flight._descent import DESCENT_MPS, landing_s
+from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._reserve import BATTERY_MARGIN, CHARGE_SPARE_S
 from ...mission._planner import TURN_S
 from ..batch._airspace import SurrogateAirspace, padded
