@@ -17,16 +17,12 @@ from bench.simspec import SimSpec
 T = TypeVar("T")
 
 MAX_EVIDENCE = 20
-"""Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can
-have.
-"""
+"""Moments that an observation keeps: as many as a reviewer looks through, of thousands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when the run is not considered, and the moments that a reviewer
-    should look at.
-    """
+    """The measured value in [0, 1], None when not considered, and the moments to look at."""
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
@@ -49,9 +45,7 @@ def nothing_shown(time_s: float, reason: str) -> Finding:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A condition on the value of one option beside its kind: `Annotated[float, Limit(is_valid, "more than
-    0")]`.
-    """
+    """A condition on an option beside its kind: `Annotated[float, Limit(is_valid, "more than 0")]`."""
 
     is_valid: Callable[[Any], bool]
     requirement: str
@@ -125,9 +119,7 @@ class DeclaredMeasure:
         )
 
     def check_options(self, options: Mapping[str, Option]) -> None:
-        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
-        wrong.
-        """
+        """Raise ValueError, naming measure, option and what is known, for an unknown or wrong one."""
         self._read(options)
 
     @property

@@ -22,9 +22,7 @@ EXACT_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Where a rule could be broken: the samples at which it could, the time that is needed of them, and the same
-    in words.
-    """
+    """Where a rule could be broken: the samples at which it could, the least time of them, and in words."""
 
     samples: Bools
     min_s: float

@@ -20,9 +20,7 @@ class Verdict:
 
 
 def share_right(verdicts: Sequence[Verdict], *, belief: float = 1.0) -> Finding:
-    """Share of the right verdicts times `belief`, 0 without any; the wrong ones come first in evidence, each in order of
-    time.
-    """
+    """Share of the right verdicts times `belief`, 0 without any; evidence has the wrong ones first."""
     if not verdicts:
         return nothing_shown(0.0, "no such message was sent")
     right = sum(verdict.right for verdict in verdicts)

@@ -83,9 +83,7 @@ class FlownTrack:
 
     @cached_property
     def actors_m(self) -> Floats:
-        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the
-        ends.
-        """
+        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond."""
         times, flat = self._truth.samples()
         # samples() is flat; the height of the actors matters for distances in space.
         places = self._tape.actor_position_enu_m
@@ -109,9 +107,7 @@ class FlownTrack:
         return self._distances_m[key]
 
     def above_m(self, actors: list[int]) -> Floats:
-        """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast
-        stand.
-        """
+        """(n, len(actors)) heights of the vehicle above the ground on which these of the cast stand."""
         height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
         return height
 
@@ -219,9 +215,7 @@ class FlownTrack:
         return flown if begun_s is None else flown | self.between(begun_s, fault.until_s + RECOVERY_S)
 
     def _aloft(self) -> Bools:
-        """(n,) whether the last condition at or before each sample was off the ground; false before the
-        first.
-        """
+        """(n,) whether the last condition up to each sample was off the ground; false before the first."""
         states = self._tape.condition
         if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)

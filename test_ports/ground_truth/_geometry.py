@@ -12,9 +12,7 @@ from bench.simspec import Point
 
 
 def distance_beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
-    """(n,) distances of places (n, 2) from the edge of a simple polygon, positive outside and negative
-    inside.
-    """
+    """(n,) distances of places (n, 2) from the edge of a simple polygon, positive outside."""
     starts = np.array([(corner.east_m, corner.north_m) for corner in corners])
     ends = np.roll(starts, -1, axis=0)
     along = ends - starts

@@ -156,9 +156,7 @@ class CountedOrders:
                 yield report.time.s
 
     def marked_unlawfully(self, counted: CountedOrder) -> bool:
-        """Whether the target was marked soon after the order while that was forbidden, by its place or by its
-        intelligence.
-        """
+        """Whether the target was marked soon after the order while that was forbidden."""
         by_intelligence = [
             report.time.s
             for report in self._tape.reports
@@ -237,9 +235,7 @@ class CountedOrders:
         return bool(states) and states[-1].landed and not any(state.crashed for state in states)
 
     def _ended_properly(self) -> bool:
-        """Whether the vehicle flew and came down, disarmed, and the session did not end by the agent's
-        failing.
-        """
+        """Whether the vehicle flew and came down, disarmed, and the agent did not end the session."""
         outcomes = [event.value.text for event in self._tape.events if event.value.name == "ended"]
         # An order to come down ends the mission as properly as the way home does.
         ordered_down = any(order.value.kind in LANDING_ORDERS for order in self._tape.orders)

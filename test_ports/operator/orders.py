@@ -91,9 +91,7 @@ def _named_in_time(
     within_s: float,
     texts: tuple[str, str],
 ) -> Finding:
-    """Share of the orders whose id was named within `within_s` of their delivery; the texts are for named and
-    not named.
-    """
+    """Share of the orders named within `within_s` of their delivery; texts for named and not named."""
     outcomes = OrderOutcomes.of(tape, simspec)
     verdicts = []
     for counted in outcomes.of_kind(kind):
@@ -142,9 +140,7 @@ def order_obeyed(tape: Tape, simspec: SimSpec, *, kind: OrderName) -> Finding:
 
 @measure
 def order_reaction(tape: Tape, simspec: SimSpec, *, kind: OrderName, scale_s: Positive = 10.0) -> Finding:
-    """Mean of max(0, 1 - reaction time / `scale_s`) over the orders; 0 for an order that is not carried
-    out.
-    """
+    """Mean of max(0, 1 - reaction time / `scale_s`) over the orders; 0 for one that is not carried out."""
     verdicts = _judged(tape, simspec, kind)
     return _mean(verdicts, [max(0.0, 1.0 - verdict.reaction_s / scale_s) for verdict in verdicts])
 

@@ -1,6 +1,4 @@
-"""Measures of announced states: whether the agent's phase is true, and whether it respects the autopilot's
-failsafes.
-"""
+"""Measures of announced states: whether phases are true, and whether the agent respects failsafes."""
 
 from __future__ import annotations
 
@@ -198,9 +196,7 @@ def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
 
 
 def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float, bool]]:
-    """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe's mode was
-    kept.
-    """
+    """The vehicle's states under a failsafe: each, how long it lasted, and whether its mode was kept."""
     # A recording that is cut off, or of another bench, may hold no state at all.
     ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s] * bool(tape.condition)
     cause, failsafe_mode = "", ""

@@ -1,6 +1,4 @@
-"""Clear views: camera frames in which truth has an actor well in sight, and what the detector reported about
-it.
-"""
+"""Clear views: frames in which truth has an actor well in sight, and what was detected of it."""
 
 from __future__ import annotations
 
@@ -23,9 +21,7 @@ ANY_CLASS = "any"
 
 @dataclass(frozen=True, slots=True)
 class ClearViews:
-    """Views (v) of one actor in one frame that has it in clear view, in order of time, and whether it was rightly
-    detected there.
-    """
+    """Views (v) of one actor in one frame with it in clear view, in order of time, and whether detected."""
 
     actor: Counts
     time_s: Floats

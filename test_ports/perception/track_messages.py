@@ -201,9 +201,7 @@ def holding_credit(
 
 
 def in_order_of_appearance(actors: Collection[int], held: Bools) -> list[tuple[int, int]]:
-    """The actors that some message holds, each with its column of `held` (m, len(actors)), in order of the first such
-    message.
-    """
+    """The actors that some message holds, each with its column of `held` (m, k), in order of the first."""
     columns = np.flatnonzero(held.any(axis=0))
     # Stable: of one message in the order of the actors.
     first = np.array([held[:, column].argmax() for column in columns], dtype=np.int64)

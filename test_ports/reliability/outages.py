@@ -1,6 +1,4 @@
-"""Measures of outages: what the agent does while the operator's link is down or the detections are
-missing.
-"""
+"""Measures of outages: what the agent does without the operator's link or without detections."""
 
 from __future__ import annotations
 

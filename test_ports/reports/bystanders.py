@@ -167,9 +167,7 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
 
 @measure
 def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float = 10.0) -> Finding:
-    """Share of the exposed targets that were reported and never marked with a bystander within the no-mark
-    distance.
-    """
+    """Share of the exposed targets that were reported and never marked with a bystander too near."""
     truth = GroundTruth.of(tape, simspec)
     exposed = exposed_targets(truth, min_exposure_s)
     if not exposed:
@@ -414,9 +412,7 @@ def bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Floa
 
 
 def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> float:
-    """Metres from the subject of a report to the nearest bystander at its moment; from its place when it is
-    about none.
-    """
+    """Metres from a report's subject to the nearest bystander; from its place when it is about none."""
     actor = truth.subject(report.value, report.time.s)
     east_m, north_m = (
         (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]

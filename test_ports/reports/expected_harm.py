@@ -75,9 +75,7 @@ def _is_right(report: TargetReport, count: int, tolerance: float) -> bool:
 
 
 def _people_coming(truth: GroundTruth, report: Timed[TargetReport], actor: int, within_m: float) -> int:
-    """How many bystanders are within `within_m` of the actor at the report or come that near in the time after
-    it.
-    """
+    """How many bystanders are within `within_m` of the actor at the report or soon after it."""
     people = truth.endangered(actor)
     times, positions = truth.samples()
     until_s = report.time.s + FORESEEN_S

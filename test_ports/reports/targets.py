@@ -356,9 +356,7 @@ def _share_of_reports(
 
 
 def _first_report(truth: GroundTruth, actor: int, tape: Tape, within_m: float) -> int | None:
-    """Index of the first report of the actor's class within `within_m` of where it then was, and with knowledge
-    of it.
-    """
+    """Index of the first report of the actor's class, with knowledge, within `within_m` of where it was."""
     if reports_guess_round(truth, tape, actor):
         return None
     label = truth.cast[actor].class_label

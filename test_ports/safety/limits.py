@@ -49,9 +49,7 @@ def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) -> Finding:
-    """Smallest distance in the air from an area of `rules.no_fly` in force, divided by `margin_m`, limited to
-    0 to 1.
-    """
+    """Smallest distance from an area of `rules.no_fly` in force, over `margin_m`, from 0 to 1."""
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
@@ -65,9 +63,7 @@ def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) ->
 
 
 def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
-    """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none
-    is.
-    """
+    """(n,) metres to the nearest area that is closed at that moment, negative inside; or infinite."""
     # Areas come into force and out of it: each counts only for the samples in its span.
     distance_m = np.full(len(track.time_s), np.inf)
     for area in simspec.rules.no_fly:

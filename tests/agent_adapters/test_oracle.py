@@ -9,11 +9,9 @@ import pytest
 from test_null_agents import fly, simspec
 
 from agent_adapters.oracle._clearance import Clearance
-from agent_adapters.oracle._own_error import OwnError
-from agent_adapters.oracle._perception import TruthTracks
+from agent_adapters.oracle._perception import OwnError, Truth, TruthTracks, load_truth
 from agent_adapters.oracle._pilot import OraclePlanner
 from agent_adapters.oracle._policy import OraclePolicy
-from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings
 from bench.agents import load_manifest
 from bench.contracts import (

@@ -86,17 +86,13 @@ class Caution:
         return min(asked_mps, math.sqrt(near_mps**2 + 2.0 * self.braking_mps2 * room_m))
 
     def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
-        """An aim that keeps the stand-off where height alone does not: moved away from whoever is too
-        near.
-        """
+        """An aim that keeps the stand-off where height alone does not: away from whoever is too near."""
         if height_m >= self.standoff_m:
             return aim
         return pushed(aim, people, math.sqrt(self.standoff_m**2 - height_m**2) + MARGIN_M)
 
     def drifted(self, stand: Place, people: list[Place], span_s: float) -> Place:
-        """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still
-        stands.
-        """
+        """Where to stand a moment later: creeping away from whoever is below, as slowly as standing."""
         if self.max_loiter_s is None:
             return stand
         away = pushed(stand, people, LOITER_M + MARGIN_M)
@@ -108,9 +104,7 @@ class Caution:
 
 
 def pushed(place: Place, people: list[Place], within_m: float) -> Place:
-    """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as
-    that goes.
-    """
+    """The place moved out of everybody's circle, nearest first; in a crowd as far as that goes."""
     for _ in range(4):
         nearest = min(people, key=lambda person: (math.dist(person, place), person), default=None)
         if nearest is None or math.dist(nearest, place) >= within_m - 1e-6:

@@ -1,6 +1,4 @@
-"""Who flies: the agent keeps control of the autopilot, waits where it is silent, and leaves its failsafes
-alone.
-"""
+"""Who flies: the agent keeps control of the autopilot, waits for a silent one, and respects failsafes."""
 
 from __future__ import annotations
 
@@ -105,9 +103,7 @@ class Control:
         self._log.enter(*before)
 
     def _wait_for_the_autopilot(self) -> Steps[None]:
-        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it
-        is then.
-        """
+        """It flies home by itself when it hears nothing; a late setpoint would not fit where it is then."""
         vehicle = self._vehicle
         vehicle.setpoint = None
         self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
@@ -121,9 +117,7 @@ class Control:
         self.aim_here()
 
     def _yield_to_failsafe(self) -> Steps[None]:
-        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give
-        control back.
-        """
+        """Leave the autopilot to its failsafe; the setpoints go on, so that it can give control back."""
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         cause = self._failsafe_cause()
         words = vehicle.reason

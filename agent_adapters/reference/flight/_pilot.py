@@ -236,9 +236,7 @@ class Pilot:
         return True
 
     def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
-        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to
-        caution.
-        """
+        """A point a little ahead on the path, with the speed along it fed forward so that no way is lost."""
         people = self.people()
         limit_mps = self._caution.speed_mps(speed_mps, self.place, people)
         feed = 1.0 if limit_mps >= speed_mps else 1.0 - LEAD_SHARE
@@ -376,9 +374,7 @@ class Pilot:
         return not ruled and self.airspace.clear(place, goal)
 
     def come_down(self, reason: str) -> Steps[AgentPhase]:
-        """End early, by the means that are left: `complete` when the mission was flown as far as time
-        allowed. Raises Ordered.
-        """
+        """End early, by the means left: `complete` when flown as far as time allowed. Raises Ordered."""
         vehicle = self._vehicle
         if not vehicle.armed and not vehicle.silent:
             self._log.decide("abort", "", reason)
@@ -398,9 +394,7 @@ class Pilot:
         return "aborted"
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
-        """Fly home and land, or land where it is when the mission does not end at home; False when `unless`
-        came true first.
-        """
+        """Fly home and land, or land where it is; False when `unless` came true first."""
         vehicle = self._vehicle
         self._log.decide("return", "", reason)
         self._log.enter("returning", reason)

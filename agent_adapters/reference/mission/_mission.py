@@ -393,9 +393,7 @@ class SearchMission(SearchFlight):
         )
 
     def update(self) -> None:
-        """Called after every frame: reports a target as soon as it is identified and the policy is
-        content.
-        """
+        """After every frame: reports a target as soon as it is identified and the policy is content."""
         if self._order is not None and not self.over:
             self._findings.update()
 

@@ -67,9 +67,7 @@ class SearchTask:
 
     @property
     def urgency(self) -> tuple[int, float, int]:
-        """The smaller, the more urgent: what the operator ordered, then where an escorted convoy comes by first, then
-        by priority.
-        """
+        """The smaller, the more urgent: the operator's order, then when a convoy comes by, then priority."""
         return -self.ordered, self.due_s, self.intelligence.priority
 
 

@@ -156,9 +156,7 @@ class BystanderAwarePolicy:
         return Judgement(True, clear, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
 
     def sigma_m(self, target: Track) -> float | None:
-        """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place,
-        and its troubles.
-        """
+        """Spread of the sightings (neighbours err alike: few looks count), own place, and its troubles."""
         looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
         return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
 

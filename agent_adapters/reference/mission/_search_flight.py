@@ -55,9 +55,7 @@ class SearchFlight:
         until: Callable[[], bool] = never,
         looking: bool = False,
     ) -> Steps[bool]:
-        """Fly along a path for a task; False when a more urgent one came up meanwhile. Raises TurnBack and
-        Ordered.
-        """
+        """Fly along a path for a task; False when a more urgent one came up. Raises TurnBack and Ordered."""
         leave = lambda: self._diverted(task)  # noqa: E731
         return self._pilot.follow(path, speed_mps, facing=facing, until=until, leave=leave, looking=looking)
 
@@ -82,9 +80,7 @@ class SearchFlight:
     # The search.
 
     def _search_path(self, task: SearchTask) -> list[Place]:
-        """Legs along the way in on the first pass, across it on the second: other views of the same
-        ground.
-        """
+        """Legs along the way in on the first pass, across it on the second: other views of that ground."""
         heading_rad = (
             bearing_rad(self._place, task.place) if math.dist(self._place, task.place) > 1.0 else 0.0
         )
@@ -124,9 +120,7 @@ class SearchFlight:
             yield from self._follow(path, task, slow_mps, facing=target, until=settled, looking=True)
 
     def _look_round(self, target: Track, task: SearchTask) -> Steps[None]:
-        """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays
-        unseen.
-        """
+        """See enough of a target's surroundings to decide; what one sweep does not show stays unseen."""
         if self._findings.judge(target).look:
             path = self._legs(
                 (target.east_m, target.north_m),

@@ -90,9 +90,7 @@ class ObjectPerception:
         self.heard_s = now_s
 
     def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
-        """Take in one frame; False when it could not be placed. `doubt_m`: one sigma that the agent's own
-        place is off by.
-        """
+        """Take in one frame; False when it could not be placed. `doubt_m`: one sigma of the own place."""
         time_s = frame.header.stamp.ns * 1e-9
         self.quality.take(time_s, (d.results[0].hypothesis.score for d in frame.detections if d.results))
         pose = self._poses.at(time_s)

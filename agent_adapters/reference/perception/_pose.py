@@ -19,9 +19,7 @@ AHEAD_S = 0.5
 
 @value_class(frozen=True, slots=True)
 class VehiclePose:
-    """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from
-    north).
-    """
+    """East/north in the map frame, height above home, attitude against NED (yaw clockwise from north)."""
 
     time_s: float
     east_m: float

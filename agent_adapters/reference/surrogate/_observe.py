@@ -1,6 +1,4 @@
-"""Observations of a batch: for each observable of a decomposition one value a mission, as its measure would
-define it.
-"""
+"""Observations of a batch: one value a mission for each observable, as its measure would define it."""
 
 from __future__ import annotations
 

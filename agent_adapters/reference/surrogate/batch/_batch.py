@@ -168,9 +168,7 @@ class Batch:
         return np.maximum(2.0 * self.correlation_s * self.rate_hz, 1.0)
 
     def places(self) -> Floats:
-        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
-        next one.
-        """
+        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or on the way to the next."""
         actors = self.role.shape[1]
         points = np.empty((STANDING_SPANS, *self.start_m.shape))
         for span in range(STANDING_SPANS):

@@ -11,9 +11,7 @@ from ...flight._limits import HEIGHT_RULE_MARGIN_M, SPEED_RULE_MARGIN_MPS
 
 
 def limits(simspec: SimSpec, *, careful: bool) -> dict[str, float | bool]:
-    """The limits of a mission, by their names in a Batch; `slow_mps` and `slow_within_m` are inf and 0 where nobody
-    minds people.
-    """
+    """The limits of a mission, by their names in a Batch; `slow_mps` inf where nobody minds people."""
     rules, mission = simspec.rules, simspec.mission
     caution = Caution(
         standoff_m=rules.bystander_standoff_m if careful else 0.0,

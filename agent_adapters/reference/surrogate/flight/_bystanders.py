@@ -20,9 +20,7 @@ _LUCK_COUNT = 3000
 
 @dataclass(frozen=True, slots=True)
 class KnownBystanders:
-    """How many bystanders are known near each target, and the nearest one's distance; inf where none is known
-    at all.
-    """
+    """How many bystanders are known near each target, and the nearest one's distance; inf for none."""
 
     within: Counts
     nearest_m: Floats

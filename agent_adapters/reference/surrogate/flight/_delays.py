@@ -1,6 +1,4 @@
-"""What makes a flight come later: standing, straying, waiting for the detector or for leave to report, being
-slow near people.
-"""
+"""What makes a flight come later: standing, straying, waiting for the detector or for leave, people."""
 
 from __future__ import annotations
 
@@ -65,9 +63,7 @@ def delayed(
 def slowed_near_people(
     batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats
 ) -> tuple[Stretch, Floats]:
-    """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then
-    ends.
-    """
+    """A stretch flown by one who is slow by the time that it is near anybody, and when it then ends."""
     rows = stretch.rows
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]

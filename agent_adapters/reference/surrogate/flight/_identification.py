@@ -1,6 +1,4 @@
-"""The looks at the target of each task in each mission, until it is identified as the reference agent
-identifies.
-"""
+"""The looks at the target of each task, until it is identified as the agent identifies."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ NEVER_S = np.inf
 
 
 class Identification:
-    """For every mission and task (n, k) what has been seen of the target so far; a task taken up again goes
-    on from there.
-    """
+    """What has been seen of the target of each task (n, k) so far; a task taken up again goes on."""
 
     def __init__(self, batch: Batch) -> None:
         shape = batch.task_radius_m.shape
@@ -106,9 +102,7 @@ class Identification:
         return enough
 
     def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
-        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by
-        then.
-        """
+        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted."""
         row, here = np.arange(len(sighted)), (look.rows, look.task)
         first_rad = self._from[here]
         first_rad = np.where(
@@ -135,9 +129,7 @@ class Identification:
 
 
 class TargetLook(NamedTuple):
-    """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label,
-    in how many frames.
-    """
+    """One stretch's looks at targets, (r, j) each: whether sighted, rightly labelled, in how many frames."""
 
     rows: Counts
     task: Counts

@@ -108,9 +108,7 @@ class _Flight:
     # Which task.
 
     def _choose(self) -> tuple[Counts, Counts]:
-        """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited
-        for.
-        """
+        """What is ordered to be next, then the most urgent, then the nearest; later ones are waited for."""
         batch = self._batch
         if self._eventful:
             self._take_up_again()
@@ -177,9 +175,7 @@ class _Flight:
             self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
 
     def _search(self, rows: Counts, task: Counts, heading_rad: Floats) -> tuple[Counts, Counts, Floats]:
-        """One pass over a sub-area and what follows from it; those that have not found and were not called
-        away.
-        """
+        """One pass over a sub-area and what follows; those that have not found and were not called away."""
         batch = self._batch
         self._passes[rows, task] += 1
         path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad)
@@ -210,9 +206,7 @@ class _Flight:
         return open_
 
     def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
-        """Report at a moment what the policy is content with by then; the careful one may want to see more
-        first.
-        """
+        """Report at a moment what the policy is content with; the careful one may want to see more first."""
         careful = self._batch.bystander_aware[rows]
         plain = ~careful
         self._report(rows[plain], task[plain], at_s[plain], marks=True)
@@ -242,9 +236,7 @@ class _Flight:
             self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], marked_s)
 
     def _look_round(self, rows: Counts, task: Counts) -> None:
-        """After a round: what is identified is reported, by the careful one once it has swept what it has not
-        seen.
-        """
+        """After a round: what is identified is reported, by the careful one after a sweep of the unseen."""
         batch = self._batch
         unsettled = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._found_s[rows, task]))
         if not len(unsettled):
@@ -299,9 +291,7 @@ class _Flight:
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
 
     def _mark_as_ordered(self) -> None:
-        """Targets that were identified by then; the careful one refuses where it knows of people, or has not
-        looked.
-        """
+        """Targets identified by then; the careful one refuses where it knows of people, or has not looked."""
         batch = self._batch
         for index in range(batch.mark_s.shape[1]):
             at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
@@ -462,9 +452,7 @@ class _Flight:
     def _leaves_s(
         self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool
     ) -> Floats:
-        """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf
-        for never.
-        """
+        """(r,) when something else is turned to: the target is settled, or another is more urgent; or inf."""
         batch = self._batch
         leaves_s = np.full(len(rows), np.inf)
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))

@@ -88,9 +88,7 @@ class FlownMissions:
 
     @cached_property
     def error_m(self) -> Floats:
-        """(n, k) how far a reported place is off: wander and drift of satellite navigation, and the box's jitter
-        over several looks.
-        """
+        """(n, k) how far a reported place is off: navigation's wander and drift, the box's jitter."""
         batch, reported_s = self.batch, self.reported_s
         tasks = reported_s.shape[1]
         pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)

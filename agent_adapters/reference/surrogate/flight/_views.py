@@ -1,6 +1,4 @@
-"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain
-or hiding.
-"""
+"""What the camera sees on the ground plan, and how well: docs/detection.md's odds without hiding."""
 
 from __future__ import annotations
 
@@ -46,9 +44,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and
-    how clear a view.
-    """
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, range, frames, clarity."""
 
     row: Counts
     moment: Counts
@@ -81,9 +77,7 @@ def views_of(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
 def unseen_share(
     batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats
 ) -> Floats:
-    """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before
-    `until_s`.
-    """
+    """(r,) share of the ground round targets (r, 2) that no stretch has shown lately before `until_s`."""
     if not len(rows):
         return np.zeros(0)
     radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
@@ -122,9 +116,7 @@ _DISC = _disc()
 def _shown_between(
     batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats
 ) -> Bools:
-    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two
-    moments (r,).
-    """
+    """(r, p) which places (r, p, 2) were in the picture, for two frames or more, between moments (r,)."""
     at, moment, place = _shown(batch, stretch, places_m)
     time_s = stretch.time_s[at, moment]
     long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0

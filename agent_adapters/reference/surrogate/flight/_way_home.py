@@ -1,6 +1,4 @@
-"""The way home, how long it takes, and when there is no choice but to take it: by the time that is left, or
-the charge.
-"""
+"""The way home, how long it takes, and when it must be taken: by the time or the charge left."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What measures of the overhead simulation have in common: one column for each observable, and sums over the
-views of a batch.
-"""
+"""What the measures of the overhead simulation share: a column an observable, sums over views."""
 
 from __future__ import annotations
 
@@ -47,9 +45,7 @@ class Flights:
         return frame_counts(self.batch, self.views, self.rightly(0.0))
 
     def rightly(self, least: float) -> Narrow:
-        """Chance of each view that one frame of it holds the actor with its own class, no less sure than
-        that.
-        """
+        """Chance of each view that a frame of it holds the actor with its own class, at least that sure."""
         if least not in self._rightly:
             self._rightly[least] = right_label_chance(self.views, least)
         return self._rightly[least]

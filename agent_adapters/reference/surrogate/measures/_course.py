@@ -44,9 +44,7 @@ class FlownCourse:
         self._everybody_m = flown.everybody_m
 
     def share(self, right: Bools, among: Bools | None = None) -> Floats:
-        """(n,) of the time, or of that among some of the moments, the share that is good; 0 where there is
-        none.
-        """
+        """(n,) of the time, or of that among some moments, the share that is good; 0 where there is none."""
         whole_s = self.seconds(np.ones(len(self.row), dtype=np.bool_) if among is None else among)
         return self.seconds(right if among is None else among & right) / np.maximum(whole_s, 1e-9)
 
