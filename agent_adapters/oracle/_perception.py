@@ -55,8 +55,7 @@ class Truth:
         first = min(int(row), len(self._places_m) - 2)
         share = row - first
         before, after = self._places_m[first : first + 2]
-        between: Floats = (1.0 - share) * before + share * after
-        return between
+        return np.asarray((1.0 - share) * before + share * after)
 
     def people_m(self, time_s: float) -> Floats:
         """(n, 2) those of `people`, who are not to be hurt."""

@@ -64,22 +64,19 @@ class FlownTrack:
     def airborne(self) -> Bools:
         """(n,) whether the vehicle was in the air."""
         crashed_s = next((state.time.s for state in self._tape.condition if state.value.crashed), np.inf)
-        airborne: Bools = self._aloft() & (self.time_s < crashed_s)
-        return airborne
+        return np.asarray(self._aloft() & (self.time_s < crashed_s))
 
     @cached_property
     def speed_mps(self) -> Floats:
         """(n,) horizontal ground speed."""
         velocity = self._tape.vehicle_velocity_enu_mps
-        speed: Floats = np.hypot(velocity[:, 0], velocity[:, 1])
-        return speed
+        return np.asarray(np.hypot(velocity[:, 0], velocity[:, 1]))
 
     @cached_property
     def from_home_m(self) -> Floats:
         """(n,) horizontal distance from home."""
         home = self._simspec.vehicle.home
-        distance: Floats = np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m)
-        return distance
+        return np.asarray(np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m))
 
     @cached_property
     def actors_m(self) -> Floats:
@@ -91,11 +88,9 @@ class FlownTrack:
             places = np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
         after = np.clip(np.searchsorted(times, self.time_s), 1, max(len(times) - 1, 1))
         if len(times) == 1:
-            constant: Floats = np.repeat(places, len(self.time_s), axis=0)
-            return constant
+            return np.asarray(np.repeat(places, len(self.time_s), axis=0))
         share = np.clip((self.time_s - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
-        between: Floats = places[after - 1] + share[:, None, None] * (places[after] - places[after - 1])
-        return between
+        return np.asarray(places[after - 1] + share[:, None, None] * (places[after] - places[after - 1]))
 
     def distance_m(self, actors: list[int]) -> Floats:
         """(n, len(actors)) horizontal distances from the vehicle to these members of the cast. Not to be changed."""
@@ -108,8 +103,7 @@ class FlownTrack:
 
     def above_m(self, actors: list[int]) -> Floats:
         """(n, len(actors)) heights of the vehicle above the ground on which these of the cast stand."""
-        height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
-        return height
+        return np.asarray(self.up_m[:, None] - self.actors_m[:, actors, 2])
 
     @cached_property
     def span_s(self) -> Floats:
@@ -144,14 +138,12 @@ class FlownTrack:
     @cached_property
     def taken_over(self) -> Bools:
         """(n,) whether the operator flew it, or a failsafe that the agent did not cause."""
-        taken: Bools = self.by_operator | self.by_failsafe
-        return taken
+        return np.asarray(self.by_operator | self.by_failsafe)
 
     @cached_property
     def by_choice(self) -> Bools:
         """(n,) whether it was in the air, and neither the operator nor such a failsafe flew it."""
-        chosen: Bools = self.airborne & ~self.taken_over
-        return chosen
+        return np.asarray(self.airborne & ~self.taken_over)
 
     @cached_property
     def ordered_down(self) -> Bools:
@@ -163,13 +155,11 @@ class FlownTrack:
         """(n,) whether it was in the air and not ordered to land where it is: an agent that obeys that order has no
         choice of place and height any more, and says nothing.
         """
-        free: Bools = self.airborne & ~self.ordered_down
-        return free
+        return np.asarray(self.airborne & ~self.ordered_down)
 
     def out(self, near_home_m: float = NEAR_HOME_M) -> Bools:
         """(n,) whether the vehicle was in the air and farther than that from home."""
-        out: Bools = self.airborne & (self.from_home_m > near_home_m)
-        return out
+        return np.asarray(self.airborne & (self.from_home_m > near_home_m))
 
     @cached_property
     def went_out(self) -> bool:
@@ -195,8 +185,7 @@ class FlownTrack:
 
     def between(self, start_s: float, end_s: float) -> Bools:
         """(n,) samples from `start_s` on, before `end_s`."""
-        span: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
-        return span
+        return np.asarray((self.time_s >= start_s) & (self.time_s < end_s))
 
     def _failsafe_of(self, fault: FaultSpan, causes: tuple[str, ...]) -> Bools:
         """(n,) the time of the failsafes of these causes that began during a fault, and of recovery from them."""
@@ -222,5 +211,4 @@ class FlownTrack:
         # A condition holds until the next one is recorded; the motion is sampled more often.
         index = np.searchsorted(np.array([state.time.s for state in states]), self.time_s, side="right") - 1
         off_ground = np.array([not state.value.landed for state in states])
-        aloft: Bools = np.where(index >= 0, off_ground[np.maximum(index, 0)], False)
-        return aloft
+        return np.asarray(np.where(index >= 0, off_ground[np.maximum(index, 0)], False))

@@ -119,13 +119,11 @@ class GroundTruth:
         # Beyond the ends both are one sample: held, as in `Tape.actors_at`.
         span_s = times[after] - times[before]
         share = np.divide(times_s - times[before], span_s, out=np.zeros(len(span_s)), where=before < after)
-        between: Floats = positions[before] + share[:, None, None] * (positions[after] - positions[before])
-        return between
+        return np.asarray(positions[before] + share[:, None, None] * (positions[after] - positions[before]))
 
     def distances(self, time_s: float, east_m: float, north_m: float) -> Floats:
         """(k,) metres from a place on the ground to every actor at a moment."""
-        distances: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
-        return distances
+        return np.asarray(np.hypot(*(self.at(time_s) - (east_m, north_m)).T))
 
     def targets(self) -> list[Target]:
         """The targets named by intelligence, each once, in the order of the cast."""

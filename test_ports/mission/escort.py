@@ -149,8 +149,7 @@ def _length_s(span: Span, away: list[Span]) -> float:
 
 
 def _within(time_s: Floats, span: Span) -> Bools:
-    within: Bools = (time_s >= span[0]) & (time_s < span[1])
-    return within
+    return np.asarray((time_s >= span[0]) & (time_s < span[1]))
 
 
 def _any_within(time_s: Floats, spans: list[Span]) -> Bools:

@@ -72,8 +72,7 @@ def _at_ordered_height(track: FlownTrack, simspec: SimSpec, moments_s: Floats) -
         return np.zeros(len(moments_s), dtype=np.bool_)
     rows = np.searchsorted(track.time_s, moments_s).clip(max=len(track.time_s) - 1)
     near = np.abs(track.up_m - simspec.mission.altitude_m) <= HEIGHT_TOLERANCE_M
-    as_ordered: Bools = (near & track.airborne)[rows]
-    return as_ordered
+    return np.asarray((near & track.airborne)[rows])
 
 
 def _share_with_a_moment(moments_s: Mapping[str, float], end_s: float, text: str, never: str) -> Finding:

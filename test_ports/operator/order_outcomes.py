@@ -281,8 +281,7 @@ class OrderOutcomes(CountedOrders):
 
     def _from_m(self, area: SubArea) -> Floats:
         """(n,) distances of the vehicle from the middle of a sub-area."""
-        distance_m: Floats = np.hypot(*(self._track.place_m - area.place).T)
-        return distance_m
+        return np.asarray(np.hypot(*(self._track.place_m - area.place).T))
 
     def _was_going_there(self, counted: CountedOrder, row: int) -> bool:
         """Whether the vehicle was already over the sub-area that it was sent to, or on the straight way there: who flies
@@ -415,8 +414,7 @@ class OrderOutcomes(CountedOrders):
     def _in_time(self, counted: CountedOrder) -> Bools:
         """(n,) samples from the delivery on, up to the time that the order allows."""
         since_s, until_s = counted.since_s - EXACT_S, counted.until_s + EXACT_S
-        span: Bools = (self._time_s >= since_s) & (self._time_s <= until_s)
-        return span
+        return np.asarray((self._time_s >= since_s) & (self._time_s <= until_s))
 
     def _crashed(self) -> Bools:
         crashed_s = next((state.time.s for state in self._tape.condition if state.value.crashed), math.inf)

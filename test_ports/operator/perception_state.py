@@ -203,8 +203,7 @@ def _stated(tape: Tape, track: FlownTrack) -> Bools:
     times_s = np.array([decision.time.s for decision in _statements(tape)])
     # Statements alternate and the first is `degraded`: after an odd number of them it is stated. One search for all,
     # because an agent may change its mind a million times.
-    stated: Bools = np.searchsorted(times_s, track.time_s, side="right") % 2 == 1
-    return stated
+    return np.asarray(np.searchsorted(times_s, track.time_s, side="right") % 2 == 1)
 
 
 def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpec, after_s: float) -> bool:

@@ -114,5 +114,4 @@ def intersection_over_union(a: Floats, b: Floats) -> Floats:
 
 
 def _area(box: Floats) -> Floats:
-    area: Floats = (box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])
-    return area
+    return np.asarray((box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1]))

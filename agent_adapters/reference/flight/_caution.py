@@ -6,13 +6,16 @@ Pure.
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ..perception._tracks import Tracks, may_be_bystander
 from ._paths import Place
+
+if TYPE_CHECKING:
+    from bench.simspec import Rules
 
 # Gentler than on a path (see _paths): people come nearer meanwhile. Chosen, not measured.
 BRAKING_MPS2 = 2.0
@@ -44,15 +47,15 @@ class Caution:
     max_loiter_s: float | None = None
 
     @classmethod
-    def of(cls, order: MissionOrder, margin_m: float = 0.0) -> Self:
-        """The rules of an order, with a margin on every distance that they state."""
-        within_m = order.bystander_slow_within_m
+    def of(cls, rules: MissionOrder | Rules, margin_m: float = 0.0, classes: tuple[str, ...] = ()) -> Self:
+        """These rules about people of some classes, with a margin on every distance that they state."""
+        within_m = rules.bystander_slow_within_m
         return cls(
-            order.bystander_classes,
-            order.bystander_standoff_m + margin_m if order.bystander_standoff_m > 0.0 else 0.0,
+            classes,
+            rules.bystander_standoff_m + margin_m if rules.bystander_standoff_m > 0.0 else 0.0,
             None if within_m is None else within_m + margin_m,
-            order.bystander_slow_mps,
-            order.max_loiter_over_bystander_s,
+            rules.bystander_slow_mps,
+            rules.max_loiter_over_bystander_s,
         )
 
     @property

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ._caution import SLOW_SHARE, Caution
+
+if TYPE_CHECKING:
+    from bench.simspec import Mission, Rules
 
 # Kept from the heights that the rules state: gusts and the autopilot's control error. Chosen, not measured.
 HEIGHT_RULE_MARGIN_M = 1.5
@@ -35,18 +38,23 @@ class MissionLimits:
     pace_mps: float
 
     @classmethod
-    def of(cls, order: MissionOrder, caution: Caution, *, speed_share: float = 1.0) -> Self:
-        """The limits under an order, flown with that much care for people, and this share of the ordered speed."""
-        ceiling_m = order.max_altitude_m - HEIGHT_RULE_MARGIN_M
-        floor_m = 0.0 if order.min_altitude_m is None else order.min_altitude_m + HEIGHT_RULE_MARGIN_M
-        height_m = max(min(order.altitude_m, order.max_altitude_m), floor_m)
-        speed_mps = speed_share * order.speed_mps
-        if order.max_speed_mps is not None:
+    def of(
+        cls,
+        asked: MissionOrder | Mission,
+        rules: MissionOrder | Rules,
+        caution: Caution,
+        speed_share: float = 1.0,
+    ) -> Self:
+        """The limits of what is asked under these rules, with that much care for people and share of the speed."""
+        ceiling_m = rules.max_altitude_m - HEIGHT_RULE_MARGIN_M
+        floor_m = 0.0 if rules.min_altitude_m is None else rules.min_altitude_m + HEIGHT_RULE_MARGIN_M
+        height_m = max(min(asked.altitude_m, rules.max_altitude_m), floor_m)
+        speed_mps = speed_share * asked.speed_mps
+        if rules.max_speed_mps is not None:
             # Under a rule slower than twice the margin half of the allowed speed is flown: a margin alone
             # would stop it.
-            speed_mps = min(
-                speed_mps, max(order.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * order.max_speed_mps)
-            )
+            slower_mps = max(rules.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * rules.max_speed_mps)
+            speed_mps = min(speed_mps, slower_mps)
         # People may be anywhere on the way: time is reckoned with the speed that is flown near them.
         slow_mps = caution.slow_mps
         return cls(

@@ -79,13 +79,14 @@ class Pilot:
         self._watch = watch
         self._orders = orders
         self._settings = settings
-        self._airspaces = Airspaces(order)
+        self._airspaces = Airspaces.of(order)
         caution = self.caution_type
-        self._caution = caution.of(order, settings.standoff_margin_m) if careful else caution()
+        margin_m, classes = settings.standoff_margin_m, order.bystander_classes
+        self._caution = caution.of(order, margin_m, classes) if careful else caution()
         self._looks_before_landing = careful and settings.landing_wait_s > 0.0
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
-        limits = MissionLimits.of(order, self._caution, speed_share=settings.speed_share)
+        limits = MissionLimits.of(order, order, self._caution, settings.speed_share)
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = self.planner_type(

@@ -13,7 +13,8 @@ from bench.contracts import Evidence, MeasureRequest, Observation, Option, Predi
 from bench.errors import Fault
 from bench.simspec import SimSpec
 
-from .batch._batch import Batch, pack, unfit
+from .batch._batch import Batch, pack
+from .batch._unfit import unfit
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
 from .measures._columns import Column, Flights

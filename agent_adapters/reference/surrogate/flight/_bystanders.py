@@ -96,8 +96,7 @@ class SightingMemory:
                 mean += np.bincount(flat, view_mean[early], len(mean))
                 spread += np.bincount(flat, view_spread[early], len(spread))
         mean, spread = mean.reshape(-1, actors)[rows], spread.reshape(-1, actors)[rows]
-        enough: Bools = mean + np.sqrt(spread) * self._luck[rows] >= BYSTANDER_FRAMES
-        return enough
+        return np.asarray(mean + np.sqrt(spread) * self._luck[rows] >= BYSTANDER_FRAMES)
 
 
 def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:

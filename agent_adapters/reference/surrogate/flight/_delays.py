@@ -65,6 +65,8 @@ def slowed_near_people(
 ) -> tuple[Stretch, Floats]:
     """A stretch flown by one who is slow by the time that it is near anybody, and when it then ends."""
     rows = stretch.rows
+    if np.isinf(batch.slow_mps[rows]).all():
+        return stretch, end_s
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]
     nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
@@ -90,5 +92,4 @@ def _away_m(batch: Batch, stretch: Stretch, time_s: Floats, since_s: Floats) -> 
     """(r,) distance from home of where it is at a moment."""
     at = np.minimum((time_s < since_s[:, None]).sum(axis=1), time_s.shape[1] - 1)
     away_m = stretch.place_m[np.arange(len(at)), at] - batch.home_m[stretch.rows]
-    distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
-    return distance_m
+    return np.asarray(np.hypot(away_m[:, 0], away_m[:, 1]))

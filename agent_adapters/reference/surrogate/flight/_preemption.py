@@ -14,8 +14,7 @@ from ._way_home import WayHome
 
 def is_ordered_first(batch: Batch, now_s: Floats) -> Bools:
     """(n, k) ordered to be next, by a moment (n,), and known when it was."""
-    ordered: Bools = (batch.first_s <= now_s[:, None]) & (batch.task_delivered_s <= batch.first_s)
-    return ordered
+    return np.asarray((batch.first_s <= now_s[:, None]) & (batch.task_delivered_s <= batch.first_s))
 
 
 def preempted_s(

@@ -98,16 +98,14 @@ def unseen_share(
             shown_lately[at] |= _shown_between(
                 batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at]
             )
-    unseen: Floats = 1.0 - shown_lately.mean(axis=1)
-    return unseen
+    return np.asarray(1.0 - shown_lately.mean(axis=1))
 
 
 def _disc() -> Floats:
     """Places of a disc of radius 1 on a grid: some 11 m apart in surroundings of 56 m."""
     steps = np.linspace(-1.0, 1.0, 11)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    disc: Floats = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0]
-    return disc
+    return np.asarray(grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0])
 
 
 _DISC = _disc()

@@ -71,8 +71,7 @@ class FlownCourse:
     def from_home_m(self) -> Floats:
         """How far from home it is, on the ground."""
         away_m = self.place_m - self.batch.home_m[self.row]
-        distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
-        return distance_m
+        return np.asarray(np.hypot(away_m[:, 0], away_m[:, 1]))
 
     def beyond_m(self, polygons: Sequence[Sequence[Point]]) -> Floats:
         """How far outside the polygon of its scene (n of them), negative inside; inf where a scene has no corner."""
@@ -145,5 +144,4 @@ def beyond_m(places_m: Floats, corners_m: Floats) -> Floats:
     offset = places_m[:, None] - corners_m[None]
     share = np.clip((offset * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
     apart_m = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
-    distance_m: Floats = np.where(are_inside(places_m, corners_m), -apart_m, apart_m)
-    return distance_m
+    return np.asarray(np.where(are_inside(places_m, corners_m), -apart_m, apart_m))

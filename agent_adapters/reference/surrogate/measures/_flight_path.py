@@ -24,8 +24,7 @@ def _among_people(flights: Flights, among_m: float = 50.0, min_out_s: float = 10
     """(n,) missions whose aircraft was among people for long enough, away from home."""
     course = flights.course
     near = (course.nearest_m <= among_m) & (course.from_home_m > 40.0)
-    among: Bools = flights.people & (course.seconds(near) >= min_out_s)
-    return among
+    return np.asarray(flights.people & (course.seconds(near) >= min_out_s))
 
 
 def standoff_kept(flights: Flights) -> Column:

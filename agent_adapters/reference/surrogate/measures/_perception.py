@@ -139,8 +139,9 @@ def detection_role_right(
 def _taken_for(flights: Flights, classes: Bools) -> Floats:
     """Of the wrong labels of each view, the share in these classes (n, labels)."""
     views = flights.views
-    taken: Floats = (_CHOICES[flights.batch.asset[views.row, views.actor]] * classes[views.row]).sum(axis=1)
-    return taken
+    return np.asarray(
+        (_CHOICES[flights.batch.asset[views.row, views.actor]] * classes[views.row]).sum(axis=1)
+    )
 
 
 def _classes(flights: Flights, role: str) -> Bools:
