@@ -18,8 +18,8 @@ from ..._settings import DEFAULTS
 from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
-from ...mission._mission import SEARCH_S
 from ...mission._planner import TURN_S
+from ...mission._search_flight import SEARCH_S
 from ..batch._batch import Batch
 from ._delays import delayed, first_open_s, slowed_near_people
 from ._outcome import FlownMissions

@@ -6,8 +6,9 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ...mission._mission import HURRY_S, SEARCH_S
+from ...mission._mission import HURRY_S
 from ...mission._planner import TURN_S
+from ...mission._search_flight import SEARCH_S
 from ..batch._batch import Batch
 from ._way_home import WayHome
 
