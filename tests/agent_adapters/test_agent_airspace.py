@@ -70,9 +70,7 @@ def test_without_areas_and_fence_paths_stay_unchanged() -> None:
 
 
 def test_the_way_round_an_area_keeps_the_margin_and_is_short() -> None:
-    """The route around a square keeps the margin and is shorter than the detour over the corners of the
-    widened square.
-    """
+    """The route around a square keeps the margin and is shorter than over the widened square's corners."""
     space = Airspaces.of(order_with_rules((SQUARE,))).at(0.0)
     route = space.route((-100.0, 0.0), (100.0, 0.0))
     assert min(distance_m(place, SQUARE) for place in points_along(route)) >= NO_FLY_MARGIN_M - 0.1
@@ -113,9 +111,7 @@ def test_a_forbidden_waypoint_is_moved_and_a_forbidden_end_is_reached() -> None:
 
 
 def test_an_area_counts_from_before_it_comes_into_force() -> None:
-    """Long before it may be crossed; from its lead time on it may not; without change it is the same
-    airspace.
-    """
+    """Long before it may be crossed; from its lead time on it may not; else it is the same airspace."""
     spaces = Airspaces.of(order_with_rules((SQUARE,), from_s=100.0))
     assert spaces.at(0.0).clear((-100.0, 0.0), (100.0, 0.0))
     assert not spaces.at(100.0 - LEAD_S).clear((-100.0, 0.0), (100.0, 0.0))
@@ -136,9 +132,7 @@ def test_a_block_is_wider_than_its_area_on_every_side(corners: tuple[Place, ...]
 
 
 def test_a_mission_flies_round_an_area_and_keeps_heights_and_speed() -> None:
-    """An area across the way to the target and a floor: never inside the area, not low away from home, not
-    too fast.
-    """
+    """An area across the way and a floor: never inside the area, not low away from home, not too fast."""
     wall = ((50.0, -40.0), (70.0, -40.0), (70.0, 40.0), (50.0, 40.0))
     target = Actor("mobile_radar", 170.0, 0.0)
     trail: list[tuple[float, float, float, float]] = []

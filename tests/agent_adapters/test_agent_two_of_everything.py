@@ -1,6 +1,4 @@
-"""Two of everything: closed areas, bystanders, orders, outages and targets of equal priority, at the same
-time.
-"""
+"""Two of everything: areas, bystanders, orders, outages, equal targets, at the same time."""
 
 from __future__ import annotations
 
@@ -55,9 +53,7 @@ def shortest_m(areas: list[Polygon], begin: Place, end: Place) -> float:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_way_round_two_areas_is_the_shortest(seed: int) -> None:
-    """The agent's route and the surrogate's are as long as the independent reference says, also where areas
-    overlap.
-    """
+    """The agent's route and the surrogate's are as long as the independent reference says."""
     rng = random.Random(seed)
     corners = [random_area(rng), random_area(rng)]
     blocks = [block_round(area, NO_FLY_MARGIN_M) for area in corners]

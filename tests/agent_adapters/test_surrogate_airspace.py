@@ -1,6 +1,4 @@
-"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as long as they are said
-to be.
-"""
+"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as stated."""
 
 from __future__ import annotations
 

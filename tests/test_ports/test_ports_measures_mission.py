@@ -61,9 +61,7 @@ def test_battery_reserve_is_relative_to_the_rule() -> None:
 
 
 def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
-    """A vehicle parked inside a sub-area has not reached it, nor has one whose home lies in it and that hovers
-    there.
-    """
+    """A vehicle parked in a sub-area has not reached it, nor one that hovers over a home in it."""
     stays = ((0.0, 105.0, 95.0), (200.0, 105.0, 95.0))
     assert x_of(sub_areas_reached, went(scene(), *stays)) == 0.5
     assert x_of(sub_areas_reached, went(scene(), *stays, down_s=5.0)) == 0.0
@@ -149,9 +147,7 @@ def test_the_time_for_late_intelligence_stops_with_a_lost_link(rule: str, expect
 
 
 def test_a_visit_without_a_find_serves_no_intelligence() -> None:
-    """Of two late reports the one whose target was reported with knowledge is served; one about a bystander by
-    the visit alone.
-    """
+    """Of two late reports the one with a target reported is served; one about a bystander by the visit."""
     of_targets = [
         {"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0},
         {"id": "second", "about": "truck", "uncertainty_m": 50.0, "delivered_s": 30.0},

@@ -80,9 +80,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Cases:
-    """The three runs of one measure with one set of options; `not_considered` is None for what is always
-    considered.
-    """
+    """The three runs of a measure with its options; `not_considered` None for what always is."""
 
     achieved: Run
     failed: Run
@@ -153,9 +151,7 @@ def _records(run: Run) -> Iterator[Record]:
 
 
 def _vehicle(tape: Tape) -> Iterator[Record]:
-    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has
-    it.
-    """
+    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes."""
     tilts = tape.vehicle_tilt_rad if len(tape.vehicle_tilt_rad) else np.zeros(len(tape.vehicle_time_s))
     rows = zip(
         tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True
