@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from air_documents import valid
-from cases import Run, scene
+from cases import scene, x_of
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
@@ -32,11 +32,6 @@ from test_ports.reports.bystanders import (
     withheld_until_clear,
 )
 from test_ports.reports.targets import report_after_sight
-
-
-def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return x
 
 
 def test_mission_time_falls_linearly() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases import Run, recorded, scene
+from cases import Run, recorded, scene, x_of
 from cases.bystanders import RADAR_AT
 from cases.orders import (
     COMES_DOWN,
@@ -33,14 +33,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import answer, at_s, order, report
 
-from bench.campaign import measure_all
 from bench.contracts import EventDocument, Timed
 
 KINDS = tuple(OBEYED)
-
-
-def x_of(measure: str, run: Run, **options: Any) -> float | None:
-    return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0].x
 
 
 @pytest.mark.parametrize("kind", KINDS)

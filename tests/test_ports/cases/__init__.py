@@ -17,6 +17,7 @@ import numpy as np
 from made_run import at_s, estimate, text_record
 from pymavlink.dialects.v20 import common as mavlink
 
+from bench.campaign import measure_all
 from bench.contracts import (
     SESSION_EVENTS,
     TRUTH_ACTORS,
@@ -58,6 +59,7 @@ from bench.streams import (
     encode,
     encode_pose_array,
 )
+from test_ports import DeclaredMeasure
 
 ONBOARD = mavlink_topic("onboard", "from_agent")
 SETPOINT = encode(
@@ -76,6 +78,12 @@ class Run:
 
     simspec: SimSpec
     tape: Tape
+
+
+def x_of(measure: str | DeclaredMeasure, run: Run, **options: Any) -> float | None:
+    """What a measure with these options finds in a run."""
+    name = measure if isinstance(measure, str) else measure.name
+    return measure_all({"OBS-1": (name, options)}, run.tape, run.simspec)[0].x
 
 
 @dataclass(frozen=True, slots=True)
