@@ -9,8 +9,7 @@ from ..perception._perception import ObjectPerception
 from ..perception._tracks import Tracks, may_be_bystander
 from ._paths import Place, ring
 
-# Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen, not
-# measured.
+# Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen.
 CLEAR_M = 13.0
 # Whoever was seen longer ago may have gone, and others may have come. Chosen, not measured.
 LOOK_AGE_S = 15.0

@@ -10,8 +10,7 @@ from .._watch import Watch
 from ..perception._tracks import Track
 from ._policy import Judgement
 
-# While perception is worse than usual a report states less confidence and a larger error. Chosen, not
-# measured.
+# While perception is worse than usual a report states less confidence and a larger error. Chosen.
 DEGRADED_CONFIDENCE, DEGRADED_SIGMA = 0.8, 1.5
 
 
