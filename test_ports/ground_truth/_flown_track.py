@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Self
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
-from bench.simspec import SimSpec
+from bench.polygons import are_inside
+from bench.simspec import Point, SimSpec
 
 from ._fault_schedule import EXACT_S, FaultSpan, scheduled_faults
 from ._truth import GroundTruth
@@ -212,3 +214,16 @@ class FlownTrack:
         index = np.searchsorted(np.array([state.time.s for state in states]), self.time_s, side="right") - 1
         off_ground = np.array([not state.value.landed for state in states])
         return np.asarray(np.where(index >= 0, off_ground[np.maximum(index, 0)], False))
+
+
+def distance_beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
+    """(n,) distances of places (n, 2) from the edge of a simple polygon, positive outside."""
+    starts = np.array([(corner.east_m, corner.north_m) for corner in corners])
+    ends = np.roll(starts, -1, axis=0)
+    along = ends - starts
+    # Two corners at one place make an edge without length; the floor keeps its division defined.
+    squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
+    offset = places_m[:, None] - starts[None]
+    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
+    distance: Floats = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
+    return np.where(are_inside(places_m, starts), -distance, distance)
