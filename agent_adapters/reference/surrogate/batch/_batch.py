@@ -341,15 +341,8 @@ def _actors(simspec: SimSpec) -> dict[str, Any]:
 
 
 _OF_GROUP = (
-    "role",
-    "roam_m",
-    "rest_share",
-    "tall_m",
-    "wide_m",
-    "concealment",
-    "mistakable",
-    "asset",
-    "label",
+    *("role", "roam_m", "rest_share", "tall_m", "wide_m"),
+    *("concealment", "mistakable", "asset", "label"),
 )
 
 

@@ -144,26 +144,16 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
     frame = [values[..., None].astype(np.float32) for values in of_moments]
     frame += [places_m[:, None, :, axis].astype(np.float32) for axis in range(2)]
     blocks = [
-        _in_picture(begin, *(values[begin : begin + BLOCK] for values in frame))
+        _in_picture(begin, [values[begin : begin + BLOCK] for values in frame])
         for begin in range(0, len(rows), BLOCK)
     ]
     at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
-def _in_picture(
-    first: int,
-    sine: Narrow,
-    cosine: Narrow,
-    near_m: Narrow,
-    far_m: Narrow,
-    widens: Narrow,
-    right_m: Narrow,
-    left_m: Narrow,
-    east_m: Narrow,
-    north_m: Narrow,
-) -> tuple[Counts, Counts, Counts]:
+def _in_picture(first: int, frame: Sequence[Narrow]) -> tuple[Counts, Counts, Counts]:
     """Row, moment and actor of all pairs of a block that begins with row `first`."""
+    sine, cosine, near_m, far_m, widens, right_m, left_m, east_m, north_m = frame
     ahead = east_m * sine
     ahead += north_m * cosine
     across = east_m * cosine
