@@ -21,6 +21,7 @@ from ...flight._pilot import FIRST_HEIGHT_M
 from ...mission._planner import TURN_S
 from ...mission._search_flight import SEARCH_S
 from ..batch._batch import Batch
+from ._bystanders import known_near
 from ._delays import delayed, first_open_s, slowed_near_people
 from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
@@ -191,12 +192,10 @@ class _Flight(Missions):
         stays = self._fly_around(rows, chosen, self._targets_m(rows, chosen))
         rows, chosen = rows[stays], chosen[stays]
         at_s = self._now_s[rows]
-        clear = (
-            self._memory.known_near(
-                rows, chosen, at_s, self._everybody_at(rows, at_s), last_stretch_only=True
-            ).within
-            == 0
-        )
+        everybody_m = self._everybody_at(rows, at_s)
+        # On this round alone: who was there before may have gone.
+        known = known_near(batch, self._views[-1:], rows, chosen, at_s, everybody_m)
+        clear = known.within == 0
         clear[clear] = self._seen_enough(rows[clear], chosen[clear], at_s[clear])
         said_s = first_open_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
@@ -289,7 +288,6 @@ class _Flight(Missions):
         views = self._views_of(stretch, begin_s)
         leaves_s = np.full(len(rows), np.inf)
         self._views.append(views)
-        self._memory.add(views)
         if task is not None:
             observed = self._identification.observe(
                 rows, task, stretch, views, self._everybody_at(rows, begin_s)
@@ -306,7 +304,6 @@ class _Flight(Missions):
             limit_s[rows] = cut_s
             flown = views.time_s <= limit_s[views.row]
             self._views[-1] = views.where(flown)
-            self._memory.keep(flown)
             stretch, place_m = cut_off(stretch, place_m, cut_s, self._place_m[rows])
         self._course.append(stretch)
         self._now_s[rows] = np.minimum(end_s, cut_s)

@@ -10,7 +10,7 @@ from ..._settings import DEFAULTS
 from ...mission._findings import DEADLINE_S
 from ...mission._mission import LAST_WORD_S
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
-from ._bystanders import KnownBystanders, SightingMemory
+from ._bystanders import KnownBystanders, known_near
 from ._delays import first_open_s
 from ._identification import NEVER_S, Identification
 from ._outcome import FlownMissions
@@ -39,7 +39,6 @@ class Missions:
         self._place_m = batch.home_m.copy()
         self._course: list[Stretch] = []
         self._views: list[Views] = []
-        self._memory = SightingMemory(batch)
         self._task_is = batch.is_task
         self._dealt_with = ~self._task_is
         self._passes = np.zeros((count, tasks), dtype=np.int64)
@@ -74,7 +73,8 @@ class Missions:
 
     def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> KnownBystanders:
         """Who near a target was seen often enough by then."""
-        return self._memory.known_near(rows, task, until_s, self._everybody_at(rows, until_s))
+        places_m = self._everybody_at(rows, until_s)
+        return known_near(self._batch, self._views, rows, task, until_s, places_m)
 
     def _seen_enough(self, rows: Counts, task: Counts, until_s: Floats) -> Bools:
         """(r,) whether enough of a target's surroundings was in the picture lately."""
