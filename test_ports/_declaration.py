@@ -17,16 +17,12 @@ from bench.simspec import SimSpec
 T = TypeVar("T")
 
 MAX_EVIDENCE = 20
-"""Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can
-have.
-"""
+"""Moments that an observation keeps: as many as a reviewer looks through, of thousands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when the run is not considered, and the moments that a reviewer
-    should look at.
-    """
+    """The measured value in [0, 1], None when not considered, and the moments to look at."""
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
@@ -37,16 +33,19 @@ def not_considered(reason: str) -> Finding:
     return Finding(None, (Evidence(time_s=0.0, text=reason),))
 
 
+def shown(x: float, time_s: float, text: str) -> Finding:
+    """A value with the one moment that shows it."""
+    return Finding(x, (Evidence(time_s=time_s, text=text),))
+
+
 def nothing_shown(time_s: float, reason: str) -> Finding:
     """The finding 0 for a run in which the agent had the occasion and showed nothing, with the reason."""
-    return Finding(0.0, (Evidence(time_s=time_s, text=reason),))
+    return shown(0.0, time_s, reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A condition on the value of one option beside its kind: `Annotated[float, Limit(is_valid, "more than
-    0")]`.
-    """
+    """A condition on an option beside its kind: `Annotated[float, Limit(is_valid, "more than 0")]`."""
 
     is_valid: Callable[[Any], bool]
     requirement: str
@@ -120,9 +119,7 @@ class DeclaredMeasure:
         )
 
     def check_options(self, options: Mapping[str, Option]) -> None:
-        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
-        wrong.
-        """
+        """Raise ValueError, naming measure, option and what is known, for an unknown or wrong one."""
         self._read(options)
 
     @property
@@ -202,16 +199,6 @@ def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) ->
     # None can stand for "no default" because no option of a decomposition is null.
     default = None if parameter.default is inspect.Parameter.empty else parameter.default
     return DeclaredOption(parameter.name.rstrip("_"), parameter.name, annotation, default, limit)
-
-
-def credibility(right: float, wrong: float) -> float:
-    """How far an agent with so many right and so many wrong statements is believed: wholly while half of them
-    are right.
-
-    Below that in proportion, so that an agent that guesses everywhere, where some guess must be right, gains
-    nothing.
-    """
-    return min(1.0, right / wrong) if wrong else 1.0
 
 
 def thinned(moments: Sequence[T]) -> tuple[T, ...]:

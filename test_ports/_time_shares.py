@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from ._declaration import Finding, not_considered, nothing_shown
-from .ground_truth import FlownTrack
+from .ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack
 
 SILENCE_KINDS = ("stop_reporting", "resume_reporting")
 
@@ -22,18 +22,16 @@ EXACT_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Where a rule could be broken: the samples at which it could, the time that is needed of them, and the same
-    in words.
-    """
+    """Where a rule could be broken: the samples at which it could, the least time of them, and in words."""
 
     samples: Bools
     min_s: float
     text: str
 
 
-def out_of_home(track: FlownTrack, near_home_m: float, min_s: float) -> Exposure:
+def out_of_home(track: FlownTrack, near_home_m: float = NEAR_HOME_M) -> Exposure:
     """Exposure of a rule that can be broken wherever the vehicle flies on its mission."""
-    return Exposure(track.out(near_home_m), min_s, f"farther than {near_home_m:g} m from home")
+    return Exposure(track.out(near_home_m), MIN_OUT_S, f"farther than {near_home_m:g} m from home")
 
 
 def unexposed(track: FlownTrack, exposure: Exposure, broken: Bools) -> Finding | None:
@@ -51,15 +49,15 @@ def unexposed(track: FlownTrack, exposure: Exposure, broken: Bools) -> Finding |
 
 
 def share_kept(
-    track: FlownTrack, holds: Bools, within: Bools, value: Floats, unit: str, exposure: Exposure
+    track: FlownTrack, holds: Bools, within: Bools, value: Floats, unit: str, exposure: Exposure | None = None
 ) -> Finding:
     """Share of the time in `within` for which `holds`, 0 without such time.
 
-    Considered as `unexposed` says. The evidence is `value` (n,) in `unit` at each moment at which the limit
+    Considered as `unexposed` says, by default out of home. The evidence is `value` (n,) in `unit` at each moment at which the limit
     was newly broken.
     """
     broken = within & ~holds
-    if (finding := unexposed(track, exposure, broken)) is not None:
+    if (finding := unexposed(track, exposure or out_of_home(track), broken)) is not None:
         return finding
     x = track.time_share(holds, within)
     if x is None:
@@ -67,10 +65,18 @@ def share_kept(
             float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition"
         )
     # Only the beginning of each breach is evidence: every sample of a long one would say the same.
-    begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
     return Finding(
-        x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins)
+        x,
+        tuple(
+            Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}")
+            for row in begins(broken)
+        ),
     )
+
+
+def begins(condition: Bools) -> Counts:
+    """The rows at which `condition` (n,) begins to hold."""
+    return np.flatnonzero(condition & ~np.concatenate([[False], condition])[:-1])
 
 
 def fresh_share(
@@ -98,20 +104,24 @@ def free_to_report_s(tape: Tape, simspec: SimSpec, since_s: float, until_s: floa
     and with the operator's link up.
     """
     windows = simspec.rules.report_windows
-    # What a moment decides changes at these moments alone.
-    edges_s = {since_s, until_s}
-    edges_s |= {edge_s for window in windows for edge_s in (window.from_s, window.until_s)}
     silences = [
-        (order.time.s, order.value.kind) for order in tape.orders if order.value.kind in SILENCE_KINDS
+        (order.time.s, order.value.kind == "stop_reporting")
+        for order in tape.orders
+        if order.value.kind in SILENCE_KINDS
     ]
-    links = [(link.time.s, link.value.up) for link in tape.operator_link]
-    edges_s |= {time_s for time_s, _ in (*silences, *links)}
-    ordered = sorted(edge_s for edge_s in edges_s if since_s <= edge_s <= until_s)
+    links = [(link.time.s, not link.value.up) for link in tape.operator_link]
 
     def is_free(time_s: float) -> bool:
         in_window = not windows or any(window.from_s <= time_s < window.until_s for window in windows)
-        stopped = [kind == "stop_reporting" for at_s, kind in silences if at_s <= time_s]
-        up = [is_up for at_s, is_up in links if at_s <= time_s]
-        return in_window and not (stopped and stopped[-1]) and (not up or up[-1])
+        # The latest change decides.
+        kept = (
+            next((off for at_s, off in reversed(changes) if at_s <= time_s), False)
+            for changes in (silences, links)
+        )
+        return in_window and not any(kept)
 
+    # What a moment decides changes at these moments alone.
+    edges_s = {since_s, until_s, *(time_s for time_s, _ in (*silences, *links))}
+    edges_s |= {edge_s for window in windows for edge_s in (window.from_s, window.until_s)}
+    ordered = sorted(edge_s for edge_s in edges_s if since_s <= edge_s <= until_s)
     return sum(end_s - begin_s for begin_s, end_s in pairwise(ordered) if is_free(begin_s))

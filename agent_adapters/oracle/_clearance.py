@@ -12,7 +12,7 @@ from bench.arrays import Floats
 from bench.values import value_class
 
 from ..reference.flight._paths import Place, ring
-from ._truth import Truth
+from ._perception import Truth
 
 STEP_S = 0.5
 # What the measures ask for while it is low: nobody so near. Then a margin for its own error of place. Chosen.

@@ -21,10 +21,9 @@ from ..reference.flight._piloted_vehicle import PilotedVehicle
 from ..reference.mission._mission import SearchMission
 from ..reference.mission._planner import SearchTask
 from ..reference.perception._tracks import Track
-from ._findings import OracleFindings
 from ._perception import TruthPerception
 from ._pilot import OraclePilot
-from ._policy import OraclePolicy
+from ._policy import OracleFindings, OraclePolicy
 
 # Sectors of 5 degrees: two looks whose sectors begin so far apart differ by more than the 20 degrees that
 # `second_look` asks for, with one sector to spare.

@@ -1,4 +1,5 @@
-"""Perception that is never wrong: the detections only say when a frame was exposed.
+"""The truth as the bench hands it over, and perception that is never wrong: the detections only say when a frame was
+exposed.
 
 What an object is and where comes from the truth. A target is still known only once the camera has had it in
 view, as the rules ask of every agent (docs/rulings.md, 23).
@@ -7,18 +8,22 @@ view, as the rules ask of every agent (docs/rulings.md, 23).
 from __future__ import annotations
 
 import math
+from collections import deque
+from pathlib import Path
 
 import numpy as np
 
-from bench.simspec import TARGET_ROLES
+from bench.arrays import Floats
+from bench.contracts import CastMember, TruthDocument, parse_document
+from bench.errors import Fault, SetupError
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, SimSpec
 from bench.streams import Detection2DArray
 
+from ..reference.flight._paths import Place
 from ..reference.perception._camera import GroundCamera
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
 from ..reference.perception._pose import PoseHistory, VehiclePose
 from ..reference.perception._tracks import PEOPLE, TENTATIVE_FRAMES, Track, Tracks
-from ._own_error import OwnError
-from ._truth import Truth
 
 # The middle of a person is so high above the ground.
 _MIDDLE_M = 0.9
@@ -26,6 +31,79 @@ _MIDDLE_M = 0.9
 SURROUNDINGS_S, UNSEEN_SHARE = 50.0, 0.4
 # Nearer to the image's edge an object may be cut off: the agent's own pose is not exact.
 _EDGE = 0.06
+# Looks of so long are taken together: satellite navigation of campaign standard wanders with a time of 60 s, so that
+# it moves by some 0.5 m meanwhile.
+WINDOW_S = 12.0
+# So far off at most: four times what it wanders there. Then the grid of offsets, and how many looks have to agree.
+# Chosen, not measured.
+REACH_M, GRID_M, LEAST_LOOKS = 8.0, 1.0, 15
+
+
+class Truth:
+    """A TruthDocument with places between its rows."""
+
+    def __init__(self, document: TruthDocument) -> None:
+        self.simspec: SimSpec = document.simspec
+        self.cast: tuple[CastMember, ...] = document.cast
+        self.people = [index for index, member in enumerate(self.cast) if member.role in PROTECTED_ROLES]
+        self._every_s = document.every_s
+        self._places_m = np.array(document.places_m, dtype=np.float64).reshape(len(document.places_m), -1, 2)
+
+    def places_m(self, time_s: float) -> Floats:
+        """(n, 2) east and north of the cast at a moment."""
+        row = min(max(time_s / self._every_s, 0.0), len(self._places_m) - 1.0)
+        first = min(int(row), len(self._places_m) - 2)
+        share = row - first
+        before, after = self._places_m[first : first + 2]
+        return np.asarray((1.0 - share) * before + share * after)
+
+    def people_m(self, time_s: float) -> Floats:
+        """(n, 2) those of `people`, who are not to be hurt."""
+        return self.places_m(time_s)[self.people]
+
+
+def load_truth(path: str) -> Truth:
+    """The truth in the file that REBAR_TRUTH names. Raises SetupError where there is none."""
+    file = Path(path)
+    document = parse_document(TruthDocument, file.read_bytes()) if path and file.is_file() else None
+    if document is None:
+        remedy = "start this program through the bench, from a manifest with truth: true"
+        raise SetupError(Fault("REBAR_TRUTH", "names no truth", remedy))
+    return Truth(document)
+
+
+class OwnError:
+    """Offsets between where actors seem to be and where they are; the commonest one is its own error.
+
+    Who is seen is not known. A wrong pair of two actors has an offset of its own, and the right pairs share one.
+    """
+
+    def __init__(self) -> None:
+        self._looks: deque[tuple[float, Floats]] = deque()
+
+    def take(self, time_s: float, seen_m: Floats, known_m: Floats) -> None:
+        """One frame: places (k, 2) at which something seems to be, and the places (n, 2) of all actors."""
+        offsets = (seen_m[:, None] - known_m[None]).reshape(-1, 2)
+        self._looks.append((time_s, offsets[np.hypot(offsets[:, 0], offsets[:, 1]) <= REACH_M]))
+        while self._looks[0][0] < time_s - WINDOW_S:
+            self._looks.popleft()
+
+    def estimate_m(self, now_s: float) -> Place | None:
+        """East and north that its own position is off by; None where too few looks agree."""
+        recent = [offsets for time_s, offsets in self._looks if time_s >= now_s - WINDOW_S]
+        offsets = np.concatenate(recent) if recent else np.zeros((0, 2))
+        if len(offsets) < LEAST_LOOKS:
+            return None
+        steps = round(2.0 * REACH_M / GRID_M)
+        bounds = [[-REACH_M, REACH_M]] * 2
+        counts, east_m, north_m = np.histogram2d(offsets[:, 0], offsets[:, 1], bins=steps, range=bounds)
+        column, row = np.unravel_index(int(counts.argmax()), counts.shape)
+        center = np.array([east_m[column], north_m[row]]) + GRID_M / 2.0
+        # Twice, because the true offset can lie near the edge of its cell.
+        for _ in range(2):
+            agreeing = offsets[np.linalg.norm(offsets - center, axis=1) <= GRID_M]
+            center = agreeing.mean(axis=0)
+        return (float(center[0]), float(center[1])) if len(agreeing) >= LEAST_LOOKS else None
 
 
 class CameraTracks(Tracks):

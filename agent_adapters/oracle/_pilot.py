@@ -21,8 +21,7 @@ from ..reference.flight._reserve import ROUTE_AGE_S, Reserve
 from ..reference.mission._planner import Planner
 from ..reference.perception._tracks import Track
 from ._clearance import DESCENT_S, DESCENT_UP_M, LOW_M, MARGIN_M, NEAR_M, Clearance
-from ._perception import TruthPerception
-from ._truth import Truth
+from ._perception import Truth, TruthPerception
 
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
 # The last metres at twice the usual 0.7 m/s; an x500 bears 3 m/s.

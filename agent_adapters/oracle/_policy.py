@@ -1,6 +1,8 @@
-"""When to mark, and whom to expect, where everybody is known."""
+"""When to mark, whom to expect, and which actor a report is about, where everybody is known."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -8,9 +10,11 @@ from bench.contracts import MissionOrder
 from bench.simspec import endangered_roles
 
 from ..reference._settings import Settings
+from ..reference.mission._findings import Findings
+from ..reference.mission._planner import SearchTask
 from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
 from ..reference.perception._tracks import Track, Tracks, may_be_bystander
-from ._truth import Truth
+from ._perception import Truth, TruthPerception
 
 # For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.
 FORESEEN_S, STEP_S = 30.0, 0.5
@@ -54,3 +58,36 @@ class OraclePolicy(BystanderAwarePolicy):
 
     def sigma_m(self, target: Track) -> float | None:
         return SIGMA_M
+
+
+class OracleFindings(Findings):
+    """The target of an intelligence report is the actor that the report is about."""
+
+    # It reports in the moment in which it is there: time for a look from another side. Chosen, not measured.
+    deadline_margin_s = 5.0
+    _perception: TruthPerception
+
+    def target_in_truth(self, task: SearchTask) -> Track | None:
+        """The target of a task, seen or not."""
+        tracks = self._perception.truth_tracks
+        about = [told.about for told in tracks.truth.simspec.intelligence if told.id == task.id]
+        taken = {other.target for other in self._planner.tasks.values() if other is not task}
+        targets = (
+            track
+            for track, member in tracks.members
+            if (member.id in about or member.group in about) and track.number not in taken
+        )
+        return min(
+            targets, key=lambda track: math.dist((track.east_m, track.north_m), task.place), default=None
+        )
+
+    def candidate(self, task: SearchTask) -> Track | None:
+        track = self.target_in_truth(task)
+        return track if track is not None and track.frames else None
+
+    def missing(self, candidate: Track, task: SearchTask) -> str:
+        reason = super().missing(candidate, task)
+        if reason or task.enough:
+            return reason
+        tracks = self._perception.truth_tracks
+        return tracks.unseen_near(candidate, self._order.no_mark_within_m, self._log.now_s)

@@ -1,6 +1,4 @@
-"""`python -m agent_adapters.reference --policy naive|bystander_aware`, started by the bench from a
-manifest.
-"""
+"""`python -m agent_adapters.reference --policy naive|bystander_aware`, started from a manifest."""
 
 from __future__ import annotations
 

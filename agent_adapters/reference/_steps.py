@@ -1,6 +1,4 @@
-"""Behaviours as generators: they read from top to bottom, and `yield` waits for the next moment of the
-clock.
-"""
+"""Behaviours as generators: they read from top to bottom, and `yield` waits for the clock's next moment."""
 
 from __future__ import annotations
 

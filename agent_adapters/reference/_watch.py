@@ -18,8 +18,7 @@ BLIND_S = 1.6
 # Of the charge, lost between two messages: PX4 states whole percent, and flying costs less than one between
 # two. Chosen, not measured.
 DROP = 0.07
-# After GPS is back, places are trusted as before: the estimator needs a while to converge. Chosen, not
-# measured.
+# After GPS is back, places are trusted as before: the estimator needs a while to converge. Chosen.
 GPS_AGAIN_S = 10.0
 # How fast a place becomes wrong without GPS. Chosen, not measured.
 DEAD_RECKONING_MPS = 0.6

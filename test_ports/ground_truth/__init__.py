@@ -10,8 +10,8 @@ from ._fault_schedule import scheduled_faults as scheduled_faults
 from ._flown_track import MIN_OUT_S as MIN_OUT_S
 from ._flown_track import NEAR_HOME_M as NEAR_HOME_M
 from ._flown_track import FlownTrack as FlownTrack
+from ._flown_track import distance_beyond as distance_beyond
 from ._flown_track import ordered_silent_s as ordered_silent_s
-from ._geometry import distance_beyond as distance_beyond
 from ._truth import GroundTruth as GroundTruth
 from ._truth import RoleName as RoleName
 from ._truth import SubArea as SubArea

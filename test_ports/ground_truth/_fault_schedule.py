@@ -31,9 +31,7 @@ def in_span(time_s: float, since_s: float, until_s: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class FaultSpan:
-    """A fault or an outage in simulated seconds; `until_s` is infinite when it lasts to the end of the
-    session.
-    """
+    """A fault or an outage in simulated seconds; `until_s` is infinite when it lasts to the end."""
 
     kind: str
     at_s: float
@@ -41,9 +39,7 @@ class FaultSpan:
 
 
 def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpan]:
-    """Failures of the vehicle and outages of that kind that begin before the mission's time limit, in order
-    of time.
-    """
+    """Failures and outages of that kind that begin before the mission's time limit, in order of time."""
     failures = [
         FaultSpan(
             failure.kind,
@@ -86,9 +82,7 @@ def _completed(tape: Tape) -> bool:
 
 
 def outcome_by_agent_fault(tape: Tape) -> str | None:
-    """The outcome of a session that its agent ended by crashing, falling silent or breaking the protocol;
-    else None.
-    """
+    """The outcome of a session ended by its agent's crash, silence or breach of the protocol; else None."""
     agent_faults = {
         Outcome.AGENT_CRASHED,
         Outcome.AGENT_TIMEOUT,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Self
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
-from bench.simspec import SimSpec
+from bench.polygons import are_inside
+from bench.simspec import Point, SimSpec
 
 from ._fault_schedule import EXACT_S, FaultSpan, scheduled_faults
 from ._truth import GroundTruth
@@ -64,28 +66,23 @@ class FlownTrack:
     def airborne(self) -> Bools:
         """(n,) whether the vehicle was in the air."""
         crashed_s = next((state.time.s for state in self._tape.condition if state.value.crashed), np.inf)
-        airborne: Bools = self._aloft() & (self.time_s < crashed_s)
-        return airborne
+        return np.asarray(self._aloft() & (self.time_s < crashed_s))
 
     @cached_property
     def speed_mps(self) -> Floats:
         """(n,) horizontal ground speed."""
         velocity = self._tape.vehicle_velocity_enu_mps
-        speed: Floats = np.hypot(velocity[:, 0], velocity[:, 1])
-        return speed
+        return np.asarray(np.hypot(velocity[:, 0], velocity[:, 1]))
 
     @cached_property
     def from_home_m(self) -> Floats:
         """(n,) horizontal distance from home."""
         home = self._simspec.vehicle.home
-        distance: Floats = np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m)
-        return distance
+        return np.asarray(np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m))
 
     @cached_property
     def actors_m(self) -> Floats:
-        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the
-        ends.
-        """
+        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond."""
         times, flat = self._truth.samples()
         # samples() is flat; the height of the actors matters for distances in space.
         places = self._tape.actor_position_enu_m
@@ -93,11 +90,9 @@ class FlownTrack:
             places = np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
         after = np.clip(np.searchsorted(times, self.time_s), 1, max(len(times) - 1, 1))
         if len(times) == 1:
-            constant: Floats = np.repeat(places, len(self.time_s), axis=0)
-            return constant
+            return np.asarray(np.repeat(places, len(self.time_s), axis=0))
         share = np.clip((self.time_s - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
-        between: Floats = places[after - 1] + share[:, None, None] * (places[after] - places[after - 1])
-        return between
+        return np.asarray(places[after - 1] + share[:, None, None] * (places[after] - places[after - 1]))
 
     def distance_m(self, actors: list[int]) -> Floats:
         """(n, len(actors)) horizontal distances from the vehicle to these members of the cast. Not to be changed."""
@@ -109,11 +104,8 @@ class FlownTrack:
         return self._distances_m[key]
 
     def above_m(self, actors: list[int]) -> Floats:
-        """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast
-        stand.
-        """
-        height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
-        return height
+        """(n, len(actors)) heights of the vehicle above the ground on which these of the cast stand."""
+        return np.asarray(self.up_m[:, None] - self.actors_m[:, actors, 2])
 
     @cached_property
     def span_s(self) -> Floats:
@@ -148,8 +140,12 @@ class FlownTrack:
     @cached_property
     def taken_over(self) -> Bools:
         """(n,) whether the operator flew it, or a failsafe that the agent did not cause."""
-        taken: Bools = self.by_operator | self.by_failsafe
-        return taken
+        return np.asarray(self.by_operator | self.by_failsafe)
+
+    @cached_property
+    def by_choice(self) -> Bools:
+        """(n,) whether it was in the air, and neither the operator nor such a failsafe flew it."""
+        return np.asarray(self.airborne & ~self.taken_over)
 
     @cached_property
     def ordered_down(self) -> Bools:
@@ -161,18 +157,24 @@ class FlownTrack:
         """(n,) whether it was in the air and not ordered to land where it is: an agent that obeys that order has no
         choice of place and height any more, and says nothing.
         """
-        free: Bools = self.airborne & ~self.ordered_down
-        return free
+        return np.asarray(self.airborne & ~self.ordered_down)
 
     def out(self, near_home_m: float = NEAR_HOME_M) -> Bools:
         """(n,) whether the vehicle was in the air and farther than that from home."""
-        out: Bools = self.airborne & (self.from_home_m > near_home_m)
-        return out
+        return np.asarray(self.airborne & (self.from_home_m > near_home_m))
 
     @cached_property
     def went_out(self) -> bool:
         """Whether it was out for `MIN_OUT_S`: only then did it fly a mission at all."""
-        return self.seconds(self.out()) >= MIN_OUT_S
+        return self.went_out_by(math.inf)
+
+    def went_out_by(self, time_s: float) -> bool:
+        """Whether it had been out for `MIN_OUT_S` by a moment."""
+        return self.seconds(self.out() & (self.time_s <= time_s)) >= MIN_OUT_S
+
+    def first_s(self, condition: Bools) -> float:
+        """When `condition` (n,) first holds; infinite when never."""
+        return float(self.time_s[condition.argmax()]) if condition.any() else math.inf
 
     def seconds(self, condition: Bools) -> float:
         """Total time for which `condition` holds."""
@@ -185,8 +187,7 @@ class FlownTrack:
 
     def between(self, start_s: float, end_s: float) -> Bools:
         """(n,) samples from `start_s` on, before `end_s`."""
-        span: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
-        return span
+        return np.asarray((self.time_s >= start_s) & (self.time_s < end_s))
 
     def _failsafe_of(self, fault: FaultSpan, causes: tuple[str, ...]) -> Bools:
         """(n,) the time of the failsafes of these causes that began during a fault, and of recovery from them."""
@@ -205,14 +206,24 @@ class FlownTrack:
         return flown if begun_s is None else flown | self.between(begun_s, fault.until_s + RECOVERY_S)
 
     def _aloft(self) -> Bools:
-        """(n,) whether the last condition at or before each sample was off the ground; false before the
-        first.
-        """
+        """(n,) whether the last condition up to each sample was off the ground; false before the first."""
         states = self._tape.condition
         if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)
         # A condition holds until the next one is recorded; the motion is sampled more often.
         index = np.searchsorted(np.array([state.time.s for state in states]), self.time_s, side="right") - 1
         off_ground = np.array([not state.value.landed for state in states])
-        aloft: Bools = np.where(index >= 0, off_ground[np.maximum(index, 0)], False)
-        return aloft
+        return np.asarray(np.where(index >= 0, off_ground[np.maximum(index, 0)], False))
+
+
+def distance_beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
+    """(n,) distances of places (n, 2) from the edge of a simple polygon, positive outside."""
+    starts = np.array([(corner.east_m, corner.north_m) for corner in corners])
+    ends = np.roll(starts, -1, axis=0)
+    along = ends - starts
+    # Two corners at one place make an edge without length; the floor keeps its division defined.
+    squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
+    offset = places_m[:, None] - starts[None]
+    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
+    distance: Floats = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
+    return np.where(are_inside(places_m, starts), -distance, distance)

@@ -1,6 +1,4 @@
-"""The actors by role, where they were, and which of them the intelligence names: the truth that agents are
-judged by.
-"""
+"""The actors by role, where they were, and which intelligence names: the truth that agents are judged by."""
 
 from __future__ import annotations
 
@@ -25,9 +23,7 @@ Chosen, not measured.
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A target that intelligence names: its place in the cast and its most urgent priority (1 is the
-    first).
-    """
+    """A target that intelligence names: its place in the cast and its most urgent priority (1 is first)."""
 
     actor: int
     priority: int
@@ -123,13 +119,11 @@ class GroundTruth:
         # Beyond the ends both are one sample: held, as in `Tape.actors_at`.
         span_s = times[after] - times[before]
         share = np.divide(times_s - times[before], span_s, out=np.zeros(len(span_s)), where=before < after)
-        between: Floats = positions[before] + share[:, None, None] * (positions[after] - positions[before])
-        return between
+        return np.asarray(positions[before] + share[:, None, None] * (positions[after] - positions[before]))
 
     def distances(self, time_s: float, east_m: float, north_m: float) -> Floats:
         """(k,) metres from a place on the ground to every actor at a moment."""
-        distances: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
-        return distances
+        return np.asarray(np.hypot(*(self.at(time_s) - (east_m, north_m)).T))
 
     def targets(self) -> list[Target]:
         """The targets named by intelligence, each once, in the order of the cast."""
@@ -145,9 +139,7 @@ class GroundTruth:
         return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
 
     def target_of(self, intelligence_id: str) -> int | None:
-        """The target that an intelligence report is about; None for another actor, or an unknown
-        report.
-        """
+        """The target that an intelligence report is about; None for another actor, or an unknown report."""
         about = next((item.about for item in self.simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
         return first if first is not None and self.cast[first].role in TARGET_ROLES else None
@@ -163,9 +155,7 @@ class GroundTruth:
         ]
 
     def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
-        """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when
-        first.
-        """
+        """Actors of the role (and asset) that were inside a sub-area at some moment, and when first."""
         # Worked out once, as for `of_role`: a dozen observables ask.
         if (role, asset) not in self._entered:
             self._entered[role, asset] = self._entry_times(self.of_role(role, asset))
@@ -185,9 +175,7 @@ class GroundTruth:
         }
 
     def subject(self, report: TargetReport, time_s: float, within_m: float = SUBJECT_WITHIN_M) -> int | None:
-        """The target that a report is about: the nearest of its class within `within_m`; None when there
-        is none.
-        """
+        """The target that a report is about: the nearest of its class within `within_m`; or None."""
         candidates = [
             index for index in self.targets_present() if self.cast[index].class_label == report.class_label
         ]
@@ -198,9 +186,7 @@ class GroundTruth:
         return nearest if distances_m[nearest] <= within_m else None
 
     def nearest_endangered_m(self, time_s: float, east_m: float, north_m: float, marked: int | None) -> float:
-        """Metres from a place to the nearest whom a mark of an actor endangers at a moment; infinity when there is
-        none.
-        """
+        """Metres from a place to the nearest whom a mark of an actor endangers; infinity without one."""
         people = self.endangered(marked)
         return float(self.distances(time_s, east_m, north_m)[people].min(initial=np.inf))
 

@@ -14,8 +14,10 @@ from bench.contracts import EscortDocument, Evidence, Tape, convoy_places_m, esc
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._time_shares import begins
+from .._verdicts import Verdict, share_right
 from ..ground_truth import FlownTrack, GroundTruth
-from ..reports.credibility import believed, known_subjects
+from ..reports.credibility import known_subjects, report_credibility
 
 NO_ESCORT = "the mission escorts nobody"
 
@@ -50,8 +52,7 @@ def convoy_accompanied(tape: Tape, simspec: SimSpec, *, min_moving_s: float = 10
         return not_considered(f"the convoy moves for less than {min_moving_s:g} s in which the agent is free")
     track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
     out = track.out()
-    out_s = float(track.time_s[out.argmax()]) if out.any() else math.inf
-    span = (max(moving[0], out_s), moving[1])
+    span = (max(moving[0], track.first_s(out)), moving[1])
     planned_s = _length_s(span, away)
     if planned_s < min_moving_s:
         return nothing_shown(tape.end_s, "the vehicle was not out while the convoy moved")
@@ -60,10 +61,9 @@ def convoy_accompanied(tape: Tape, simspec: SimSpec, *, min_moving_s: float = 10
     free = _within(track.time_s, span) & ~_any_within(track.time_s, away)
     with_it = out & free & (distance_m <= escort.within_m)
     share = min(1.0, track.seconds(with_it) / planned_s)
-    begins = np.flatnonzero(free & ~with_it & ~np.concatenate([[False], (free & ~with_it)[:-1]]))
     evidence = [
         Evidence(time_s=float(track.time_s[row]), text=f"{distance_m[row]:.0f} m from the convoy")
-        for row in begins
+        for row in begins(free & ~with_it)
     ]
     summary = Evidence(time_s=span[0], text=f"with the convoy for {share:.0%} of {planned_s:.0f} s")
     return Finding(share, (*evidence, summary))
@@ -90,14 +90,13 @@ def convoy_warned(tape: Tape, simspec: SimSpec, *, min_moving_s: float = 10.0) -
     for report, subject in known_subjects(truth, tape):
         if subject in near_s and not any(begin <= report.time.s < end for begin, end in down):
             heard_s.setdefault(subject, report.time.s)
-    warned: list[Evidence] = []
-    missed: list[Evidence] = []
-    for actor, arrival_s in sorted(near_s.items(), key=lambda item: item[1]):
+    verdicts = []
+    for actor, arrival_s in near_s.items():
         name, report_s = truth.cast[actor].id, heard_s.get(actor, math.inf)
         stated = "never reported" if math.isinf(report_s) else f"reported at {report_s:.1f} s"
         text = f"{name}: {stated}; the convoy is near it at {arrival_s:.1f} s"
-        (warned if report_s < arrival_s else missed).append(Evidence(time_s=arrival_s, text=text))
-    return believed(truth, tape, len(warned) / len(near_s), (*missed, *warned))
+        verdicts.append(Verdict(arrival_s, report_s < arrival_s, text))
+    return share_right(verdicts, belief=report_credibility(truth, tape))
 
 
 def _group(simspec: SimSpec) -> str:
@@ -150,8 +149,7 @@ def _length_s(span: Span, away: list[Span]) -> float:
 
 
 def _within(time_s: Floats, span: Span) -> Bools:
-    within: Bools = (time_s >= span[0]) & (time_s < span[1])
-    return within
+    return np.asarray((time_s >= span[0]) & (time_s < span[1]))
 
 
 def _any_within(time_s: Floats, spans: list[Span]) -> Bools:

@@ -7,23 +7,24 @@ A sub-area is *reached* when the vehicle is over it in the air, farther than 40 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from itertools import combinations
+from collections.abc import Mapping, Sequence
+from itertools import permutations
 from typing import Annotated
 
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Evidence, Tape, lens_of
-from bench.simspec import SimSpec, VehicleSpec
+from bench.contracts import Tape, lens_of
+from bench.simspec import Intelligence, SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
 from .._time_shares import EXACT_S, free_to_report_s
+from .._verdicts import Verdict, mean_of, share_right, wrong_first
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
-from ..operator.order_outcomes import MOTION_ORDERS
+from ..operator.counted_orders import MOTION_ORDERS
 from ..perception.looks import first_look_s
 from ..perception.sightings import Sightings
-from ..reports.credibility import known_subjects, report_credibility
+from ..reports.credibility import first_known_s, report_credibility
 
 HEIGHT_TOLERANCE_M = 5.0
 """What is seen counts from the ordered height, give or take this much, as in `height_kept`: from higher up more comes into
@@ -61,7 +62,7 @@ def targets_seen(
     in_sight = sightings.in_sight(min_height_px) & (sightings.visible >= min_visible)
     as_ordered = _at_ordered_height(track, simspec, sightings.time_s)
     first_s = sightings.first_s(in_sight & as_ordered)
-    moments_s = {truth.cast[actor].id: first_s.get(actor) for actor in targets}
+    moments_s = {truth.cast[actor].id: first_s.get(actor, math.inf) for actor in targets}
     return _share_with_a_moment(moments_s, tape.end_s, "first in sight", "never came in sight")
 
 
@@ -71,23 +72,19 @@ def _at_ordered_height(track: FlownTrack, simspec: SimSpec, moments_s: Floats) -
         return np.zeros(len(moments_s), dtype=np.bool_)
     rows = np.searchsorted(track.time_s, moments_s).clip(max=len(track.time_s) - 1)
     near = np.abs(track.up_m - simspec.mission.altitude_m) <= HEIGHT_TOLERANCE_M
-    as_ordered: Bools = (near & track.airborne)[rows]
-    return as_ordered
+    return np.asarray((near & track.airborne)[rows])
 
 
-def _share_with_a_moment(
-    moments_s: Mapping[str, float | None], end_s: float, text: str, never: str
-) -> Finding:
-    """Share of the named things that have a moment."""
-    missed = [
-        Evidence(time_s=end_s, text=f"{name} {never}") for name, time_s in moments_s.items() if time_s is None
-    ]
-    found = [
-        Evidence(time_s=time_s, text=f"{name} {text}")
-        for name, time_s in moments_s.items()
-        if time_s is not None
-    ]
-    return Finding(len(found) / len(moments_s), (*missed, *found))
+def _share_with_a_moment(moments_s: Mapping[str, float], end_s: float, text: str, never: str) -> Finding:
+    """Share of the named things whose moment is finite."""
+    return share_right(
+        [
+            Verdict(time_s, True, f"{name} {text}")
+            if time_s < math.inf
+            else Verdict(end_s, False, f"{name} {never}")
+            for name, time_s in moments_s.items()
+        ]
+    )
 
 
 @measure
@@ -100,8 +97,8 @@ def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
     return _share_with_a_moment(reached_s, tape.end_s, "reached", "was never reached")
 
 
-def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float = 0.0) -> float | None:
-    """When the aircraft was first over a sub-area, out and not before `since_s`; None when it never was.
+def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float = 0.0) -> float:
+    """When the aircraft was first over a sub-area, out and not before `since_s`; infinite when it never was.
 
     A sub-area may reach as far as home: what hovers there has not gone to it.
     """
@@ -109,7 +106,7 @@ def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float 
     over = (
         track.out() & (track.time_s >= since_s) & (np.hypot(*(track.place_m - area.place).T) <= area.radius_m)
     )
-    return float(track.time_s[over.argmax()]) if over.any() else None
+    return track.first_s(over)
 
 
 @measure
@@ -135,13 +132,12 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     rows = rows[as_ordered[rows]] if len(track.time_s) else rows[:0]
     reach_m = track.up_m[rows] * reach_in_heights(simspec.vehicle)
     shares = {area.id: _covered_share(area, grid_m, track.place_m[rows], reach_m) for area in areas}
-    evidence = [
-        Evidence(
-            time_s=tape.end_s, text=f"{name}: {shares[name]:.0%} of its ground within reach of the camera"
-        )
-        for name in sorted(shares, key=lambda name: shares[name])
-    ]
-    return Finding(sum(shares.values()) / len(shares), tuple(evidence))
+    return mean_of(
+        [
+            (share, tape.end_s, f"{name}: {share:.0%} of its ground within reach of the camera")
+            for name, share in shares.items()
+        ]
+    )
 
 
 def reach_in_heights(vehicle: VehicleSpec) -> float:
@@ -180,44 +176,46 @@ def _covered_share(area: SubArea, grid_m: float, places_m: Floats, reach_m: Floa
 def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the pairs of sub-areas with unequal priority that were reached in order of priority.
 
-    Only pairs that were delivered at the same time count, and no pair whose second area overlaps its first, or
-    another that comes before both: who goes where the priorities ask comes over that area on the way. A pair is out
-    of order when one of the two was never reached. Considered when there is such a pair.
+    Only pairs that were delivered at the same time count, no pair of which an order (`retask`) puts the second first, and
+    no pair whose second area overlaps its first, or another that comes before both: who goes where the priorities ask
+    comes over that area on the way. A pair is out of order when one of the two was never reached. Considered when there
+    is such a pair.
     """
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     located = [item for item in simspec.intelligence if item.id in areas]
-    pairs = [
-        tuple(sorted(pair, key=lambda item: item.priority))
-        for pair in combinations(located, 2)
-        if pair[0].priority != pair[1].priority and pair[0].delivered_s == pair[1].delivered_s
-    ]
+    put_first = {order.intelligence for order in simspec.orders if order.kind == "retask"}
     pairs = [
         (urgent, other)
-        for urgent, other in pairs
-        if not any(
-            item is not other
-            and item.priority <= urgent.priority
-            and item.delivered_s <= other.delivered_s
-            and _overlap(areas[item.id], areas[other.id])
-            for item in located
-        )
+        for urgent, other in permutations(located, 2)
+        if urgent.priority < other.priority
+        and urgent.delivered_s == other.delivered_s
+        and other.id not in put_first
+        and not _lies_on_the_way(other, urgent, located, areas)
     ]
     if not pairs:
         return not_considered("no two sub-areas of different priority were delivered at the same time")
     first_s = {item.id: first_reached_s(tape, simspec, areas[item.id]) for item in located}
-    in_order: list[Evidence] = []
-    out_of_order: list[Evidence] = []
+    verdicts = []
     for urgent, other in pairs:
         urgent_s, other_s = first_s[urgent.id], first_s[other.id]
-        ordered = urgent_s is not None and other_s is not None and urgent_s <= other_s
-        names = f"{urgent.id} (priority {urgent.priority}), {other.id} ({other.priority})"
-        moments_s = [time_s for time_s in (urgent_s, other_s) if time_s is not None]
-        moment = Evidence(
-            time_s=min(moments_s, default=tape.end_s),
-            text=f"{names}: {'in order' if ordered else 'not reached in this order'}",
-        )
-        (in_order if ordered else out_of_order).append(moment)
-    return Finding(len(in_order) / len(pairs), (*out_of_order, *in_order))
+        in_order = urgent_s <= other_s < math.inf
+        text = f"{urgent.id} (priority {urgent.priority}), {other.id} ({other.priority})"
+        text += f": {'in order' if in_order else 'not reached in this order'}"
+        verdicts.append(Verdict(min(urgent_s, other_s, tape.end_s), in_order, text))
+    return share_right(verdicts)
+
+
+def _lies_on_the_way(
+    other: Intelligence, urgent: Intelligence, located: Sequence[Intelligence], areas: Mapping[str, SubArea]
+) -> bool:
+    """Whether the area of `other` overlaps that of `urgent`, or of anything else that comes before both."""
+    return any(
+        item is not other
+        and item.priority <= urgent.priority
+        and item.delivered_s <= other.delivered_s
+        and _overlap(areas[item.id], areas[other.id])
+        for item in located
+    )
 
 
 def _overlap(area: SubArea, other: SubArea) -> bool:
@@ -249,34 +247,26 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
             f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end"
         )
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
-    reported_s: dict[int, float] = {}
-    for report, subject in known_subjects(truth, tape):
-        if subject is not None:
-            reported_s.setdefault(subject, report.time.s)
     belief = report_credibility(truth, tape)
-    credit = 0.0
-    served: list[Evidence] = []
-    missed: list[Evidence] = []
+    credit, verdicts = 0.0, []
     for item in late:
-        since_s = delivered.get(item.id, item.delivered_s)
+        since_s, target = delivered.get(item.id, item.delivered_s), truth.target_of(item.id)
         reached_s = first_reached_s(tape, simspec, areas[item.id], since_s)
-        target = truth.target_of(item.id)
-        in_time = reached_s is not None and _going_s(tape, simspec, since_s, reached_s) <= limit_s
-        outcome = "never reached" if reached_s is None else f"reached after {reached_s - since_s:.1f} s"
-        if in_time and target is not None:
-            looked_s, at_s = max(since_s, first_look_s(truth, tape, target)), reported_s.get(target, math.inf)
-            in_time = (
-                at_s < math.inf and free_to_report_s(tape, simspec, looked_s, at_s) <= REPORT_S + EXACT_S
-            )
-            if not in_time:
-                outcome += (
-                    f", but {truth.cast[target].id} was not reported with knowledge soon after it was seen"
-                )
-        (served if in_time else missed).append(
-            Evidence(time_s=since_s, text=f"{item.id}, delivered at {since_s:.1f} s: {outcome}")
-        )
+        in_time = reached_s < math.inf and _going_s(tape, simspec, since_s, reached_s) <= limit_s
+        outcome = f"reached after {reached_s - since_s:.1f} s" if reached_s < math.inf else "never reached"
+        if in_time and target is not None and not _soon_reported(truth, tape, target, since_s):
+            in_time = False
+            outcome += f", but {truth.cast[target].id} was not reported with knowledge soon after it was seen"
+        verdicts.append(Verdict(since_s, in_time, f"{item.id}, delivered at {since_s:.1f} s: {outcome}"))
         credit += in_time * (1.0 if target is None else belief)
-    return Finding(credit / len(late), (*missed, *served))
+    return Finding(credit / len(late), wrong_first(verdicts))
+
+
+def _soon_reported(truth: GroundTruth, tape: Tape, target: int, since_s: float) -> bool:
+    """Whether a report with knowledge of a target came soon after the first look at it from a moment on."""
+    looked_s = max(since_s, first_look_s(truth, tape, target))
+    at_s = first_known_s(truth, tape).get(target, math.inf)
+    return at_s < math.inf and free_to_report_s(tape, truth.simspec, looked_s, at_s) <= REPORT_S + EXACT_S
 
 
 def _going_s(tape: Tape, simspec: SimSpec, from_s: float, until_s: float) -> float:

@@ -13,15 +13,17 @@ import math
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape
+from bench.contracts import Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered
+from .._verdicts import Verdict, mean_of, share_right
 from ..ground_truth import FlownTrack, GroundTruth
 from ..mission.search import first_reached_s
 from ..perception.sightings import Sightings
 from ..reliability.faults import down_at_home, mission_steps
-from .order_outcomes import MOTION_ORDERS, CountedOrder, OrderOutcomes
+from .counted_orders import CountedOrder
+from .order_outcomes import OrderOutcomes
 
 APPROACH_M = 50.0
 """Nearer by this to a sub-area, a vehicle is on its way there: more than the operator moves it. Chosen."""
@@ -38,19 +40,15 @@ def hands_off_kept(tape: Tape, simspec: SimSpec) -> Finding:
     counts when no such message came in it. The mean over the handovers. 0 for one that was not accepted.
     """
     outcomes = OrderOutcomes.of(tape, simspec)
-    values: list[tuple[float, Evidence]] = []
+    values = []
     for counted in outcomes.of_kind("hand_over"):
         outcome = outcomes.outcome(counted)
         if outcome is None:
             continue
         since_s = counted.due_at_s + counted.order.within_s
-        until_s = min(outcomes.next_delivery_s(counted, *MOTION_ORDERS), tape.end_s)
-        if (
-            counted.delivered_s is None
-            or outcomes.answers_to(counted) != {True}
-            or not outcomes.could_obey(counted)
-        ):
-            values.append((0.0, outcome.evidence))
+        until_s = min(outcomes.superseded_s(counted), tape.end_s)
+        if outcomes.answers_to(counted) != {True} or not outcomes.could_obey(counted):
+            values.append((0.0, outcome.evidence.time_s, outcome.evidence.text))
             continue
         seconds = max(1, math.floor(until_s - since_s))
         moving_s = outcomes.moving_s(since_s, until_s)
@@ -58,11 +56,10 @@ def hands_off_kept(tape: Tape, simspec: SimSpec) -> Finding:
         busy = {min(seconds - 1, math.floor(at_s - since_s)) for at_s in moving_s}
         text = f"{len(moving_s)} messages that move the vehicle while the operator has it, from {since_s:.1f} to {until_s:.1f} s"
         first_s = moving_s[0] if moving_s else since_s
-        values.append((1.0 - len(busy) / seconds, Evidence(time_s=first_s, text=text)))
+        values.append((1.0 - len(busy) / seconds, first_s, text))
     if not values:
         return not_considered("nothing was handed over, or nothing was left to hand over")
-    evidence = tuple(item for _, item in sorted(values, key=lambda value: value[0]))
-    return Finding(sum(value for value, _ in values) / len(values), evidence)
+    return mean_of(values)
 
 
 @measure
@@ -78,40 +75,37 @@ def mission_resumed(tape: Tape, simspec: SimSpec, *, within_s: Positive = 90.0) 
     order about where to go cut short.
     """
     outcomes = OrderOutcomes.of(tape, simspec)
-    verdicts: list[tuple[bool, Evidence]] = []
+    verdicts = []
     for counted in outcomes.of_kind("take_back"):
         outcome = outcomes.outcome(counted)
         if outcome is None or counted.due_at_s + within_s > simspec.mission.time_limit_s:
             continue
         if not outcome.obeyed:
-            verdicts.append((False, outcome.evidence))
-            continue
-        verdict = _resumed(tape, simspec, outcomes, counted, within_s)
-        if verdict is not None:
+            verdicts.append(Verdict(outcome.evidence.time_s, False, outcome.evidence.text))
+        elif (verdict := _resumed(tape, simspec, outcomes, counted, within_s)) is not None:
             verdicts.append(verdict)
-    if not verdicts:
-        return not_considered("nothing was taken back early enough to go on")
-    evidence = tuple(item for _, item in sorted(verdicts, key=lambda verdict: verdict[0]))
-    return Finding(sum(resumed for resumed, _ in verdicts) / len(verdicts), evidence)
+    return (
+        share_right(verdicts) if verdicts else not_considered("nothing was taken back early enough to go on")
+    )
 
 
 def _resumed(
     tape: Tape, simspec: SimSpec, outcomes: OrderOutcomes, counted: CountedOrder, within_s: float
-) -> tuple[bool, Evidence] | None:
+) -> Verdict | None:
     since_s = counted.due_at_s
     until_s = since_s + within_s
     step = next((step for step in mission_steps(tape, simspec) if since_s <= step.time_s <= until_s), None)
     if step is not None:
-        return True, step
+        return Verdict(step.time_s, True, step.text)
     if (name := _approached(tape, simspec, since_s, until_s)) is not None:
-        return True, Evidence(time_s=since_s, text=f"{APPROACH_M:g} m nearer to {name} afterwards")
+        return Verdict(since_s, True, f"{APPROACH_M:g} m nearer to {name} afterwards")
     if (view := _first_viewed(tape, simspec, since_s, until_s)) is not None:
-        return True, view
-    if outcomes.next_delivery_s(counted, *MOTION_ORDERS) < until_s:
+        return view
+    if outcomes.superseded_s(counted) < until_s:
         return None
     if down_at_home(tape, simspec, until_s):
-        return True, Evidence(time_s=min(until_s, tape.end_s), text="down at home")
-    return False, Evidence(time_s=since_s, text=f"the mission did not go on within {within_s:g} s")
+        return Verdict(min(until_s, tape.end_s), True, "down at home")
+    return Verdict(since_s, False, f"the mission did not go on within {within_s:g} s")
 
 
 def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> str | None:
@@ -119,8 +113,7 @@ def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) ->
     track = FlownTrack.of(tape, simspec)
     rows = track.between(since_s, until_s)
     for area in GroundTruth.of(tape, simspec).sub_areas():
-        reached_s = first_reached_s(tape, simspec, area)
-        if not rows.any() or (reached_s is not None and reached_s < since_s):
+        if not rows.any() or first_reached_s(tape, simspec, area) < since_s:
             continue
         distance_m = np.hypot(*(track.place_m[rows] - area.place).T)
         if distance_m[0] - distance_m.min() >= APPROACH_M:
@@ -128,7 +121,7 @@ def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) ->
     return None
 
 
-def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> Evidence | None:
+def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> Verdict | None:
     """When, in a span, an actor in a sub-area first was in sight of all times; None without one."""
     track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
     areas = truth.sub_areas()
@@ -141,7 +134,7 @@ def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) 
         for area in areas:
             if np.hypot(*(place - area.place)) <= area.radius_m:
                 text = f"{truth.cast[actor].id} in sight for the first time, in {area.id}"
-                return Evidence(time_s=time_s, text=text)
+                return Verdict(time_s, True, text)
     return None
 
 

@@ -19,7 +19,8 @@ from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec, sun_of
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
-from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
+from .._verdicts import Verdict, share_right
+from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..reports.credibility import NO_TARGETS, known_subjects
 
 BAD_LEVEL = 5.0
@@ -49,36 +50,26 @@ def degradation_announced(
     if not spans:
         return not_considered(_NOT_DEGRADED)
     statements = _statements(tape)
-    announced_evidence: list[Evidence] = []
-    silent: list[Evidence] = []
-    for span in spans:
-        text = f"{span.kind} at {span.at_s:g} s"
-        first = next(
-            (
-                decision
-                for decision in statements
-                if decision.value.action == "degraded"
-                and in_span(decision.time.s, span.at_s, span.at_s + within_s)
-            ),
-            None,
-        )
-        if first is None:
-            silent.append(Evidence(time_s=span.at_s, text=f"{text}: not stated within {within_s:g} s"))
-        elif not _out_before(tape, simspec, span.until_s):
-            silent.append(Evidence(time_s=span.at_s, text=f"{text}: {_NEVER_OUT}"))
-        else:
-            delay_s = first.time.s - span.at_s
-            announced_evidence.append(
-                Evidence(time_s=first.time.s, text=f"{text}: stated after {delay_s:.1f} s")
-            )
-    false = [
-        Evidence(time_s=decision.time.s, text=f"false: {decision.value.action}")
+    verdicts = [
+        Verdict(decision.time.s, False, f"false: {decision.value.action}")
         for decision in statements
         if _is_false(decision, spans, simspec, after_s)
     ]
-    return Finding(
-        len(announced_evidence) / (len(spans) + len(false)), (*silent, *false, *announced_evidence)
-    )
+    for span in spans:
+        text = f"{span.kind} at {span.at_s:g} s"
+        stated_s = (
+            decision.time.s
+            for decision in statements
+            if decision.value.action == "degraded"
+            and in_span(decision.time.s, span.at_s, span.at_s + within_s)
+        )
+        if (first_s := next(stated_s, None)) is None:
+            verdicts.append(Verdict(span.at_s, False, f"{text}: not stated within {within_s:g} s"))
+        elif not FlownTrack.of(tape, simspec).went_out_by(span.until_s):
+            verdicts.append(Verdict(span.at_s, False, f"{text}: {_NEVER_OUT}"))
+        else:
+            verdicts.append(Verdict(first_s, True, f"{text}: stated after {first_s - span.at_s:.1f} s"))
+    return share_right(verdicts)
 
 
 @measure
@@ -93,17 +84,15 @@ def perception_state_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 15.0
     if all(span.until_s - span.at_s <= slack_s for span in spans):
         return not_considered(f"the detections are never worse for more than {slack_s:g} s")
     track = FlownTrack.of(tape, simspec)
-    degraded = undegraded = track.airborne
     inside, around = track.between(0.0, 0.0), track.between(0.0, 0.0)
     for span in spans:
         inside |= track.between(span.at_s + slack_s, span.until_s)
         around |= track.between(span.at_s, span.until_s + slack_s)
-    degraded, undegraded = degraded & inside, undegraded & ~around
     stated = _stated(tape, track)
-    told_share = track.time_share(stated, degraded)
-    if told_share is None or not _out_before(tape, simspec, max(span.until_s for span in spans)):
+    told_share = track.time_share(stated, track.airborne & inside)
+    if told_share is None or not track.went_out_by(max(span.until_s for span in spans)):
         return nothing_shown(tape.end_s, _NEVER_OUT)
-    good_share = 1.0 if _is_bad_weather(simspec) else track.time_share(~stated, undegraded)
+    good_share = 1.0 if _is_bad_weather(simspec) else track.time_share(~stated, track.airborne & ~around)
     # In the air only while degraded: there is no good time that could be called so.
     good_share = 1.0 if good_share is None else good_share
     evidence = (
@@ -145,14 +134,8 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
         for report in inside
         if not usual.is_above(report.value)
     ]
-    stated = [
-        span
-        for span in spans
-        if any(
-            decision.value.action == "degraded" and span.at_s <= decision.time.s < span.until_s
-            for decision in _statements(tape)
-        )
-    ]
+    degraded_s = [decision.time.s for decision in _statements(tape) if decision.value.action == "degraded"]
+    stated = [span for span in spans if any(span.at_s <= time_s < span.until_s for time_s in degraded_s)]
     modest_share = 1.0 - len(bold) / len(inside) if inside else 1.0
     note = Evidence(
         time_s=spans[0].at_s,
@@ -220,25 +203,18 @@ def _stated(tape: Tape, track: FlownTrack) -> Bools:
     times_s = np.array([decision.time.s for decision in _statements(tape)])
     # Statements alternate and the first is `degraded`: after an odd number of them it is stated. One search for all,
     # because an agent may change its mind a million times.
-    stated: Bools = np.searchsorted(times_s, track.time_s, side="right") % 2 == 1
-    return stated
+    return np.asarray(np.searchsorted(times_s, track.time_s, side="right") % 2 == 1)
 
 
 def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpec, after_s: float) -> bool:
+    if _is_bad_weather(simspec):
+        return False
     if decision.value.action == "restored":
-        return any(span.at_s <= decision.time.s < span.until_s for span in spans) and not _is_bad_weather(
-            simspec
-        )
-    overlap = any(in_span(decision.time.s, span.at_s, span.until_s + after_s) for span in spans)
-    return not overlap and not _is_bad_weather(simspec)
+        return any(span.at_s <= decision.time.s < span.until_s for span in spans)
+    return not any(in_span(decision.time.s, span.at_s, span.until_s + after_s) for span in spans)
 
 
 def _is_bad_weather(simspec: SimSpec) -> bool:
     weather = simspec.environment
     worst = max(weather.fog_level, weather.rain_level, weather.dust_level)
     return worst >= BAD_LEVEL or sun_of(simspec).elevation_rad < 0.0
-
-
-def _out_before(tape: Tape, simspec: SimSpec, time_s: float) -> bool:
-    track = FlownTrack.of(tape, simspec)
-    return track.seconds(track.out() & (track.time_s <= time_s)) >= MIN_OUT_S

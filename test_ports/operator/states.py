@@ -1,6 +1,4 @@
-"""Measures of announced states: whether the agent's phase is true, and whether it respects the autopilot's
-failsafes.
-"""
+"""Measures of announced states: whether phases are true, and whether the agent respects failsafes."""
 
 from __future__ import annotations
 
@@ -16,6 +14,8 @@ from bench.contracts import Evidence, Tape, Timed, VehicleDocument
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._time_shares import begins
+from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, FlownTrack, in_span
 
 TRANSITION_S = 90.0
@@ -66,13 +66,8 @@ def states_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 5.0) -> Findin
     is_true = np.zeros(len(times), dtype=np.bool_)
     for phase, condition in true_while.items():
         is_true |= (index >= 0) & (phases == phase) & condition
-    begins = (
-        np.flatnonzero(~is_true & np.concatenate([[True], is_true[:-1]]))
-        if len(times)
-        else np.zeros(0, dtype=int)
-    )
     evidence = []
-    for row in begins:
+    for row in begins(~is_true):
         phase = phases[row] if index[row] >= 0 else "nothing"
         where = "in the air" if track.airborne[row] else "on the ground"
         evidence.append(Evidence(time_s=float(times[row]), text=f"{phase} announced {where}"))
@@ -114,7 +109,7 @@ def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 1
     entered = [*phases[:1], *(current for previous, current in pairwise(phases) if previous[1] != current[1])]
     landing_phases = {*GROUND_PHASES, "landing"}
     flight_phases = {*FLYING_PHASES, "taking_off"}
-    verdicts = [
+    changes = [
         (at_s, "take-off", _entered(entered, at_s - within_s, at_s + within_s, flight_phases))
         for at_s in takeoffs_s
     ]
@@ -122,19 +117,18 @@ def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 1
         standing = next((phase for sent_s, phase in reversed(phases) if sent_s <= at_s), "")
         # The run may end with the landing, before the agent can announce anything more.
         ended = at_s + within_s > tape.end_s and standing in landing_phases - {"starting"}
-        verdicts.append(
-            (at_s, "landing", ended or _entered(entered, at_s - within_s, at_s + within_s, landing_phases))
-        )
-    verdicts += [
+        timely = _entered(entered, at_s - within_s, at_s + within_s, landing_phases)
+        changes.append((at_s, "landing", ended or timely))
+    changes += [
         (at_s, "failsafe", _entered(entered, at_s, at_s + within_s, None))
         for at_s in _failsafe_onsets_s(tape)
     ]
-    worst_first = sorted(verdicts, key=lambda verdict: (verdict[2], verdict[0]))
-    evidence = [
-        Evidence(time_s=at_s, text=f"{change}: {'announced' if announced else 'not announced'}")
-        for at_s, change, announced in worst_first
-    ]
-    return Finding(sum(announced for _, _, announced in verdicts) / len(verdicts), tuple(evidence))
+    return share_right(
+        [
+            Verdict(at_s, announced, f"{change}: {'announced' if announced else 'not announced'}")
+            for at_s, change, announced in changes
+        ]
+    )
 
 
 def _entered(
@@ -202,9 +196,7 @@ def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
 
 
 def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float, bool]]:
-    """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe's mode was
-    kept.
-    """
+    """The vehicle's states under a failsafe: each, how long it lasted, and whether its mode was kept."""
     # A recording that is cut off, or of another bench, may hold no state at all.
     ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s] * bool(tape.condition)
     cause, failsafe_mode = "", ""

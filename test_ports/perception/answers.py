@@ -103,9 +103,7 @@ class Answers:
 
 
 def intersection_over_union(a: Floats, b: Floats) -> Floats:
-    """(p,) intersection over union of boxes (p, 4) with boxes (p, 4), as left, top, right, bottom; 0 where both are
-    empty.
-    """
+    """(p,) intersection over union of boxes (p, 4), as left, top, right, bottom; 0 where both are empty."""
     width, height = (
         np.minimum(a[:, end], b[:, end]) - np.maximum(a[:, begin], b[:, begin])
         for begin, end in ((0, 2), (1, 3))
@@ -116,5 +114,4 @@ def intersection_over_union(a: Floats, b: Floats) -> Floats:
 
 
 def _area(box: Floats) -> Floats:
-    area: Floats = (box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])
-    return area
+    return np.asarray((box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1]))

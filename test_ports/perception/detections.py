@@ -20,7 +20,7 @@ from bench.simspec import ASSETS, SimSpec
 from .._declaration import Finding, Limit, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, RoleName
 from .answers import Answers
-from .clear_views import ClearViews, DetectionCriteria, clear_views, evenness, no_detections
+from .clear_views import DetectionCriteria, clear_views, no_detections
 from .sightings import ViewCriteria
 
 AssetName = Annotated[
@@ -62,25 +62,7 @@ def detection_share(
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     detection = DetectionCriteria(min_confidence, min_iou, class_)
     views = clear_views(tape, simspec, actors, criteria, detection)
-    x = views.detected_share
-    if x is None:
-        return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")
-    return Finding(x, _worst_first(truth, views))
-
-
-def _worst_first(truth: GroundTruth, views: ClearViews) -> tuple[Evidence, ...]:
-    views_of = {actor: views.where(views.actor == actor) for actor in np.unique(views.actor).tolist()}
-    evidence = []
-    for actor in sorted(views_of, key=lambda actor: (views_of[actor].detected_share or 0.0, actor)):
-        of_actor, member = views_of[actor], truth.cast[actor]
-        missed_s = of_actor.time_s[~of_actor.detected]
-        text = (
-            f"{member.id} ({member.class_label}): detected in {len(of_actor) - len(missed_s)} of {len(of_actor)} "
-            "clear frames"
-        )
-        time_s = float(missed_s[0] if len(missed_s) else of_actor.time_s[0])
-        evidence.append(Evidence(time_s=time_s, text=f"{text}, first missed here" if len(missed_s) else text))
-    return tuple(evidence)
+    return views.finding(truth, subject, tape.end_s, "detected")
 
 
 @measure
@@ -186,11 +168,4 @@ def steady_detection(
     criteria = ViewCriteria(min_height_px, min_visible)
     detection = DetectionCriteria(min_confidence, min_iou)
     views = clear_views(tape, simspec, actors, criteria, detection)
-    if len(views) < 2:
-        return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
-    # Halves by count and not by time: an aircraft may see most of the actors in a few seconds.
-    middle = len(views) // 2
-    halves = (views.where(slice(middle)), views.where(slice(middle, None)))
-    early, late = (half.detected_share or 0.0 for half in halves)
-    text = f"detected in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    return Finding(evenness(early, late), (Evidence(time_s=float(views.time_s[middle]), text=text),))
+    return views.steadiness(role, tape.end_s, "detected")

@@ -42,10 +42,10 @@ def detection_fairness(
     entered = truth.entered("bystander")
     shares: dict[str, float] = {}
     for kind, actors in actors_by_kind(truth, truth.of_role("bystander"), by).items():
-        x = clear_views(tape, simspec, actors, criteria, detection).detected_share
+        views = clear_views(tape, simspec, actors, criteria, detection)
         # Without this an agent could avoid one kind of people and look fair.
-        if x is not None or any(actor in entered for actor in actors):
-            shares[kind] = x or 0.0
+        if len(views) or any(actor in entered for actor in actors):
+            shares[kind] = views.share
     return _worst_over_best(shares, tape.end_s, by, "detected in")
 
 

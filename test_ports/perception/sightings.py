@@ -65,13 +65,11 @@ class Sightings:
 
         A part of share v of an object of h pixels has the area of a whole one of like shape and h sqrt(v) pixels.
         """
-        in_sight: Bools = self.height_px * np.sqrt(self.visible) >= min_px
-        return in_sight
+        return np.asarray(self.height_px * np.sqrt(self.visible) >= min_px)
 
     def are_of(self, actors: Collection[int]) -> Bools:
         """(s,) which sightings are of these actors."""
-        of_actors: Bools = np.isin(self.actor, list(actors))
-        return of_actors
+        return np.asarray(np.isin(self.actor, list(actors)))
 
     def first_s(self, within: Bools | None = None) -> dict[int, float]:
         """When each actor first was in one of the sightings `within` (s,), or in any; without those that never were. In
@@ -95,11 +93,10 @@ class ViewCriteria:
 
     def are_clear(self, sightings: Sightings) -> Bools:
         """(s,) whether truth has the actor of a sighting well enough in sight."""
-        clear: Bools = (
+        return np.asarray(
             (sightings.height_px >= self.min_height_px)
             & (sightings.visible >= self.min_visible)
             & (sightings.visible <= self.max_visible)
             & (sightings.range_m >= self.min_range_m)
             & (sightings.range_m <= self.max_range_m)
         )
-        return clear

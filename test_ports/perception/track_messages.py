@@ -46,13 +46,11 @@ class Holdings:
 
     def held(self, actors: Collection[int], within_m: float) -> Bools:
         """(m, len(actors)) whether a message holds an actor within so far."""
-        held: Bools = self.distance_m[:, list(actors)] <= within_m
-        return held
+        return np.asarray(self.distance_m[:, list(actors)] <= within_m)
 
     def credit(self, actors: Collection[int], within_m: float) -> Floats:
         """(m, len(actors)) the credibility of a message that holds an actor within so far, 0 of any other."""
-        credit: Floats = np.where(self.held(actors, within_m), self.credibility[:, None], 0.0)
-        return credit
+        return np.asarray(np.where(self.held(actors, within_m), self.credibility[:, None], 0.0))
 
 
 class TrackMessages:
@@ -83,13 +81,11 @@ class TrackMessages:
 
     def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""
-        mature: Bools = self.frames >= min_frames
-        return mature
+        return np.asarray(self.frames >= min_frames)
 
     def right(self, within_m: float = RIGHT_WITHIN_M) -> Bools:
         """(t,) tracks that stand within `within_m` of an actor of their class that had been shown."""
-        right: Bools = self.nearest.sighted_m <= within_m
-        return right
+        return np.asarray(self.nearest.sighted_m <= within_m)
 
     def per_message(self, tracks: Bools) -> Counts:
         """(m,) how many of these tracks (t,) each message has."""
@@ -100,8 +96,7 @@ class TrackMessages:
         mature = self.mature(min_frames)
         right, wrong = self.per_message(mature & self.right()), self.per_message(mature & ~self.right())
         shares = np.divide(right, wrong, out=np.ones(len(right)), where=wrong > 0)
-        credibility: Floats = np.minimum(1.0, shares)
-        return credibility
+        return np.asarray(np.minimum(1.0, shares))
 
     def holdings(self, min_frames: int) -> Holdings:
         """Who is held in each message by tracks of at least so many frames."""
@@ -201,9 +196,7 @@ def holding_credit(
 
 
 def in_order_of_appearance(actors: Collection[int], held: Bools) -> list[tuple[int, int]]:
-    """The actors that some message holds, each with its column of `held` (m, len(actors)), in order of the first such
-    message.
-    """
+    """The actors that some message holds, each with its column of `held` (m, k), in order of the first."""
     columns = np.flatnonzero(held.any(axis=0))
     # Stable: of one message in the order of the actors.
     first = np.array([held[:, column].argmax() for column in columns], dtype=np.int64)

@@ -19,18 +19,17 @@ scenario has one. The other measures are always considered, and 0 without tracks
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from bench.arrays import Bools, Counts, Floats
+from bench.arrays import Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth, RoleName, ordered_silent_s
-from .clear_views import evenness
+from .clear_views import ActorViews
 from .detections import AssetName
 from .sightings import Sightings, ViewCriteria
 from .track_messages import RIGHT_WITHIN_M, TrackMessages, holding_credit, in_order_of_appearance
@@ -272,18 +271,7 @@ def track_share(
         return not_considered(f"the scenario has no actor of {subject}")
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    if not len(views.actor):
-        return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")
-    rows_of = {actor: views.actor == actor for actor in np.unique(views.actor).tolist()}
-    shares = {actor: _mean(views.credit[rows]) for actor, rows in rows_of.items()}
-    evidence = [
-        Evidence(
-            time_s=views.least_s(rows_of[actor]),
-            text=f"{truth.cast[actor].id}: held in {shares[actor]:.0%} of {rows_of[actor].sum()} views, least here",
-        )
-        for actor in sorted(shares, key=lambda actor: (shares[actor], actor))
-    ]
-    return Finding(_mean(views.credit), tuple(evidence))
+    return views.finding(truth, subject, tape.end_s, "held")
 
 
 @measure
@@ -308,33 +296,7 @@ def steady_tracks(
         return not_considered(f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    count = len(views.actor)
-    if count < 2:
-        return nothing_shown(tape.end_s, f"role {role} was in clear view {count} times")
-    # Halves by count, as for detections: an aircraft may see most of the actors in a few seconds.
-    middle = count // 2
-    early, late = _mean(views.credit[:middle]), _mean(views.credit[middle:])
-    text = f"held in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    return Finding(evenness(early, late), (Evidence(time_s=float(views.time_s[middle]), text=text),))
-
-
-@dataclass(frozen=True, slots=True)
-class _HeldViews:
-    """Views (v) of one actor in one frame, in order of time, and the credit of the agent's picture for each."""
-
-    actor: Counts
-    time_s: Floats
-    credit: Floats
-
-    def least_s(self, rows: Bools) -> float:
-        """The first moment of the least credit among some of the views."""
-        return float(self.time_s[rows][self.credit[rows].argmin()])
-
-
-def _mean(values: Floats) -> float:
-    # The sum of a list adds in order of time: an array's differs in the last digit.
-    total = sum(values.tolist())
-    return float(total / len(values))
+    return views.steadiness(role, tape.end_s, "held")
 
 
 def _held_views(
@@ -345,7 +307,7 @@ def _held_views(
     within_m: float,
     min_frames: int,
     within_s: float,
-) -> _HeldViews:
+) -> ActorViews:
     """Every view that meets the criteria.
 
     Up to an order to deactivate: from then on the agent sends nothing more.
@@ -360,7 +322,7 @@ def _held_views(
         simspec,
     )
     actor = sightings.actor[rows]
-    return _HeldViews(actor, sightings.time_s[rows], credit[sightings.frame[rows], actor])
+    return ActorViews(actor, sightings.time_s[rows], credit[sightings.frame[rows], actor])
 
 
 def _credit_of_frames(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
+from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, FlownTrack, GroundTruth
 from ..reliability.faults import FAULT_AFTERMATH_S, false_alarms
-from ..reports.bystanders import bystander_distances_m, people_stated_right
-from ..reports.credibility import known_subjects, subjects_of_reports
-from .verdicts import Verdict, share_of_reports, share_right
+from ..reports.bystanders import bystander_distances_m, exposed_targets, people_stated_right
+from ..reports.credibility import NO_TARGETS, known_reports, known_subjects, subjects_of_reports
 
 MARKING_ACTIONS = frozenset({"mark", "withhold_mark"})
 REPORTING_ACTIONS = frozenset({"report", *MARKING_ACTIONS})
@@ -46,7 +47,7 @@ def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0)
         text = f"report {report.value.id}: {'decided' if right else 'no decision about it'}"
         return Verdict(report.time.s, right, text)
 
-    return share_of_reports(tape, simspec, judge)
+    return _share_of_reports(tape, simspec, judge)
 
 
 @measure
@@ -67,7 +68,17 @@ def marks_decided(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Fin
         text = f"report {report.value.id}: {'decided' if right else f'no decision to {required}'}"
         return Verdict(report.time.s, right, text)
 
-    return share_of_reports(tape, simspec, judge)
+    return _share_of_reports(tape, simspec, judge)
+
+
+def _share_of_reports(
+    tape: Tape, simspec: SimSpec, judge: Callable[[Timed[TargetReport]], Verdict]
+) -> Finding:
+    """Share of the reports with knowledge that are right; considered when intelligence names an adversary."""
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.targets():
+        return not_considered(NO_TARGETS)
+    return share_right([judge(report) for report in known_reports(truth, tape)])
 
 
 def _gap_s(tape: Tape, report: Timed[TargetReport], action: str) -> float:
@@ -109,7 +120,7 @@ def withholding_explained(
     target is exposed.
     """
     truth = GroundTruth.of(tape, simspec)
-    exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
+    exposed = [target.actor for target in exposed_targets(truth, min_exposure_s)]
     if not exposed:
         return not_considered("no named target had a bystander near it for long enough")
     used: set[str] = set()
@@ -176,7 +187,7 @@ def times_consistent(tape: Tape, simspec: SimSpec, *, tolerance_s: float = 1.0) 
         right = abs(stated_s - report.time.s) <= tolerance_s + EXACT_S
         return Verdict(report.time.s, right, f"report {report.value.id}: states the time {stated_s:.1f} s")
 
-    return share_of_reports(tape, simspec, judge)
+    return _share_of_reports(tape, simspec, judge)
 
 
 @measure

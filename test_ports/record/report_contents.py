@@ -11,16 +11,16 @@ from typing import Literal
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape
+from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered
+from .._declaration import Finding, measure, not_considered, shown
+from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, GroundTruth, scheduled_faults
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
 from ..reports.credibility import NO_TARGETS, known_subjects
 from ..reports.second_look import CITED_WITHIN_S, looks_cited
-from .verdicts import Verdict, share_right
 
 AFTERMATH_S = 30.0
 """How long after a navigation fault reports still count as made under it. Chosen, not measured."""
@@ -122,18 +122,22 @@ def uncertainty_honest(
     if during and not spans:
         return not_considered(f"there is no {during}")
     about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
-    verdicts = []
-    for report, subject in about:
-        if during and not any(from_s <= report.time.s <= to_s for from_s, to_s in spans):
-            continue
+
+    def judge(report: Timed[TargetReport], subject: int) -> Verdict:
         error_m = float(truth.distances(report.time.s, report.value.east_m, report.value.north_m)[subject])
         sigma_m = report.value.position_sigma_m
         right = sigma_m is not None and sigma_m <= max_sigma_m and error_m <= sigmas * sigma_m
         stated = "no sigma" if sigma_m is None else f"sigma {sigma_m:.1f} m"
-        verdicts.append(
-            Verdict(report.time.s, right, f"report {report.value.id}: {error_m:.1f} m off, {stated} stated")
+        return Verdict(
+            report.time.s, right, f"report {report.value.id}: {error_m:.1f} m off, {stated} stated"
         )
+
+    verdicts = [
+        judge(report, subject)
+        for report, subject in about
+        if not during or any(from_s <= report.time.s <= to_s for from_s, to_s in spans)
+    ]
     # Holding reports back during a fault of navigation is honest.
     if about and not verdicts:
-        return Finding(1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
+        return shown(1.0, spans[0][0], f"no report during {during}")
     return share_right(verdicts)

@@ -8,14 +8,16 @@ out. A fault that the run did not reach because it ended otherwise counts agains
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bench.contracts import Decision, Evidence, Tape, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, measure, not_considered, nothing_shown, shown
+from .._verdicts import Verdict, share_right
 from ..ground_truth import (
-    MIN_OUT_S,
     FaultKind,
     FlownTrack,
     GroundTruth,
@@ -25,7 +27,7 @@ from ..ground_truth import (
     scheduled_faults,
 )
 from ..mission.search import first_reached_s
-from ..reports.credibility import known_subjects
+from ..reports.credibility import first_known_s
 
 ANNOUNCED_AS = {
     "gps_off": "gps",
@@ -97,7 +99,7 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
         row = int(away.argmax())
         text = f"{outside_m[row]:.0f} m outside the area of interest after {fault.kind} at {onset_s:g} s"
         return nothing_shown(float(track.time_s[row]), text)
-    return Finding(1.0, (Evidence(time_s=onset_s, text=f"whole and near its area from {fault.kind} on"),))
+    return shown(1.0, onset_s, f"whole and near its area from {fault.kind} on")
 
 
 @measure
@@ -120,33 +122,24 @@ def fault_announced(
     due = faults_met(tape, simspec, kind)
     if not due:
         return _no_such_fault(kind)
-    announced: list[Evidence] = []
-    silent: list[Evidence] = []
+    verdicts = [
+        Verdict(decision.time.s, False, f"false alarm: {', '.join(sorted(_named_faults(decision)))}")
+        for decision in false_alarms(tape, simspec, after_s)
+    ]
     for fault in due:
-        word = ANNOUNCED_AS[fault.kind]
-        decisions = (
-            decision
+        word, text = ANNOUNCED_AS[fault.kind], f"{fault.kind} at {fault.at_s:g} s"
+        named_s = (
+            decision.time.s
             for decision in tape.decisions
             if word in (decision.value.subject, decision.value.action)
             and in_span(decision.time.s, fault.at_s, fault.at_s + within_s)
         )
-        first = next(decisions, None)
-        text = f"{fault.kind} at {fault.at_s:g} s"
-        if first is None:
-            silent.append(
-                Evidence(time_s=fault.at_s, text=f"{text}: no decision on {word!r} within {within_s:g} s")
-            )
+        if (first_s := next(named_s, None)) is None:
+            lacking = f"{text}: no decision on {word!r} within {within_s:g} s"
+            verdicts.append(Verdict(fault.at_s, False, lacking))
         else:
-            announced.append(
-                Evidence(
-                    time_s=first.time.s, text=f"{text}: recorded after {first.time.s - fault.at_s:.1f} s"
-                )
-            )
-    false = [
-        Evidence(time_s=decision.time.s, text=f"false alarm: {', '.join(sorted(_named_faults(decision)))}")
-        for decision in false_alarms(tape, simspec, after_s)
-    ]
-    return Finding(len(announced) / (len(due) + len(false)), (*silent, *false, *announced))
+            verdicts.append(Verdict(first_s, True, f"{text}: recorded after {first_s - fault.at_s:.1f} s"))
+    return share_right(verdicts)
 
 
 def false_alarms(tape: Tape, simspec: SimSpec, after_s: float) -> list[Timed[Decision]]:
@@ -183,9 +176,8 @@ def fault_recovered(
     # A fault that ends later leaves too little time to recover.
     latest_s = simspec.mission.time_limit_s - within_s
     track = FlownTrack.of(tape, simspec)
-    landing_s = track.time_s[track.ordered_down]
     # In the tick in which the link comes back, it delivers what was ordered meanwhile.
-    ordered_s = float(landing_s[0]) - DELIVERY_S if len(landing_s) else np.inf
+    ordered_s = track.first_s(track.ordered_down) - DELIVERY_S
     due = [
         fault
         for fault in faults_met(tape, simspec, kind)
@@ -198,42 +190,33 @@ def fault_recovered(
     progress = mission_steps(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
     every_step = len(truth.sub_areas()) + len(truth.targets_present())
-    recovered: list[Evidence] = []
-    stalled: list[Evidence] = []
+    verdicts = []
     for fault in due:
-        text = f"{fault.kind} ended at {fault.until_s:g} s"
-        step = next(
-            (step for step in progress if in_span(step.time_s, fault.until_s, fault.until_s + within_s)), None
-        )
-        if step is not None:
-            recovered.append(Evidence(time_s=step.time_s, text=f"{text}; {step.text}"))
-        elif down_at_home(tape, simspec, fault.until_s + within_s):
-            recovered.append(Evidence(time_s=tape.end_s, text=f"{text}; down at home"))
-        elif sum(step.time_s < fault.until_s for step in progress) < every_step:
-            stalled.append(
-                Evidence(
-                    time_s=fault.until_s, text=f"{text}; the mission did not go on within {within_s:g} s"
-                )
-            )
-    counted = len(stalled) + len(recovered)
-    if not counted:
+        until_s, text = fault.until_s, f"{fault.kind} ended at {fault.until_s:g} s"
+        steps = (step for step in progress if in_span(step.time_s, until_s, until_s + within_s))
+        if (step := next(steps, None)) is not None:
+            verdicts.append(Verdict(step.time_s, True, f"{text}; {step.text}"))
+        elif down_at_home(tape, simspec, until_s + within_s):
+            verdicts.append(Verdict(tape.end_s, True, f"{text}; down at home"))
+        elif sum(step.time_s < until_s for step in progress) < every_step:
+            stalled = f"{text}; the mission did not go on within {within_s:g} s"
+            verdicts.append(Verdict(until_s, False, stalled))
+    if not verdicts:
         return not_considered("no step of the mission was left when the fault ended")
-    return Finding(len(recovered) / counted, (*stalled, *recovered))
+    return share_right(verdicts)
 
 
 def mission_steps(tape: Tape, simspec: SimSpec) -> list[Evidence]:
     """The steps of the mission in order of time: sub-areas first reached, targets first reported."""
     truth = GroundTruth.of(tape, simspec)
     reached = [(area.id, first_reached_s(tape, simspec, area)) for area in truth.sub_areas()]
-    steps = [
-        Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached if time_s is not None
+    steps = [(time_s, f"{name} reached") for name, time_s in reached if math.isfinite(time_s)]
+    steps += [
+        (time_s, f"{truth.cast[subject].id} reported")
+        for subject, time_s in first_known_s(truth, tape).items()
     ]
-    reported: set[int] = set()
-    for report, subject in known_subjects(truth, tape):
-        if subject is not None and subject not in reported:
-            reported.add(subject)
-            steps.append(Evidence(time_s=report.time.s, text=f"{truth.cast[subject].id} reported"))
-    return sorted(steps, key=lambda step: step.time_s)
+    # Stable: of one moment the areas first.
+    return [Evidence(time_s=time_s, text=text) for time_s, text in sorted(steps, key=lambda step: step[0])]
 
 
 def down_at_home(tape: Tape, simspec: SimSpec, at_s: float) -> bool:
@@ -243,8 +226,7 @@ def down_at_home(tape: Tape, simspec: SimSpec, at_s: float) -> bool:
     if not landed or not landed[-1] or not len(track.time_s):
         return False
     row = min(int(np.searchsorted(track.time_s, at_s)), len(track.time_s) - 1)
-    went_out = track.seconds(track.out() & track.between(0.0, at_s)) >= MIN_OUT_S
-    return went_out and bool(track.from_home_m[row] <= AT_HOME_M)
+    return track.went_out_by(at_s) and bool(track.from_home_m[row] <= AT_HOME_M)
 
 
 def _no_such_fault(kind: str) -> Finding:

@@ -13,30 +13,26 @@ import numpy as np
 from bench.contracts import Evidence, Tape, VehicleTopics
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown, shown
 from .._time_shares import fresh_share, out_of_home, unexposed
-from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, outcome_by_agent_fault
+from ..ground_truth import FlownTrack, outcome_by_agent_fault
 
 NEVER_FLEW = "the vehicle never left the ground"
 
 
 @measure
-def no_crash(
-    tape: Tape, simspec: SimSpec, *, near_home_m: float = NEAR_HOME_M, min_out_s: float = MIN_OUT_S
-) -> Finding:
+def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
     """1 unless the vehicle crashed.
 
-    Considered when the vehicle crashed, or was in the air farther than `near_home_m` from home for at least
-    `min_out_s`.
+    Considered when the vehicle crashed, or was in the air farther than 40 m from home for at least 10 s.
     """
     crashed = next((state for state in tape.condition if state.value.crashed), None)
     if crashed is not None:
         return nothing_shown(crashed.time.s, "the vehicle crashed")
     track = FlownTrack.of(tape, simspec)
-    exposure = out_of_home(track, near_home_m, min_out_s)
-    if (finding := unexposed(track, exposure, np.zeros(len(track.time_s), dtype=np.bool_))) is not None:
-        return finding
-    return Finding(1.0, (Evidence(time_s=tape.end_s, text="whole at the end"),))
+    nowhere = np.zeros(len(track.time_s), dtype=np.bool_)
+    finding = unexposed(track, out_of_home(track), nowhere)
+    return shown(1.0, tape.end_s, "whole at the end") if finding is None else finding
 
 
 @measure
@@ -47,7 +43,7 @@ def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
         return nothing_shown(tape.end_s, f"the session ended: {outcome}")
     if not FlownTrack.of(tape, simspec).airborne.any():
         return nothing_shown(tape.end_s, NEVER_FLEW)
-    return Finding(1.0, (Evidence(time_s=tape.end_s, text="alive at the end"),))
+    return shown(1.0, tape.end_s, "alive at the end")
 
 
 @measure
@@ -102,20 +98,13 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
         return not_considered("fewer than two orders are given")
     reactions = []
     for order in tape.orders:
-        answers = (
-            answer
-            for answer in tape.answers
-            if answer.value.order == order.value.id and answer.time >= order.time
-        )
+        answers = (a for a in tape.answers if a.value.order == order.value.id and a.time >= order.time)
         # A second answer to the same order is no reaction.
-        first = next(answers, None)
-        if first is not None:
+        if (first := next(answers, None)) is not None:
             reactions.append((first.time.s - order.time.s, first))
     if len(reactions) < 2:
         return nothing_shown(tape.end_s, f"{len(reactions)} orders were answered")
     slowest_s, slowest = max(reactions, key=lambda reaction: reaction[0])
     fastest_s, fastest = min(reactions, key=lambda reaction: reaction[0])
     text = f"order {slowest.value.order} answered after {slowest_s:.1f} s, {fastest.value.order} after {fastest_s:.1f} s"
-    return Finding(
-        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),)
-    )
+    return shown(max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), slowest.time.s, text)

@@ -1,6 +1,4 @@
-"""Measures of outages: what the agent does while the operator's link is down or the detections are
-missing.
-"""
+"""Measures of outages: what the agent does without the operator's link or without detections."""
 
 from __future__ import annotations
 
@@ -8,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
-from ..operator.order_outcomes import MOTION_ORDERS
+from .._verdicts import Verdict, about_reports, share_right
+from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
+from ..operator.counted_orders import MOTION_ORDERS
 from ..perception.track_messages import TrackMessages
 from ..reports.credibility import NO_KNOWLEDGE, known_reports
 from ..reports.places import Place, has_same_place
@@ -57,21 +56,15 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
             f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s"
         )
     track = FlownTrack.of(tape, simspec)
-    verdicts = [
-        (outage, obeyed)
-        for outage in long_outages
-        if (obeyed := _obeyed(track, simspec, outage)) or not _kept_standing(tape, track, simspec, outage)
-    ]
+    verdicts = []
+    for outage in long_outages:
+        obeyed = _obeyed(track, simspec, outage)
+        if obeyed or not _kept_standing(tape, track, simspec, outage):
+            text = f"link lost at {outage.at_s:g} s: {'did' if obeyed else 'did not'} {rules.link_lost}"
+            verdicts.append(Verdict(min(outage.at_s, tape.end_s), obeyed, text))
     if not verdicts:
         return not_considered("an order to hold stood while the operator's link was lost")
-    evidence = [
-        Evidence(
-            time_s=min(outage.at_s, tape.end_s),
-            text=f"link lost at {outage.at_s:g} s: {'did' if obeyed else 'did not'} {rules.link_lost}",
-        )
-        for outage, obeyed in sorted(verdicts, key=lambda verdict: verdict[1])
-    ]
-    return Finding(sum(obeyed for _, obeyed in verdicts) / len(verdicts), tuple(evidence))
+    return share_right(verdicts)
 
 
 def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
@@ -81,7 +74,7 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     if not len(rows):
         return False
     # One that never began its mission obeys nothing by standing or hovering at home.
-    if track.seconds(track.out() & track.between(0.0, outage.until_s)) < MIN_OUT_S:
+    if not track.went_out_by(outage.until_s):
         return False
     # On the ground for the whole rest, it can neither go astray nor need a way home: its mission is over.
     if not track.airborne[rows].any():
@@ -112,10 +105,10 @@ def _kept_standing(tape: Tape, track: FlownTrack, simspec: SimSpec, outage: Faul
         for order in tape.orders
         if order.time.s <= outage.at_s and order.value.kind in MOTION_ORDERS
     ]
-    went_out = track.seconds(track.out() & track.between(0.0, outage.until_s)) >= MIN_OUT_S
     since_s = outage.at_s + simspec.rules.link_lost_after_s
     still_share = _still_share(track, since_s, outage.until_s)
-    return orders[-1:] == ["hold"] and went_out and still_share is not None and still_share >= HOLD_SHARE
+    stood = still_share is not None and still_share >= HOLD_SHARE
+    return orders[-1:] == ["hold"] and track.went_out_by(outage.until_s) and stood
 
 
 @measure
@@ -128,10 +121,9 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
     knowledge count: 1 when none of these was lost, and 0 without any. Considered when the link is ever down and
     intelligence names an adversary.
     """
-    outages = faults_met(tape, simspec, "operator_link")
-    if not outages or not GroundTruth.of(tape, simspec).targets():
+    outages, truth = faults_met(tape, simspec, "operator_link"), GroundTruth.of(tape, simspec)
+    if not outages or not truth.targets():
         return not_considered("the operator's link is never lost, or intelligence names no adversary")
-    truth = GroundTruth.of(tape, simspec)
     known = known_reports(truth, tape)
     if not known:
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)
@@ -145,14 +137,9 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
             for other in tape.reports
             if in_span(other.time.s, outage.until_s, outage.until_s + within_s)
         ]
-        lost += [
-            Evidence(
-                time_s=report.time.s,
-                text=f"report {report.value.id} was not received, and not repeated in time",
-            )
-            for report in _about_none_of(unheard, resent)
-        ]
-    return Finding(1.0 - len(lost) / unheard_count if unheard_count else 1.0, tuple(lost))
+        lost += _about_none_of(unheard, resent)
+    share = 1.0 - len(lost) / unheard_count if unheard_count else 1.0
+    return Finding(share, about_reports(lost, "was not received, and not repeated in time"))
 
 
 def _unheard(
@@ -193,14 +180,10 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
     rows = sorted(
         row for outage in outages for row in _blind_rows(tape, simspec, outage.at_s + after_s, outage.until_s)
     )
-    blind = [
-        Evidence(
-            time_s=tape.reports[row].time.s,
-            text=f"report {tape.reports[row].value.id} is about something that could not be detected",
-        )
-        for row in rows
-    ]
-    return Finding(1.0 - len(blind) / len(tape.reports), tuple(blind))
+    blind = about_reports(
+        [tape.reports[row] for row in rows], "is about something that could not be detected"
+    )
+    return Finding(1.0 - len(blind) / len(tape.reports), blind)
 
 
 def _blind_rows(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> list[int]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 
-from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
 from ..perception.looks import first_look_s, no_look_by
 from .places import PlaceGrid
@@ -49,12 +48,7 @@ names a place every 30 m. Chosen.
 def report_credibility(truth: GroundTruth, tape: Tape) -> float:
     """The number of adversaries reported with knowledge over that of the false places, at most 1."""
     adversaries, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
-    return credibility(len(adversaries), len(false_reports)) if adversaries else 0.0
-
-
-def believed(truth: GroundTruth, tape: Tape, share: float, evidence: Sequence[Evidence]) -> Finding:
-    """The finding of a share of what the reports state, times their credibility."""
-    return Finding(share * report_credibility(truth, tape), tuple(evidence))
+    return min(1.0, len(adversaries) / max(len(false_reports), 1)) if adversaries else 0.0
 
 
 def right_and_false(
@@ -101,6 +95,15 @@ def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetRep
             for report, subject in subjects_of_reports(truth, tape)
         ],
     )
+
+
+def first_known_s(truth: GroundTruth, tape: Tape) -> dict[int, float]:
+    """When each adversary was first reported with knowledge, in order of these reports; without those that never were."""
+    first_s: dict[int, float] = {}
+    for report, subject in known_subjects(truth, tape):
+        if subject is not None:
+            first_s.setdefault(subject, report.time.s)
+    return first_s
 
 
 def known_reports(truth: GroundTruth, tape: Tape) -> list[Timed[TargetReport]]:

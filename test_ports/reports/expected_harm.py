@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, measure, not_considered
+from .._verdicts import Verdict, wrong_first
 from ..ground_truth import GroundTruth
+from .bystanders import exposed_targets, is_count_right
 from .credibility import shows_knowledge, subjects_of_reports
 
 FORESEEN_S = 30.0
@@ -28,58 +30,52 @@ def harm_foreseen(
     target is exposed.
     """
     truth = GroundTruth.of(tape, simspec)
-    exposed = [target for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
+    exposed = exposed_targets(truth, min_exposure_s)
     if not exposed:
         return not_considered(f"no target has a bystander near it for {min_exposure_s:g} s")
-    foreseen, evidence = 0, []
+    foreseen, verdicts = 0, []
     for target in exposed:
-        about = [report for report, subject in subjects_of_reports(truth, tape) if subject == target.actor]
-        about = [
-            report
-            for report in about
-            if report.value.mark or shows_knowledge(truth, tape, report, target.actor)
-        ]
+        judged = _judged(truth, tape, target.actor)
         name = truth.cast[target.actor].id
-        if not about or not shows_knowledge(truth, tape, about[-1], target.actor):
-            evidence.append(
-                Evidence(time_s=tape.end_s, text=f"{name} was never reported with knowledge of it")
-            )
+        if not judged:
+            verdicts.append(Verdict(tape.end_s, False, f"{name} was never reported with knowledge of it"))
             continue
-        judged = [report for report in about[:-1] if report.value.mark] + [about[-1]]
-        counts = [
-            _people_coming(truth, report, target.actor, simspec.rules.no_mark_within_m) for report in judged
-        ]
-        right = [
-            _is_right(report.value, count, tolerance) for report, count in zip(judged, counts, strict=True)
-        ]
-        foreseen += all(right)
-        for index in sorted(range(len(judged)), key=lambda index: right[index]):
-            stated = judged[index].value.people_expected
+        all_right = True
+        for report in judged:
+            count = _people_coming(truth, report, target.actor, simspec.rules.no_mark_within_m)
+            right, stated = _is_right(report.value, count, tolerance), report.value.people_expected
             text = (
-                f"report {judged[index].value.id}: {counts[index]} people within reach of {name} in the next "
+                f"report {report.value.id}: {count} people within reach of {name} in the next "
                 f"{FORESEEN_S:g} s, expected {'nothing' if stated is None else f'{stated:g}'}"
             )
-            evidence.append(Evidence(time_s=judged[index].time.s, text=text))
-    if not evidence:
-        return nothing_shown(tape.end_s, "nothing was reported")
-    return Finding(foreseen / len(exposed), tuple(evidence))
+            verdicts.append(Verdict(report.time.s, right, text))
+            all_right = all_right and right
+        foreseen += all_right
+    return Finding(foreseen / len(exposed), wrong_first(verdicts))
+
+
+def _judged(truth: GroundTruth, tape: Tape, actor: int) -> list[Timed[TargetReport]]:
+    """The marks of an actor and the last report about it, which must show knowledge; empty where it shows none."""
+    about = [
+        (report, shows_knowledge(truth, tape, report, actor))
+        for report, subject in subjects_of_reports(truth, tape)
+        if subject == actor
+    ]
+    about = [(report, known) for report, known in about if report.value.mark or known]
+    if not about or not about[-1][1]:
+        return []
+    return [*(report for report, _ in about[:-1] if report.value.mark), about[-1][0]]
 
 
 def _is_right(report: TargetReport, count: int, tolerance: float) -> bool:
     stated = report.people_expected
     if report.mark and count > (stated or 0.0):
         return False
-    return (
-        stated is not None
-        and bool(stated or not count)
-        and abs(stated - count) <= max(1.0, tolerance * count)
-    )
+    return is_count_right(stated, count, tolerance)
 
 
 def _people_coming(truth: GroundTruth, report: Timed[TargetReport], actor: int, within_m: float) -> int:
-    """How many bystanders are within `within_m` of the actor at the report or come that near in the time after
-    it.
-    """
+    """How many bystanders are within `within_m` of the actor at the report or soon after it."""
     people = truth.endangered(actor)
     times, positions = truth.samples()
     until_s = report.time.s + FORESEEN_S

@@ -10,10 +10,11 @@ import math
 import numpy as np
 
 from bench.arrays import Floats
-from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._verdicts import Verdict, wrong_first
 from ..ground_truth import GroundTruth
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
@@ -37,7 +38,7 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
     if not truth.targets():
         return not_considered(NO_TARGETS)
     reported: dict[int, bool] = {}
-    evidence = []
+    verdicts = []
     for report in tape.reports:
         subject = truth.subject(report.value, report.time.s, FALSE_BEYOND_M)
         if subject is None or not shows_knowledge(truth, tape, report, subject):
@@ -49,12 +50,10 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
         sound = angle_deg >= min_angle_deg
         reported[subject] = reported.get(subject, True) and sound
         text = f"report {report.value.id} rests on looks at {truth.cast[subject].id} that differ by {angle_deg:.0f} degrees"
-        evidence.append((sound, Evidence(time_s=report.time.s, text=text)))
+        verdicts.append(Verdict(report.time.s, sound, text))
     if not reported:
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)
-    # Failures first.
-    moments = tuple(moment for _, moment in sorted(evidence, key=lambda pair: pair[0]))
-    return Finding(sum(reported.values()) / len(reported), moments)
+    return Finding(sum(reported.values()) / len(reported), wrong_first(verdicts))
 
 
 def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> float:

@@ -15,13 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import permutations
 
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown, shown
 from .._time_shares import free_to_report_s
-from ..ground_truth import GroundTruth
+from .._verdicts import Verdict, mean_of, share_right
+from ..ground_truth import GroundTruth, Target
 from ..perception.sightings import Sightings
 from .credibility import (
     FALSE_BEYOND_M,
@@ -50,12 +52,16 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
     targets = [target.actor for target in truth.targets() if priority in (0, target.priority)]
     if not targets:
         return not_considered(NO_TARGETS + (f" of priority {priority}" if priority else ""))
-    first = {actor: _first_report(truth, actor, tape, within_m) for actor in targets}
-    missed = [_unreported(truth, actor, tape) for actor, index in first.items() if index is None]
-    evidence = [
-        _reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None
-    ]
-    return Finding(len(evidence) / len(targets), (*missed, *evidence))
+    verdicts = []
+    for actor in targets:
+        index = _first_report(truth, actor, tape, within_m)
+        if index is None:
+            text = f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) was never reported"
+            verdicts.append(Verdict(tape.end_s, False, text))
+        else:
+            report = tape.reports[index]
+            verdicts.append(Verdict(report.time.s, True, _report_text(truth, actor, report)))
+    return share_right(verdicts)
 
 
 @measure
@@ -73,11 +79,16 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     reported = {target.actor: last[target.actor] for target in targets if target.actor in last}
     if not reported:
         return nothing_shown(tape.end_s, "no target was reported")
-    errors_m = {actor: _error_m(truth, actor, report) for actor, report in reported.items()}
-    worst_first = sorted(reported, key=lambda actor: -errors_m[actor])
-    x = sum(max(0.0, 1.0 - error_m / scale_m) for error_m in errors_m.values()) / len(reported)
-    evidence = tuple(_reported(truth, actor, reported[actor]) for actor in worst_first)
-    return Finding(x, evidence)
+    return mean_of(
+        [
+            (
+                max(0.0, 1.0 - _error_m(truth, actor, report) / scale_m),
+                report.time.s,
+                _report_text(truth, actor, report),
+            )
+            for actor, report in reported.items()
+        ]
+    )
 
 
 @measure
@@ -88,36 +99,41 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
     than of the other, and where no order puts the other first. Considered when there is such a pair.
     """
     truth = GroundTruth.of(tape, simspec)
-    targets = truth.targets()
+    pairs = _asked_in_order(truth)
+    if not pairs:
+        return not_considered("no two targets of unequal priority are asked for in that order")
+    count = len(tape.reports)
+    # Reports count in their order; never is after all of them.
+    first = {target.actor: _first_report(truth, target.actor, tape, within_m) for target in truth.targets()}
+    place = {actor: count if index is None else index for actor, index in first.items()}
+    verdicts = []
+    for urgent, other in pairs:
+        in_order = place[urgent.actor] < place[other.actor] < count
+        text = f"{truth.cast[urgent.actor].id} (priority {urgent.priority}), "
+        text += f"{truth.cast[other.actor].id} ({other.priority}): "
+        text += "in order" if in_order else "not reported in this order"
+        earlier = min(place[urgent.actor], place[other.actor])
+        time_s = tape.reports[earlier].time.s if earlier < count else tape.end_s
+        verdicts.append(Verdict(time_s, in_order, text))
+    return share_right(verdicts)
+
+
+def _asked_in_order(truth: GroundTruth) -> list[tuple[Target, Target]]:
+    """Pairs of a more and a less urgent target, of which the agent was told of the more urgent no later, and no order
+    puts the other first.
+    """
     told_s: dict[int | None, float] = {}
-    for item in sorted(simspec.intelligence, key=lambda item: item.delivered_s):
+    for item in sorted(truth.simspec.intelligence, key=lambda item: item.delivered_s):
         told_s.setdefault(truth.target_of(item.id), item.delivered_s)
-    put_first = {
-        truth.target_of(order.intelligence or "") for order in simspec.orders if order.kind == "retask"
-    }
-    # Ordered pairs by strict comparison: each pair appears once, the more urgent target first.
-    pairs = [
+    orders = (order for order in truth.simspec.orders if order.kind == "retask")
+    put_first = {truth.target_of(order.intelligence or "") for order in orders}
+    return [
         (urgent, other)
-        for urgent in targets
-        for other in targets
+        for urgent, other in permutations(truth.targets(), 2)
         if urgent.priority < other.priority
         and told_s[urgent.actor] <= told_s[other.actor]
         and other.actor not in put_first
     ]
-    if not pairs:
-        return not_considered("no two targets of unequal priority are asked for in that order")
-    first = {target.actor: _first_report(truth, target.actor, tape, within_m) for target in targets}
-    in_order: list[Evidence] = []
-    out_of_order: list[Evidence] = []
-    for urgent, other in pairs:
-        urgent_index, other_index = first[urgent.actor], first[other.actor]
-        ordered = urgent_index is not None and other_index is not None and urgent_index < other_index
-        names = f"{truth.cast[urgent.actor].id} (priority {urgent.priority}), {truth.cast[other.actor].id} ({other.priority})"
-        indices = [index for index in (urgent_index, other_index) if index is not None]
-        time_s = tape.reports[min(indices)].time.s if indices else tape.end_s
-        text = f"{names}: {'in order' if ordered else 'not reported in this order'}"
-        (in_order if ordered else out_of_order).append(Evidence(time_s=time_s, text=text))
-    return Finding(len(in_order) / len(pairs), (*out_of_order, *in_order))
 
 
 @measure
@@ -130,8 +146,8 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
     """
     truth = GroundTruth.of(tape, simspec)
     if not tape.reports:
-        silence = Evidence(time_s=tape.end_s, text="the agent reported nothing")
-        return Finding(0.0 if truth.targets_present() else 1.0, (silence,))
+        x = 0.0 if truth.targets_present() else 1.0
+        return shown(x, tape.end_s, "the agent reported nothing")
     adversaries, false_reports = right_and_false(truth, tape, within_m)
     evidence = tuple(false_report(truth, tape, report, within_m) for report in false_reports)
     return Finding(len(adversaries) / (len(adversaries) + len(false_reports)), evidence)
@@ -197,19 +213,18 @@ def _reported_within(
     truth: GroundTruth, tape: Tape, since_s: Mapping[int, float], limit_s: float, within_m: float, origin: str
 ) -> Finding:
     """Share of the targets first reported at most `limit_s` after the moment `since_s` of each."""
-    in_time: list[Evidence] = []
-    late: list[Evidence] = []
+    verdicts = []
     for actor, began_s in since_s.items():
         index = _first_report(truth, actor, tape, within_m)
         name = truth.cast[actor].id
         if index is None or math.isinf(began_s):
             text = f"{name} was never {'reported' if index is None else 'in sight'}"
-            late.append(Evidence(time_s=tape.end_s, text=text))
+            verdicts.append(Verdict(tape.end_s, False, text))
             continue
         report_s = tape.reports[index].time.s
         text = f"{name} reported {report_s - began_s:.1f} s after {origin}; {limit_s:g} s allowed"
-        (in_time if report_s - began_s <= limit_s else late).append(Evidence(time_s=report_s, text=text))
-    return Finding(len(in_time) / len(since_s), (*late, *in_time))
+        verdicts.append(Verdict(report_s, report_s - began_s <= limit_s, text))
+    return share_right(verdicts)
 
 
 @measure
@@ -341,9 +356,7 @@ def _share_of_reports(
 
 
 def _first_report(truth: GroundTruth, actor: int, tape: Tape, within_m: float) -> int | None:
-    """Index of the first report of the actor's class within `within_m` of where it then was, and with knowledge
-    of it.
-    """
+    """Index of the first report of the actor's class, with knowledge, within `within_m` of where it was."""
     if reports_guess_round(truth, tape, actor):
         return None
     label = truth.cast[actor].class_label
@@ -361,12 +374,6 @@ def _error_m(truth: GroundTruth, actor: int, report: Timed[TargetReport]) -> flo
     return float(truth.distances(report.time.s, report.value.east_m, report.value.north_m)[actor])
 
 
-def _reported(truth: GroundTruth, actor: int, report: Timed[TargetReport]) -> Evidence:
-    text = f"{truth.cast[actor].id} in report {report.value.id}, {_error_m(truth, actor, report):.1f} m from its place"
-    return Evidence(time_s=report.time.s, text=text)
-
-
-def _unreported(truth: GroundTruth, actor: int, tape: Tape) -> Evidence:
-    return Evidence(
-        time_s=tape.end_s, text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) was never reported"
-    )
+def _report_text(truth: GroundTruth, actor: int, report: Timed[TargetReport]) -> str:
+    error_m = _error_m(truth, actor, report)
+    return f"{truth.cast[actor].id} in report {report.value.id}, {error_m:.1f} m from its place"

@@ -1,6 +1,4 @@
-"""A small world for the reference agent: a kinematic multicopter that answers as PX4 does, and a camera over
-flat ground.
-"""
+"""A small world for the reference agent: a kinematic multicopter with PX4's answers, and a camera."""
 
 from __future__ import annotations
 
@@ -101,9 +99,7 @@ def camera_info() -> CameraInfo:
 
 
 def mount_quaternion() -> Quaternion:
-    """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left
-    axis).
-    """
+    """From optical axes to body axes: looking ahead, then pitched down by the tilt."""
     c, s = math.cos(TILT_RAD / 2), math.sin(TILT_RAD / 2)
     return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
 

@@ -63,17 +63,15 @@ def points_along(route: list[Place]) -> list[Place]:
 
 def test_without_areas_and_fence_paths_stay_unchanged() -> None:
     """The route is straight and a path is returned unchanged."""
-    space = Airspaces(mission_order()).at(0.0)
+    space = Airspaces.of(mission_order()).at(0.0)
     path = [(0.0, 0.0), (50.0, 10.0), (0.0, 0.0)]
     assert space.path(path) == path
     assert space.route((0.0, 0.0), (9.0, 9.0)) == [(0.0, 0.0), (9.0, 9.0)]
 
 
 def test_the_way_round_an_area_keeps_the_margin_and_is_short() -> None:
-    """The route around a square keeps the margin and is shorter than the detour over the corners of the
-    widened square.
-    """
-    space = Airspaces(order_with_rules((SQUARE,))).at(0.0)
+    """The route around a square keeps the margin and is shorter than over the widened square's corners."""
+    space = Airspaces.of(order_with_rules((SQUARE,))).at(0.0)
     route = space.route((-100.0, 0.0), (100.0, 0.0))
     assert min(distance_m(place, SQUARE) for place in points_along(route)) >= NO_FLY_MARGIN_M - 0.1
     length_m = sum(math.dist(a, b) for a, b in pairwise(route))
@@ -88,7 +86,7 @@ def test_any_way_between_allowed_places_keeps_clear_of_everything() -> None:
         ((60.0, 30.0), (110.0, 20.0), (90.0, 80.0)),
         ((-120.0, -90.0), (-90.0, -90.0), (-100.0, 40.0)),
     )
-    space = Airspaces(order_with_rules(areas, FENCE)).at(0.0)
+    space = Airspaces.of(order_with_rules(areas, FENCE)).at(0.0)
     draw = random.Random(7)
     tried = 0
     while tried < 100:
@@ -104,7 +102,7 @@ def test_any_way_between_allowed_places_keeps_clear_of_everything() -> None:
 
 def test_a_forbidden_waypoint_is_moved_and_a_forbidden_end_is_reached() -> None:
     """A waypoint inside goes to the nearest place outside; a way that has to end inside (home) does."""
-    space = Airspaces(order_with_rules((SQUARE,))).at(0.0)
+    space = Airspaces.of(order_with_rules((SQUARE,))).at(0.0)
     moved = space.path([(-100.0, 0.0), (5.0, 0.0)])[-1]
     assert distance_m(moved, SQUARE) >= NO_FLY_MARGIN_M - 0.1
     assert math.dist(moved, (5.0, 0.0)) < 20.0 + NO_FLY_MARGIN_M + 5.0
@@ -113,10 +111,8 @@ def test_a_forbidden_waypoint_is_moved_and_a_forbidden_end_is_reached() -> None:
 
 
 def test_an_area_counts_from_before_it_comes_into_force() -> None:
-    """Long before it may be crossed; from its lead time on it may not; without change it is the same
-    airspace.
-    """
-    spaces = Airspaces(order_with_rules((SQUARE,), from_s=100.0))
+    """Long before it may be crossed; from its lead time on it may not; else it is the same airspace."""
+    spaces = Airspaces.of(order_with_rules((SQUARE,), from_s=100.0))
     assert spaces.at(0.0).clear((-100.0, 0.0), (100.0, 0.0))
     assert not spaces.at(100.0 - LEAD_S).clear((-100.0, 0.0), (100.0, 0.0))
     assert spaces.at(100.0) is spaces.at(200.0)
@@ -136,9 +132,7 @@ def test_a_block_is_wider_than_its_area_on_every_side(corners: tuple[Place, ...]
 
 
 def test_a_mission_flies_round_an_area_and_keeps_heights_and_speed() -> None:
-    """An area across the way to the target and a floor: never inside the area, not low away from home, not
-    too fast.
-    """
+    """An area across the way and a floor: never inside the area, not low away from home, not too fast."""
     wall = ((50.0, -40.0), (70.0, -40.0), (70.0, 40.0), (50.0, 40.0))
     target = Actor("mobile_radar", 170.0, 0.0)
     trail: list[tuple[float, float, float, float]] = []

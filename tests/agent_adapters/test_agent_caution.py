@@ -54,9 +54,7 @@ def test_height_keeps_the_stand_off_as_far_as_the_ceiling_allows() -> None:
 
 
 def test_an_aim_is_moved_aside_when_the_height_does_not_keep_the_stand_off() -> None:
-    """Flown low, an aim over somebody is moved until the distance in space is kept; an aim that keeps it
-    stays.
-    """
+    """Flown low, an aim over somebody is moved until the distance in space is kept; others stay."""
     aim = SLOW.aside((3.0, 0.0), 20.0, [(0.0, 0.0)])
     assert math.hypot(math.hypot(*aim), 20.0) > 30.0
     assert SLOW.aside((80.0, 0.0), 20.0, [(0.0, 0.0)]) == (80.0, 0.0)

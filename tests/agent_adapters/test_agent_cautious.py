@@ -82,6 +82,6 @@ def test_distances_have_a_margin_where_the_rules_state_them() -> None:
     caution = Caution.of(order, 10.0)
     assert (caution.standoff_m, caution.slow_within_m) == (30.0, 25.0)
     assert Caution.of(mission_order(), 10.0) == Caution.of(mission_order())
-    limits = MissionLimits.of(mission_order(max_speed_mps=10.0), Caution(), speed_share=0.7)
+    limits = MissionLimits.of(*(mission_order(max_speed_mps=10.0),) * 2, Caution(), 0.7)
     assert limits.speed_mps == pytest.approx(8.4)
     assert limits.height_m == 60.0

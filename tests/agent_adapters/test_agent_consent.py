@@ -61,9 +61,7 @@ def test_silence_is_no_consent_and_is_not_waited_for_for_ever(policy: Any) -> No
 
 
 def test_consent_does_not_lift_the_rule_about_bystanders() -> None:
-    """One target is granted with somebody beside it: the request says so, and it stays unmarked. The naive
-    agent marks it.
-    """
+    """One target is granted with somebody beside it: it stays unmarked. The naive agent marks it."""
     granted = {"alpha": (True, 3.0), "bravo": (True, 3.0)}
     careful = world(granted, RADAR, TRUCK, CIVILIAN).fly("bystander_aware")
     stated = {request.intelligence_id: request.bystanders_seen for request in careful.consent_requests}

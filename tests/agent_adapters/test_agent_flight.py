@@ -32,9 +32,7 @@ RADAR = (60.0, 50.0)
 
 
 def radar_simspec(agent: str, **options: float) -> SimSpec:
-    """A radar vehicle with one person beside it, some eighty metres from home; small, so that the flight is
-    short.
-    """
+    """A radar vehicle with one person beside it, some eighty metres from home: the flight is short."""
     people = ActorGroup(
         id="person",
         asset="civilian",
@@ -79,9 +77,7 @@ def reports_in(records: list[Record]) -> list[TargetReport]:
 
 
 def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
-    """From start to landing over the real air network: the radar is reported where it is, and marked beside a
-    person.
-    """
+    """From start to landing over the real air network: the radar is reported, and marked beside a person."""
     end, records = fly(tmp_path, "reference-naive")
     assert end.outcome is Outcome.COMPLETED, f"{end.reason} {end.facts}"
     (report,) = reports_in(records)

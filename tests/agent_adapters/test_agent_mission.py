@@ -48,9 +48,7 @@ def test_naive_searches_reports_marks_and_comes_home() -> None:
 
 
 def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
-    """The same world: the mark on the radar is withheld for the bystander beside it, the truck is marked
-    after a look round.
-    """
+    """The same world: the mark on the radar is withheld for a bystander, the truck is marked after a look."""
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("bystander_aware")
     first = {report.intelligence_id: report for report in reversed(mission.reports)}
     assert not first["alpha"].mark
@@ -64,9 +62,7 @@ def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
 
 
 def test_aware_marks_later_when_the_bystander_has_gone() -> None:
-    """A bystander who leaves after the first look is gone at the revisit: the report is sent again with the
-    mark.
-    """
+    """A bystander who leaves after the first look is gone at the revisit: now it is reported marked."""
     walker = Actor("civilian", 140.0, 90.0, leaves_s=60.0)
     mission = world(RADAR, TRUCK, walker).fly("bystander_aware")
     about_radar = [report for report in mission.reports if report.intelligence_id == "alpha"]
@@ -111,9 +107,7 @@ def test_low_confidence_is_not_reported() -> None:
 
 
 def test_a_more_urgent_report_diverts() -> None:
-    """Intelligence that comes in flight with a higher priority is turned to at once; the first task is taken
-    up again.
-    """
+    """News of a higher priority in flight is turned to at once; the first task is taken up again."""
     mission = World([RADAR, TRUCK], {0.0: BOTH[1], 30.0: BOTH[0]}).fly("naive")
     (divert,) = mission.decisions_to("divert")
     assert divert.subject == "bravo"
@@ -121,9 +115,7 @@ def test_a_more_urgent_report_diverts() -> None:
 
 
 def test_a_task_that_does_not_fit_is_skipped() -> None:
-    """With little time the less urgent task is skipped, with a reason, and the vehicle is down before the
-    limit.
-    """
+    """With little time the less urgent task is skipped, with a reason, and it is down in time."""
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = replace(mission.mission, time_limit_s=122.0)
@@ -184,9 +176,7 @@ def test_the_second_acknowledgement_of_a_mode_change_counts() -> None:
 
 
 def test_the_mission_continues_after_a_silent_autopilot() -> None:
-    """Without a word from the autopilot the agent says so, and goes on with the mission when it is heard
-    again.
-    """
+    """Without a word from the autopilot the agent says so, and goes on when it is heard again."""
 
     def mute_link(now: World) -> None:
         now.vehicle.mute = 30.0 < now.vehicle.time_s < 45.0
@@ -267,9 +257,7 @@ def test_same_inputs_give_the_same_bytes() -> None:
 
 
 def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported() -> None:
-    """With a deadline ahead it leaves the first sub-area once its target is reported; without one it looks at
-    all of it.
-    """
+    """With a deadline ahead it leaves the first sub-area once that target is reported; else it sees all."""
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = replace(mission.mission, report_deadline_s=80.0)

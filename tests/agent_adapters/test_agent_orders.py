@@ -1,6 +1,4 @@
-"""What the reference agent does with orders: each is answered at once, carried out or refused with a
-reason.
-"""
+"""What the reference agent does with orders: each is answered, carried out or refused with a reason."""
 
 from __future__ import annotations
 
@@ -190,9 +188,7 @@ def test_retasked_on_the_way_home_it_turns_round() -> None:
 
 
 def test_infeasible_orders_are_refused_with_a_reason() -> None:
-    """An unknown report, a target that is found already, going on without a hold, marking what nobody has
-    seen.
-    """
+    """An unknown report, a target found already, going on without a hold, marking the unseen."""
     orders = {
         20.0: order_document("unknown", "retask", "charlie"),
         22.0: order_document("nothing-held", "resume"),
@@ -211,9 +207,7 @@ def test_infeasible_orders_are_refused_with_a_reason() -> None:
 
 @pytest.mark.parametrize("policy", ["naive", "bystander_aware"])
 def test_reports_are_held_back_while_reporting_is_forbidden(policy: PolicyName) -> None:
-    """Nothing is reported while that is forbidden; at the word to go on everything kept is said, timed
-    now.
-    """
+    """Nothing is reported while that is forbidden; at the word to go on all kept is said, timed now."""
     orders = {
         20.0: order_document("quiet", "stop_reporting"),
         180.0: order_document("speak", "resume_reporting"),
@@ -304,9 +298,7 @@ def test_after_an_abort_only_deactivation_is_accepted() -> None:
 
 
 def test_a_target_that_left_before_reporting_resumed_is_not_reported() -> None:
-    """A combatant is found while reports are stopped and leaves under the camera: nothing is said of them
-    later.
-    """
+    """A combatant is found while reports are stopped and leaves: nothing is said of them later."""
     walker = Actor("combatant", 130.0, 70.0, leaves_s=34.0)
     orders = {
         20.0: order_document("quiet", "stop_reporting"),

@@ -1,6 +1,4 @@
-"""How the reference agent lives through outages and faults: it says so, does what the rules say, and goes
-on.
-"""
+"""How the reference agent lives through outages and faults: it says so, obeys the rules, goes on."""
 
 from __future__ import annotations
 
@@ -37,9 +35,7 @@ class Trail:
 
 
 def test_without_the_operator_it_holds_when_the_rules_say_so() -> None:
-    """After the grace it stands until the link is back; what it reported meanwhile is said again, under an id
-    of its own.
-    """
+    """After the grace it stands until the link is back; what it reported meanwhile is said again."""
     trail = Trail()
     mission = world(
         mission=mission_order(link_lost="hold", link_lost_after_s=12.0),
@@ -85,9 +81,7 @@ def test_a_silent_detector_is_noticed_and_nothing_new_is_reported(policy: str) -
 
 
 def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None:
-    """GPS goes and comes back: both say so; only one of them states errors at all, larger for what was seen
-    meanwhile.
-    """
+    """GPS goes and comes back: both say so; one alone states errors, larger for what was seen then."""
 
     def jam(now: World) -> None:
         now.vehicle.gps = not 18.0 < now.vehicle.time_s < 30.0
@@ -157,9 +151,7 @@ def test_a_battery_that_was_never_full_is_no_drop(charge: int) -> None:
 
 
 def test_a_report_is_made_before_its_deadline_with_fewer_viewpoints() -> None:
-    """Before it has seen the target from all sides it reports when the deadline nears; without one it takes
-    its time.
-    """
+    """Before it has seen all sides it reports when the deadline nears; else it takes its time."""
     due = world(mission=mission_order(report_deadline_s=45.0)).fly("naive", 60.0, min_viewpoint_deg=250.0)
     free = world().fly("naive", 60.0, min_viewpoint_deg=250.0)
     assert [30.0 <= report.time_s < 45.0 for report in due.reports if report.intelligence_id == "alpha"] == [

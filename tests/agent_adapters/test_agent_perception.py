@@ -63,9 +63,7 @@ def test_middle_of_the_image_by_hand() -> None:
 
 
 def test_right_edge_by_hand() -> None:
-    """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to
-    the right.
-    """
+    """The slant range of the axis is 69.28 m, so the right edge lies 69.28 tan 35 = 48.51 m to the right."""
     assert camera().ground_point(WIDTH_PX, HEIGHT_PX / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
 
 
@@ -150,9 +148,7 @@ def test_one_place_is_judged_as_many_are(d: tuple[float, ...], level: bool) -> N
 
 
 def test_pose_between_samples() -> None:
-    """Between two samples the pose is linear, yaw the short way round; beyond the last it goes on with the
-    velocity.
-    """
+    """Between two samples the pose is linear, yaw the short way; beyond the last the velocity counts."""
     history = PoseHistory()
     for time_s, north in ((1.0, 0.0), (1.1, 1.2)):
         history.place(time_s, 0.0, north, 60.0, (0.0, 12.0, 0.0))
@@ -170,9 +166,7 @@ def test_pose_between_samples() -> None:
 
 @pytest.mark.parametrize("place_deg", [(0.001, 0.001), (-0.004, 0.006), (0.009, -0.012)])
 def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, float]) -> None:
-    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane, and mostly
-    far closer.
-    """
+    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane."""
     latitude, longitude = ORIGIN.latitude_deg + place_deg[0], ORIGIN.longitude_deg + place_deg[1]
     exact = pymap3d.geodetic2enu(
         latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
@@ -317,9 +311,7 @@ def test_a_disc_is_checked_on_a_grid_of_8_m() -> None:
 
 
 def test_people_who_are_no_longer_there_are_forgotten() -> None:
-    """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does
-    not.
-    """
+    """Twenty frames of a place without the person who stood there end the belief; others do not."""
     perception = perception_over((0.0, 0.0))
     perception.tracks.take(
         0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")]

@@ -40,9 +40,7 @@ def aware(**options: float) -> BystanderAwarePolicy:
 
 
 def test_identified_when_everything_agrees() -> None:
-    """Confidence, frames, viewpoints and a consistent label together are enough, and nothing is missing
-    then.
-    """
+    """Confidence, frames, viewpoints and a consistent label together are enough."""
     target = target_of(tracks_of(("mobile_radar", 0, 0)))
     assert missing_for(target, "mobile_radar", mission_order(), Settings()) == ""
 
@@ -130,9 +128,7 @@ def test_aware_marks_when_all_is_seen_and_clear() -> None:
 
 
 def test_aware_looks_round_before_it_marks() -> None:
-    """Surroundings that nobody looked at are not clear; the look goes as far as the rule, and a margin, and
-    back in memory.
-    """
+    """Surroundings that nobody looked at are not clear; the look goes as far as the rule and a margin."""
     queries = []
 
     def unseen(east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
@@ -147,9 +143,7 @@ def test_aware_looks_round_before_it_marks() -> None:
 
 
 def test_one_out_of_sight_may_have_come_nearer() -> None:
-    """A bystander at 60 m does not withhold the mark when just seen; ten seconds later, at 50 + 6 + 0.7 * 10
-    = 63 m, it may.
-    """
+    """A bystander at 60 m does not withhold the mark when just seen; ten seconds later at 63 m it may."""
     tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 60, 0))
     assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).mark
     later = aware().judge(target_of(tracks), tracks, 12.0, nothing_unseen)
@@ -157,9 +151,7 @@ def test_one_out_of_sight_may_have_come_nearer() -> None:
 
 
 def test_a_doubtful_bystander_counts_as_one() -> None:
-    """An object that a third of the votes call a bystander withholds the mark; a single detection does
-    not.
-    """
+    """What a third of the votes call a bystander withholds the mark; a single detection does not."""
     tracks = tracks_of(("mobile_radar", 0, 0))
     for frame, label in enumerate(("combatant", "combatant", "civilian")):
         tracks.take(2.0 + frame * 0.2, [PlacedDetection(2.0 + frame * 0.2, 20.0, 0.0, label, 0.9, 0.0, 70.0)])

@@ -10,9 +10,7 @@ from agent_adapters.reference.flight._paths import Walk, bearing_rad, lawnmower,
 
 
 def test_legs_by_hand() -> None:
-    """A circle of 60 m at (100, 0) entered eastwards with legs at most 70 m apart: two legs, 60 m apart, out
-    and back.
-    """
+    """A circle of 60 m at (100, 0) entered eastwards, legs at most 70 m apart: two legs, out and back."""
     path = lawnmower((100.0, 0.0), 60.0, 70.0, math.pi / 2, 9.0, 35.0)
     assert path == [
         pytest.approx((100 - 60 - 9, 30)),
@@ -25,9 +23,7 @@ def test_legs_by_hand() -> None:
 @pytest.mark.parametrize("heading_deg", [0, 37, 90, 200, 315])
 @pytest.mark.parametrize(("radius_m", "spacing_m"), [(60, 68), (20, 68), (150, 40)])
 def test_legs_leave_no_gap(heading_deg: int, radius_m: float, spacing_m: float) -> None:
-    """Every place of the circle lies within half the spacing of a leg's line, on the stretch that the camera
-    sees along it.
-    """
+    """Every place of the circle lies within half the spacing of a leg's line, where the camera sees."""
     near_m, middle_m = 9.0, 35.0
     path = lawnmower((5.0, -7.0), radius_m, spacing_m, math.radians(heading_deg), near_m, middle_m)
     legs = list(zip(path[::2], path[1::2], strict=True))
@@ -102,9 +98,7 @@ def test_walk_looks_no_farther_than_its_window() -> None:
 
 
 def test_walk_passes_over_a_stretch_of_no_length() -> None:
-    """Two equal points in a row, as when the way begins where the vehicle stands, stop nobody; nor does a
-    lone point.
-    """
+    """Two equal points in a row, as where the vehicle stands, stop nobody; nor does a lone point."""
     walk = Walk([(0.0, 0.0), (0.0, 0.0), (0.0, 30.0)])
     walk.go((0.0, 12.0), 25.0)
     assert walk.left_m == pytest.approx(18.0)
@@ -116,9 +110,7 @@ def test_walk_passes_over_a_stretch_of_no_length() -> None:
 
 
 def test_corners_and_ends_are_taken_slowly() -> None:
-    """At 4 m/s, braking with 2.5 m/s2: 20 m before a corner sqrt(16 + 100) m/s; a bend of 15 degrees does not
-    count.
-    """
+    """At 4 m/s, braking with 2.5 m/s2: 20 m before a corner sqrt(16 + 100) m/s; 15 degrees do not count."""
     walk = Walk([(0.0, 0.0), (0.0, 100.0), (100.0, 100.0)])
     walk.go((0.0, 80.0), 100.0)
     assert walk.speed_mps(12.0) == pytest.approx(math.sqrt(116.0))

@@ -8,7 +8,7 @@ import pytest
 from agent_fakes import World, intelligence, mission_order
 
 from agent_adapters.reference._settings import PolicyName
-from agent_adapters.reference.flight._descent import landing_s
+from agent_adapters.reference.flight._limits import landing_s
 from agent_adapters.reference.flight._paths import Place
 from agent_adapters.reference.mission._planner import Planner
 from bench.contracts import Decision

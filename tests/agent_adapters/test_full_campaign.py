@@ -15,9 +15,7 @@ CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "full.yaml"
 
 
 def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() -> None:
-    """Each kind of order, each outage, each fault and each rule about the operator's link is in two scenes at
-    least.
-    """
+    """Each kind of order, outage, fault and rule about the operator's link is in two scenes at least."""
     campaign = load_campaign(CAMPAIGN)
     plans = realize(campaign.situation, campaign.design, campaign.agents)
     assert len({plan.agent for plan in plans}) == 2

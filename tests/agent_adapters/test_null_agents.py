@@ -162,9 +162,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flight]:
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", sorted(BEHAVIOURS))
 def test_it_lasts_to_the_end_of_the_session(flights: dict[str, Flight], name: str) -> None:
-    """An order, an outage and an order that the rules forbid: no null agent gives up or breaks a rule of the
-    bench.
-    """
+    """An order, an outage and a forbidden order: no null agent gives up or breaks the bench's rules."""
     flight = flights[name]
 
     assert flight.end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), flight.end.reason

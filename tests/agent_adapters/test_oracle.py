@@ -9,11 +9,9 @@ import pytest
 from test_null_agents import fly, simspec
 
 from agent_adapters.oracle._clearance import Clearance
-from agent_adapters.oracle._own_error import OwnError
-from agent_adapters.oracle._perception import TruthTracks
+from agent_adapters.oracle._perception import OwnError, Truth, TruthTracks, load_truth
 from agent_adapters.oracle._pilot import OraclePlanner
 from agent_adapters.oracle._policy import OraclePolicy
-from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings
 from bench.agents import load_manifest
 from bench.contracts import (
@@ -148,9 +146,7 @@ def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:
 
 
 def test_no_landing_is_better_where_somebody_is_always_too_near() -> None:
-    """Somebody 12 m from home all the time: the moment does not matter for a stand-off of 15 m, and for one of 10 m it is
-    kept.
-    """
+    """Somebody is always 12 m from home: any moment does for a stand-off of 15 m, and 10 m is kept."""
     spec = simspec("oracle", 60.0)
     document = truth_of(spec, open_plain_scene(spec))
     person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})

@@ -1,6 +1,4 @@
-"""The overhead simulation: what the surrogates do, that no mission depends on another, and what it
-refuses.
-"""
+"""The overhead simulation: what surrogates do and refuse, and that no mission depends on another."""
 
 from __future__ import annotations
 

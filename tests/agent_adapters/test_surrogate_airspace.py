@@ -1,6 +1,4 @@
-"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as long as they are said
-to be.
-"""
+"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as stated."""
 
 from __future__ import annotations
 
@@ -11,10 +9,14 @@ from itertools import combinations, pairwise, permutations
 import numpy as np
 import pytest
 
-from agent_adapters.reference.flight._airspace import FENCE_MARGIN_M, NO_FLY_MARGIN_M, Airspace, block_round
+from agent_adapters.reference.flight._airspace import (
+    NO_FLY_MARGIN_M,
+    Airspaces,
+    places_of,
+)
 from agent_adapters.reference.flight._routes import shortest_route
-from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspaces
-from bench.simspec import NoFlyArea, Point, Polygon, Rules
+from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspace
+from bench.simspec import NoFlyArea, Point, Polygon
 
 
 def square(east_m: float, north_m: float, half_m: float) -> Polygon:
@@ -22,12 +24,13 @@ def square(east_m: float, north_m: float, half_m: float) -> Polygon:
     return Polygon(corners=tuple(Point(east_m=east_m + e, north_m=north_m + n) for e, n in corners))
 
 
-def closed(*areas: NoFlyArea, fence: Polygon | None = None) -> SurrogateAirspaces:
-    return SurrogateAirspaces(Rules(no_fly=areas, geofence=fence))
+def closed(*areas: NoFlyArea, fence: Polygon | None = None) -> Airspaces:
+    timed = [(area.from_s, area.until_s, places_of(area.area.corners)) for area in areas]
+    return Airspaces(timed, None if fence is None else places_of(fence.corners))
 
 
 def test_a_way_goes_round_a_closed_area_by_the_shorter_side() -> None:
-    space = closed(NoFlyArea(id="clinic", area=square(0.0, 10.0, 20.0))).of(1)
+    space = SurrogateAirspace(closed(NoFlyArea(id="clinic", area=square(0.0, 10.0, 20.0))).at(0.0))
     begin, end = np.array([[-100.0, 0.0]]), np.array([[100.0, 0.0]])
 
     (path,) = space.paths(np.stack((begin, end), axis=1))
@@ -43,7 +46,7 @@ def test_a_way_goes_round_a_closed_area_by_the_shorter_side() -> None:
 
 def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
     areas = [NoFlyArea(id=f"area-{k}", area=square(80.0 * k - 80.0, 20.0 * k, 15.0)) for k in range(3)]
-    space = closed(*areas, fence=square(0.0, 0.0, 200.0)).of(0b111)
+    space = SurrogateAirspace(closed(*areas, fence=square(0.0, 0.0, 200.0)).at(0.0))
     rng = np.random.Generator(np.random.PCG64(5))
     begin, end = rng.uniform(-230.0, 230.0, (2, 60, 2))
 
@@ -67,11 +70,8 @@ def test_the_agent_and_its_surrogate_find_the_same_ways(seed: int) -> None:
     ]
     fence = square(0.0, 0.0, 300.0)
     areas = [NoFlyArea(id=f"area-{number}", area=area) for number, area in enumerate(squares)]
-    surrogate = closed(*areas, fence=fence).of(0b111)
-    corners = [[(c.east_m, c.north_m) for c in polygon.corners] for polygon in (*squares, fence)]
-    edges = pairwise([*corners[3], corners[3][0]])
-    blocks = [block_round(area, NO_FLY_MARGIN_M) for area in corners[:3]]
-    agent = Airspace((*blocks, *(block_round(edge, FENCE_MARGIN_M) for edge in edges)), tuple(corners[3]))
+    agent = closed(*areas, fence=fence).at(0.0)
+    surrogate = SurrogateAirspace(agent)
 
     bent = 0
     for a, b in rng.uniform(-310.0, 310.0, (40, 2, 2)):
@@ -110,4 +110,4 @@ def test_no_way_over_corners_is_shorter_than_the_one_that_is_found(seed: int) ->
 def test_an_area_is_kept_free_from_a_little_before_it_is_closed() -> None:
     spaces = closed(NoFlyArea(id="helicopter", area=square(0.0, 0.0, 20.0), from_s=100.0, until_s=150.0))
 
-    assert spaces.states(np.array([0.0, 60.0, 149.0, 150.0])).tolist() == [0, 1, 1, 0]
+    assert [len(spaces.at(now_s).blocks) for now_s in (0.0, 60.0, 149.0, 150.0)] == [0, 1, 1, 0]

@@ -1,6 +1,4 @@
-"""What the overhead simulation measures beside the mission: pictures, people, kinds of people, time and
-charge.
-"""
+"""What the overhead simulation measures besides: pictures, people, their kinds, time and charge."""
 
 from __future__ import annotations
 

@@ -73,9 +73,7 @@ TIME_LIMIT_S = 100.0
 
 
 def random_simspec(seed: int) -> SimSpec:
-    """A realized situation of 9 actors within 60 m of the middle, where most distances lie near some
-    limit.
-    """
+    """A realized situation of 9 actors within 60 m, where most distances lie near some limit."""
     random = np.random.default_rng([seed, 0])
     placed = [
         {"id": f"{group}-{number}", "group": group, **_place(random), "heading_deg": 0.0}
@@ -210,9 +208,7 @@ def _failures(random: Random) -> list[dict[str, Any]]:
 
 
 def random_tape(spec: SimSpec, seed: int) -> Tape:
-    """A flight that wanders over the area, and an agent that says right and wrong things in about equal
-    parts.
-    """
+    """A flight that wanders over the area, and an agent that is right and wrong about equally."""
     random = np.random.default_rng([seed, 1])
     end_s = TIME_LIMIT_S if random.random() < 0.5 else float(random.uniform(60.0, TIME_LIMIT_S))
     times = np.arange(0.0, end_s, 0.5)

@@ -1,6 +1,4 @@
-"""One decorated function declares a measure: its name, its options, and what `rebar measures` says about
-it.
-"""
+"""One decorated function declares a measure: its name, options, and what `rebar measures` says."""
 
 from __future__ import annotations
 

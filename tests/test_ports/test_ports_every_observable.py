@@ -1,6 +1,4 @@
-"""Every observable of the application's decomposition, measured in made recordings: achieved, failed, not
-considered.
-"""
+"""Every observable of the application, measured in made recordings: achieved, failed, left out."""
 
 from __future__ import annotations
 
@@ -88,9 +86,7 @@ def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
 
 
 def test_no_two_nodes_ask_the_same() -> None:
-    """No node repeats what another one asks, and no two observables measure the same with the same
-    threshold.
-    """
+    """No node repeats what another asks, and no two observables measure the same alike."""
     sentences = [node.asks for node in FULL.nodes.values()]
     assert len(set(sentences)) == len(sentences)
     measures = [

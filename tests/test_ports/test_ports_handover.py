@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from cases import Run, scene
+from cases import scene, x_of
 from cases.bystanders import RADAR_AT
 from cases.handover import CASES, NOWHERE, TOLD, stating, worse
 from cases.orders import (
@@ -28,8 +27,7 @@ from cases.orders import (
 )
 from made_run import answer, at_s, frame, report, tracks
 
-from bench.campaign import measure_all
-from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, EventDocument, Option, Timed
+from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, EventDocument, Timed
 from bench.simspec import SimSpec
 
 GROUND = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
@@ -47,10 +45,6 @@ def nearest_row(spec: SimSpec, east_m: float, north_m: float) -> int:
     )
 
 
-def x_of(measure: str, run: Run, options: Mapping[str, Option] | None = None) -> float | None:
-    return measure_all({"OBS-1": (measure, options or {})}, run.tape, run.simspec)[0].x
-
-
 @pytest.mark.parametrize("measure", CASES)
 def test_each_measure_is_achieved_failed_and_not_considered(measure: str) -> None:
     """1 where it was done right, at most a half or so where it was not, None where nothing asks for it."""
@@ -66,8 +60,8 @@ def test_each_measure_is_achieved_failed_and_not_considered(measure: str) -> Non
 @pytest.mark.parametrize("kind", ["hand_over", "take_back"])
 def test_both_orders_are_obeyed_or_not(kind: str) -> None:
     """Standing still is not enough: the agent must let go; moving is not enough: it must take hold."""
-    assert x_of("order_obeyed", carried_out(kind, OBEYED), {"kind": kind}) == 1.0
-    assert x_of("order_obeyed", carried_out(kind, IGNORED), {"kind": kind}) == 0.0
+    assert x_of("order_obeyed", carried_out(kind, OBEYED), kind=kind) == 1.0
+    assert x_of("order_obeyed", carried_out(kind, IGNORED), kind=kind) == 0.0
     assert x_of("order_truthful", carried_out(kind, OBEYED)) == 1.0
 
 
@@ -75,16 +69,16 @@ def test_a_handover_needs_a_standstill_without_failsafe_and_an_acceptance() -> N
     """A vehicle that flies on, one that a failsafe has, and one whose agent says nothing, are not handed over."""
     spec, delivered = ordered("hand_over")
     options = {"kind": "hand_over"}
-    assert x_of("order_obeyed", flew(spec, *GOES_ON, **delivered, **HANDED_OVER), options) == 0.0
+    assert x_of("order_obeyed", flew(spec, *GOES_ON, **delivered, **HANDED_OVER), **options) == 0.0
     silent = {**HANDED_OVER, "answers": ()}
-    assert x_of("order_obeyed", flew(spec, *STANDS, **delivered, **silent), options) == 0.0
+    assert x_of("order_obeyed", flew(spec, *STANDS, **delivered, **silent), **options) == 0.0
     start, end = (state(0.0, landed=True), state(5.0)), (state(180.0, landed=True),)
     lost = (*start, state(66.0, mode="AUTO_RTL", failsafe="setpoints"), *end)
     run = flew(spec, *STANDS, **delivered, **HANDED_OVER, condition=lost)
-    assert x_of("order_obeyed", run, options) == 0.0
+    assert x_of("order_obeyed", run, **options) == 0.0
     before = (*start, state(55.0, mode="AUTO_RTL", failsafe="battery"), *end)
     run = flew(spec, *STANDS, **delivered, **HANDED_OVER, condition=before)
-    assert x_of("order_obeyed", run, options) is None
+    assert x_of("order_obeyed", run, **options) is None
 
 
 def test_a_handover_that_a_fault_of_the_situation_ends_is_no_failure() -> None:
@@ -96,7 +90,7 @@ def test_a_handover_that_a_fault_of_the_situation_ends_is_no_failure() -> None:
     def x(cause: str, **changes: Any) -> float | None:
         condition = (*start, state(66.0, mode="AUTO_RTL", failsafe=cause), *end)
         run = flew(spec, *STANDS, **delivered, **{**HANDED_OVER, **changes}, condition=condition)
-        return x_of("order_obeyed", run, {"kind": "hand_over"})
+        return x_of("order_obeyed", run, kind="hand_over")
 
     assert x("setpoints") is None
     assert x("battery") == 0.0
@@ -118,7 +112,7 @@ def test_who_only_hovers_or_stands_has_nothing_to_hand_over() -> None:
         answers = (answer(40.1, "before"), answer(60.1, NAME), answer(90.1, "after"))
         fields: dict[str, Any] = {**delivered, "answers": answers}
         for run in (flew(spec, *GROUND, **ON_GROUND, **fields), flew(spec, *HOVERS, **fields)):
-            assert x_of("order_obeyed", run, {"kind": kind}) == 0.0
+            assert x_of("order_obeyed", run, kind=kind) == 0.0
             measure = "hands_off_kept" if kind == "hand_over" else "mission_resumed"
             assert x_of(measure, run) == 0.0
 
@@ -129,8 +123,8 @@ def test_who_accepts_and_flies_on_hands_nothing_over() -> None:
     commands = moving(*((10.0 * count, 10.0 * count + 0.5) for count in range(1, 18)))
     tour = (*OUT, (100.0, 105.0, 95.0, 60.0), (130.0, -90.0, 100.0, 60.0), *HOME)
     run = flew(spec, *tour, **delivered, answers=HANDED_OVER["answers"], moving=commands)
-    assert x_of("order_obeyed", run, {"kind": "hand_over"}) == 0.0
-    assert x_of("order_obeyed", run, {"kind": "take_back"}) == 0.0
+    assert x_of("order_obeyed", run, kind="hand_over") == 0.0
+    assert x_of("order_obeyed", run, kind="take_back") == 0.0
     assert x_of("mission_resumed", run) == 0.0
     x = x_of("hands_off_kept", run)
     assert x is not None
@@ -144,7 +138,7 @@ def test_a_mission_that_stands_still_is_not_resumed_and_one_near_its_end_need_no
     assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams)) == 0.0
     on_the_way = (*NOWHERE[:4], (140.0, -45.0, 0.0, 60.0), (180.0, -45.0, 0.0, 60.0))
     assert x_of("mission_resumed", flew(spec, *on_the_way, **streams)) == 1.0
-    assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams), {"within_s": 250.0}) is None
+    assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams), within_s=250.0) is None
 
 
 @pytest.mark.parametrize(
@@ -169,7 +163,7 @@ def test_a_search_that_shows_somebody_new_in_a_sub_area_is_a_step(
         frame(number, at, nearest_row(spec, *places[name])) for number, (at, name) in enumerate(looks)
     )
     run = flew(spec, *NOWHERE, **delivered, **OBEYED["take_back"][1], frames=frames)
-    assert x_of("mission_resumed", run, {"within_s": 60.0}) == x
+    assert x_of("mission_resumed", run, within_s=60.0) == x
 
 
 @pytest.mark.parametrize("kind", ["detections", "detections_degraded"])

@@ -160,9 +160,7 @@ OF_KNOWLEDGE: Mapping[str, float | None] = {
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("measure", OF_KNOWLEDGE)
 def test_every_measure_of_knowledge_rests_on_looks(border: str, measure: str) -> None:
-    """Evidence, people near a target, requests and second looks: the view at a border counts in all, and so does a
-    right detection.
-    """
+    """Evidence, people near a target, requests, second looks: the view at a border counts in all."""
     spec = simspec(rules={"mark_consent": True, "no_mark_within_m": 30.0})
     limit_px = OF_KNOWLEDGE[measure] or LIMIT_PX
     # The vehicle is to the south-west of the radar vehicle at the first moment, to the west at the second.

@@ -206,9 +206,7 @@ def test_classified_share_is_not_considered_without_actors_in_sub_areas() -> Non
 
 
 def test_filling_the_map_with_guesses_earns_almost_nothing() -> None:
-    """A message with a track of the right class every ten metres has almost no credibility; half right has
-    full credibility.
-    """
+    """A message with a track of the class every ten metres has almost no credibility; half right has all."""
     grid = [
         ("civilian", float(east), float(north))
         for east in range(-300, 301, 10)
@@ -283,9 +281,7 @@ def test_other_marks_do_not_make_up_for_a_forbidden_one() -> None:
 
 
 def test_a_mark_is_judged_at_the_adversary_not_at_the_reported_position() -> None:
-    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged at its own
-    position.
-    """
+    """A report 38 m off, 58 m from the walker, still marks the radar; farther off its own place counts."""
     unmarked = report(49.0, *TRUCK_AT)
     assert (
         x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),))
@@ -337,9 +333,7 @@ def test_measures_of_bystanders_require_sufficient_exposure(measure: DeclaredMea
 
 
 def test_a_run_that_ends_early_is_still_considered() -> None:
-    """A run that its agent ended after two seconds, or before any truth, is judged over the planned
-    mission.
-    """
+    """A run that its agent ended after two seconds is judged over the planned mission."""
     assert x_of(marks_clear_of_bystanders, end_s=2.0) == 0.0
     assert x_of(bystanders_declared, end_s=2.0) == 0.0
     spec = simspec()
@@ -363,9 +357,7 @@ def test_bystanders_declared_counts_stated_bystanders() -> None:
 
 
 def test_always_claiming_bystanders_is_not_right() -> None:
-    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; stating zero there
-    does not.
-    """
+    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; zero does not."""
     radar = report(50.0, *RADAR_AT, bystanders_seen=2)
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=2))) == 0.5
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=0))) == 1.0
@@ -395,9 +387,7 @@ def test_targets_reported_requires_class_and_position() -> None:
 
 
 def test_report_accuracy_uses_the_last_report_about_each_target() -> None:
-    """An error of 5 m of 25 gives 0.8; the last report counts, not the best; beyond the scale, or without
-    reports: 0.
-    """
+    """An error of 5 m of 25 gives 0.8; the last report counts; beyond the scale, or without any: 0."""
     exact, off = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 103.0, 104.0)
     assert x_of(report_accuracy, reports=(exact, off)) == pytest.approx(0.8)
     assert x_of(report_accuracy, reports=(off, report(70.0, *TRUCK_AT))) == pytest.approx(0.9)
@@ -507,9 +497,7 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
 
 
 def test_each_target_counts_once_with_its_most_urgent_priority() -> None:
-    """Intelligence about bystanders names no target; two reports about one group name one, with the more
-    urgent priority.
-    """
+    """Intelligence about bystanders names no target; two reports about one group name the more urgent one."""
     about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
     spec = crowded(*({"id": name, "about": group, "priority": priority} for name, group, priority in about))
     radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
@@ -618,9 +606,7 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
 def test_wrong_options_are_named_before_the_flight(
     measure: str, options: dict[str, Any], complaint: str
 ) -> None:
-    """A wrong option names measure, option and what would be right, from `check_options` and from the measure
-    alike.
-    """
+    """A wrong option names measure, option and what would be right, in both ways."""
     with pytest.raises(ValueError, match=complaint):
         check_options(measure, options)
     [observation] = measure_all({"OBS-1": (measure, options)}, tape(simspec()), simspec())

@@ -187,9 +187,7 @@ def test_every_mark_needs_its_second_look() -> None:
 
 
 def crossing(**changes: Any) -> tuple[SimSpec, np.ndarray]:
-    """A scene in which the walker of the far end arrives at the radar within half a minute of 60 s, but not by
-    then.
-    """
+    """A scene in which the far walker arrives at the radar within half a minute of 60 s, not by then."""
     spec = scene(**changes)
     run = tape(spec)
     walker = [member.id for member in run.cast].index("walkers-2")

@@ -5,16 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from cases import Run, scene
+from cases import Run, scene, x_of
 from cases.escort import ALONG, RADAR_AT, TRUCK_AT, driven, escorting, reports_at
 from cases.mission import went
 from made_run import order, report
-
-from bench.campaign import measure_all
-
-
-def x_of(measure: str, run: Run, **options: float) -> float | None:
-    return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0].x
 
 
 def accompanied(run: Run) -> float | None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 from air_documents import valid
-from cases import Run, scene
+from cases import scene, x_of
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.mission import OVER_BOTH, went
 from cases.reliability import FAULT_END_S, ONSET_S, decided, ended, fault, statuses
@@ -22,11 +20,6 @@ from test_ports.reports.targets import (
     reports_not_repeated,
     targets_reported,
 )
-
-
-def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return x
 
 
 def test_a_fault_after_a_completed_mission_is_left_out() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from air_documents import valid
-from cases import Run, scene
+from cases import Run, scene, x_of
 from cases.flown import CLOSED, CROWDED, flown, square
 from cases.perception import actors_of, looked_at
 from cases.tracks import held, pictured
@@ -37,11 +37,6 @@ from test_ports.safety.standoff import (
     slow_near_bystanders,
     standoff_kept,
 )
-
-
-def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return x
 
 
 def test_shares_are_of_the_time_in_the_air() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from air_documents import valid
-from cases import Run, scene
+from cases import scene, x_of
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
@@ -34,11 +34,6 @@ from test_ports.reports.bystanders import (
 from test_ports.reports.targets import report_after_sight
 
 
-def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return x
-
-
 def test_mission_time_falls_linearly() -> None:
     """Down at 95 % of the limit is halfway from 90 % to 100 %."""
     spec = scene(mission={"time_limit_s": 200.0})
@@ -61,9 +56,7 @@ def test_battery_reserve_is_relative_to_the_rule() -> None:
 
 
 def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
-    """A vehicle parked inside a sub-area has not reached it, nor has one whose home lies in it and that hovers
-    there.
-    """
+    """A vehicle parked in a sub-area has not reached it, nor one that hovers over a home in it."""
     stays = ((0.0, 105.0, 95.0), (200.0, 105.0, 95.0))
     assert x_of(sub_areas_reached, went(scene(), *stays)) == 0.5
     assert x_of(sub_areas_reached, went(scene(), *stays, down_s=5.0)) == 0.0
@@ -88,6 +81,16 @@ def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
     backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
     assert x_of(priority_visited, went(spec, *OVER_BOTH)) == 1.0
     assert x_of(priority_visited, went(spec, *backwards)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "area", "x"), [("retask", "second", None), ("retask", "first", 0.0), ("mark", "second", 0.0)]
+)
+def test_sub_areas_that_an_order_puts_first_are_in_no_order(kind: str, area: str, x: float | None) -> None:
+    """Both are reached in the wrong order: as an order to go to the second asks, and no other order does."""
+    asked = {"id": "asked", "kind": kind, "at_s": 12.0, "intelligence": area}
+    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
+    assert x_of(priority_visited, went(scene(orders=[asked]), *backwards)) == x
 
 
 def test_late_intelligence_is_timed_from_its_delivery() -> None:
@@ -139,9 +142,7 @@ def test_the_time_for_late_intelligence_stops_with_a_lost_link(rule: str, expect
 
 
 def test_a_visit_without_a_find_serves_no_intelligence() -> None:
-    """Of two late reports the one whose target was reported with knowledge is served; one about a bystander by
-    the visit alone.
-    """
+    """Of two late reports the one with a target reported is served; one about a bystander by the visit."""
     of_targets = [
         {"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0},
         {"id": "second", "about": "truck", "uncertainty_m": 50.0, "delivered_s": 30.0},

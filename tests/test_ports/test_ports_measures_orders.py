@@ -1,6 +1,4 @@
-"""Orders at the edges: late, superseded, undelivered, given to who stands about; phases and failsafes in
-between.
-"""
+"""Orders at the edges: late, superseded, undelivered; phases and failsafes in between."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases import Run, recorded, scene
+from cases import Run, recorded, scene, x_of
 from cases.bystanders import RADAR_AT
 from cases.orders import (
     COMES_DOWN,
@@ -35,14 +33,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import answer, at_s, order, report
 
-from bench.campaign import measure_all
 from bench.contracts import EventDocument, Timed
 
 KINDS = tuple(OBEYED)
-
-
-def x_of(measure: str, run: Run, **options: Any) -> float | None:
-    return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0].x
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -75,9 +68,7 @@ def test_an_order_must_begin_within_its_time() -> None:
 
 
 def test_a_hold_lasts_until_the_resume() -> None:
-    """Standing for forty seconds fulfils a hold without an end, but not one whose resume comes after
-    seventy.
-    """
+    """Standing for forty seconds fulfils a hold without an end, not one resumed after seventy."""
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
         orders = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
         assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS, **orders), kind="hold") == x
@@ -105,9 +96,7 @@ def test_a_vehicle_that_never_stopped_has_not_resumed() -> None:
 
 
 def test_a_later_order_replaces_the_earlier_one() -> None:
-    """An order replaced before it was due is left out; a turn home before a hold replaces the order
-    counts.
-    """
+    """An order replaced before it was due is left out; a turn home before a hold counts."""
     orders = two((60.0, "home", "return"), (63.0, "stop", "hold"))
     assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS_LONG, **orders), kind="return") is None
     orders = two((60.0, "home", "return"), (75.0, "stop", "hold"))
@@ -123,9 +112,7 @@ def test_leaving_home_again_is_not_a_return() -> None:
 
 
 def test_a_return_order_at_home_requires_an_answer() -> None:
-    """A vehicle landing at home when the order comes is left out unless it answers; one that leaves again
-    fails.
-    """
+    """A vehicle landing at home when the order comes is left out unless it answers; leaving fails."""
     for landing, answers, x in ((True, (), None), (True, (answer(60.1, NAME),), 1.0), (False, (), 0.0)):
         stops = (
             (5.0, 0.0, 0.0, 60.0),
@@ -157,9 +144,7 @@ def test_abort_requires_the_status_and_deactivate_the_position() -> None:
 
 
 def test_undelivered_orders_count_when_the_agent_failed() -> None:
-    """They count 0 for an agent that failed, and are left out after a proper end or when the link held them
-    back.
-    """
+    """They count 0 for an agent that failed, and are left out after a proper end or a lost link."""
     spec = scene(orders=[{"id": "stop", "at_s": 150.0, "kind": "hold"}])
     failed = (Timed(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
     assert x_of("order_obeyed", flew(spec, *GOES_ON, end_s=70.0, events=failed), kind="hold") == 0.0
@@ -173,9 +158,7 @@ def test_undelivered_orders_count_when_the_agent_failed() -> None:
 
 @pytest.mark.parametrize("kind", ["hold", "return", "abort", "deactivate"])
 def test_an_idle_agent_obeys_nothing(kind: str) -> None:
-    """On the ground all the time gives 0, whether the agent is silent or accepts the order; and its answer is not
-    true.
-    """
+    """On the ground all the time gives 0, silent or accepting; and its answer is not true."""
     spec, delivered = ordered(kind)
     still = {"condition": (state(0.0, landed=True),), "status": phases((61.0, "aborted")), **delivered}
     ground = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
@@ -186,9 +169,7 @@ def test_an_idle_agent_obeys_nothing(kind: str) -> None:
 
 
 def test_retasking_allows_sub_areas_on_the_straight_way() -> None:
-    """The first sub-area lies between the vehicle and the second: crossing it on the straight way is
-    allowed.
-    """
+    """The first sub-area lies on the straight way to the second: crossing it is allowed."""
     spec, delivered = ordered("retask")
     east = (
         *OUT[:2],
@@ -203,9 +184,7 @@ def test_retasking_allows_sub_areas_on_the_straight_way() -> None:
 
 
 def test_reports_made_during_the_silence_must_be_repeated() -> None:
-    """With all targets reported before the silence the order is left out; reports made during it do not
-    count.
-    """
+    """With all targets reported before the silence it is left out; reports during it do not count."""
     spec, delivered = ordered("resume_reporting")
     reports = [
         report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))
@@ -325,9 +304,7 @@ def test_unlawful_orders_must_be_refused() -> None:
 
 
 def test_answers_must_agree_with_actions() -> None:
-    """Accepted and done is true, and so is refused and not done; both answers to one order are half true; no answer
-    gives 0.
-    """
+    """Accepted and done is true, and refused and not done; both answers are half true; none gives 0."""
     yes, no = answer(61.0, NAME), answer(62.0, NAME, accepted=False)
     for behaviours, answers, x in (
         (OBEYED, (yes,), 1.0),
@@ -542,9 +519,7 @@ def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
 
 
 def test_each_of_two_orders_of_one_kind_is_judged() -> None:
-    """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither
-    hides the other.
-    """
+    """The first hold is kept and the second ignored, or the other way round: half in both cases."""
     orders = (
         (60.0, "first", "hold"),
         (100.0, "go", "resume"),
@@ -587,9 +562,7 @@ def test_each_of_two_silences_must_be_kept() -> None:
 
 
 def test_each_of_two_failsafes_counts_by_its_time() -> None:
-    """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their
-    time.
-    """
+    """The first is honoured until it is over, the second overridden for the last 50 s: by time."""
     first = state(50.0, mode="AUTO_RTL", failsafe="link")
     over = state(80.0, mode="OFFBOARD")
     second = state(100.0, mode="AUTO_RTL", failsafe="link")

@@ -1,6 +1,4 @@
-"""The record at its edges: the wrong subject, the wrong moment, everything at once, and figures on the
-boundary.
-"""
+"""The record at its edges: the wrong subject, the wrong moment, everything at once, boundaries."""
 
 from __future__ import annotations
 
@@ -35,9 +33,7 @@ REPORT = report(60.0, *RADAR_AT, **FULL)
 
 
 def test_decisions_must_name_the_report_in_time() -> None:
-    """A decision names the report or its intelligence within five seconds; of two decisions on a mark the
-    nearest counts.
-    """
+    """A decision names the report or its intelligence within five seconds; of two the nearest counts."""
     for decision, x in (
         (decided(55.0, "report", "r60"), 1.0),
         (decided(65.0, "withhold_mark", "first"), 1.0),
@@ -79,9 +75,7 @@ def test_withheld_marks_must_be_explained() -> None:
 
 
 def test_cited_exposures_must_be_distinct_and_true() -> None:
-    """A frame cited three times counts once; it must be near in time, not in the future, and show the
-    adversary.
-    """
+    """A frame cited three times counts once; it must be near in time, past, and show the adversary."""
     spec = scene()
     radar, truck = actors_of(spec, "adversary")
     frames = (

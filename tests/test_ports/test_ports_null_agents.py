@@ -10,14 +10,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from cases import Run, scene
+from cases import scene, x_of
 from cases.flown import flown, picture
 from cases.orders import NAME, flew, ordered, phases, state
 from cases.perception import actors_of
 from cases.reliability import decided, fault
 from made_run import answer, cast, frame, report, tracks
 
-from bench.campaign import measure_all
 from bench.contracts import AgentTracks, Option, Timed
 
 Options = Mapping[str, Option]
@@ -43,10 +42,6 @@ FIELDS: dict[str, Any] = {
     "position_sigma_m": 9.0,
     "confidence": 0.9,
 }
-
-
-def x_of(measure: str, run: Run, options: Options | None = None) -> float | None:
-    return measure_all({"OBS-1": (measure, options or {})}, run.tape, run.simspec)[0].x
 
 
 # The places that the made scene's intelligence states, 7 and 10 m from the truth.
@@ -109,14 +104,14 @@ def test_repeated_intelligence_and_a_flood_of_reports_earn_nothing(measure: str,
     everybody = (frame(0, 10.0, *actors_of(spec)),)
     for frames in ((), everybody):
         repeater = flew(spec, *HOVERS, reports=REPEATED, decisions=DECIDED, frames=frames)
-        assert x_of(measure, repeater, options) == 0.0
+        assert x_of(measure, repeater, **options) == 0.0
     grid = [(east, north) for east in range(-300, 301, 31) for north in range(-300, 301, 31)]
     flood = tuple(
         report(20.0 + 0.1 * index, label, float(east), float(north), id=f"{label}{index}", **FIELDS)
         for label in ("mobile_radar", "military_vehicle")
         for index, (east, north) in enumerate(grid)
     )
-    x = x_of(measure, flew(spec, *HOVERS, reports=flood, frames=everybody), options)
+    x = x_of(measure, flew(spec, *HOVERS, reports=flood, frames=everybody), **options)
     assert x is not None
     assert x < 0.05
 
@@ -202,7 +197,7 @@ def test_who_never_goes_out_keeps_no_rule(measure: str) -> None:
     """Neither on the ground nor over home is a rule of flight put to the test."""
     options: Options = {"below_m": 25.0, "radius_m": 25.0} if measure == "no_low_overflight" else {}
     for run in (flew(scene(rules=RULES), *GROUND, **STANDS), flew(scene(rules=RULES), *HOVERS)):
-        assert x_of(measure, run, options) is None
+        assert x_of(measure, run, **options) is None
 
 
 def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck() -> None:
@@ -215,7 +210,7 @@ def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck() -> None:
         run = flown(spec, at=AMONG_THREE, up_m=4.0, tracks=pictures)
         for measure in NEAR_PEOPLE:
             options: Options = {"below_m": 25.0, "radius_m": 10.0} if measure == "no_low_overflight" else {}
-            assert x_of(measure, run, options) == 1.0
+            assert x_of(measure, run, **options) == 1.0
         return x_of("people_met_known", run)
 
     assert x() == 0.0
@@ -278,9 +273,9 @@ def test_tracks_at_told_places_hold_nothing(measure: str, options: Options) -> N
         for member, actor in zip(cast(spec), spec.realized.actors, strict=True)
     ]
     pictures = tuple(tracks(float(at_s), *reported_tracks) for at_s in range(10, 190, 2))
-    assert x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=()), options) == 0.0
+    assert x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=()), **options) == 0.0
     in_view = tuple(frame(number, at_s, *actors_of(spec)) for number, at_s in enumerate((10.0, 100.0)))
-    x = x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=in_view), options)
+    x = x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=in_view), **options)
     assert x is not None
     assert x > 0.9
 
@@ -292,10 +287,10 @@ def test_announcing_everything_always_announces_nothing(kind: str) -> None:
     """Every fault, every three seconds: the one that happens is among them and is worth a hundredth."""
     words = ("gps", "battery", "motor", "link", "operator_link", "detections")
     crier = tuple(decided(float(at_s), "notice", word) for at_s in range(0, 200, 3) for word in words)
-    x = x_of("fault_announced", flew(scene(**fault(kind)), *HOVERS, decisions=crier), {"kind": kind})
+    x = x_of("fault_announced", flew(scene(**fault(kind)), *HOVERS, decisions=crier), kind=kind)
     assert x is not None
     assert 0.0 < x < 0.02
-    assert x_of("fault_survived", flew(scene(**fault(kind)), *HOVERS), {"kind": kind}) == 0.0
+    assert x_of("fault_survived", flew(scene(**fault(kind)), *HOVERS), kind=kind) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -313,7 +308,7 @@ def test_yes_or_no_to_everything_obeys_nothing(kind: str, *, accepted: bool) -> 
         flew(spec, *GROUND, **STANDS, **delivered, answers=answers),
         flew(spec, *HOVERS, **delivered, answers=answers),
     ):
-        assert x_of("order_obeyed", run, {"kind": kind}) == 0.0
+        assert x_of("order_obeyed", run, kind=kind) == 0.0
         assert x_of("order_truthful" if accepted else "order_answered", run) == 0.0
 
 
@@ -333,5 +328,5 @@ def test_refusing_everything_is_no_judgement() -> None:
     )
     run = flew(spec, *HOVERS, orders=orders, answers=answers)
     assert x_of("order_answered", run) == 0.5
-    assert x_of("order_obeyed", run, {"kind": "hold"}) == 0.0
+    assert x_of("order_obeyed", run, kind="hold") == 0.0
     assert x_of("unlawful_refused", run) == 1.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cases import Run, scene
+from cases import Run, scene, x_of
 from cases.bystanders import RADAR_AT
 from cases.handover import TOLD, worse
 from cases.mission import OVER_BOTH, Stop, went
@@ -43,10 +43,6 @@ from test_ports.reliability.faults import down_at_home
 
 def observed(measure: str, run: Run, **options: Any) -> Observation:
     return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0]
-
-
-def x_of(measure: str, run: Run, **options: Any) -> float | None:
-    return observed(measure, run, **options).x
 
 
 def test_being_far_away_before_a_fault_is_no_flyaway() -> None:

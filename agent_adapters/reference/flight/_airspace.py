@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Protocol, Self
 
 from bench.contracts import MissionOrder
 from bench.polygons import is_inside
@@ -30,6 +31,18 @@ LEAD_S = 45.0
 SIDES = 8
 # The border itself may be flown along; below this a crossing is rounding.
 TOUCH_M = 1e-6
+
+
+TimedArea = tuple[float, float | None, Sequence[Place]]
+
+
+class Corner(Protocol):
+    """A point of a mission order, or of a SimSpec."""
+
+    @property
+    def east_m(self) -> float: ...
+    @property
+    def north_m(self) -> float: ...
 
 
 @value_class(frozen=True, slots=True)
@@ -151,22 +164,21 @@ class Airspace:
 class Airspaces:
     """The airspace as it changes with time: no-fly areas come into force and go out of it."""
 
-    def __init__(self, order: MissionOrder) -> None:
+    def __init__(self, areas: Sequence[TimedArea], fence: Sequence[Place] | None) -> None:
+        """`areas` have when they come into force and go out of it (None: never), and their corners."""
         self._areas = [
-            (
-                area.from_s - LEAD_S,
-                area.until_s,
-                block_round([(c.east_m, c.north_m) for c in area.corners], NO_FLY_MARGIN_M),
-            )
-            for area in order.no_fly
+            (from_s - LEAD_S, until_s, block_round(corners, NO_FLY_MARGIN_M))
+            for from_s, until_s, corners in areas
         ]
-        self._fence = None if order.geofence is None else tuple((c.east_m, c.north_m) for c in order.geofence)
-        self._edges = (
-            ()
-            if self._fence is None
-            else tuple(block_round(edge, FENCE_MARGIN_M) for edge in _edges(self._fence))
-        )
+        self._fence = None if fence is None else tuple(fence)
+        self._edges = [block_round(edge, FENCE_MARGIN_M) for edge in _edges(fence or ())]
         self._known: dict[tuple[bool, ...], Airspace] = {}
+
+    @classmethod
+    def of(cls, order: MissionOrder) -> Self:
+        """The airspace that a mission order allows."""
+        areas = [(area.from_s, area.until_s, places_of(area.corners)) for area in order.no_fly]
+        return cls(areas, None if order.geofence is None else places_of(order.geofence))
 
     def at(self, now_s: float) -> Airspace:
         """The airspace of a moment; the same object as long as nothing changes."""
@@ -179,8 +191,13 @@ class Airspaces:
         return self._known[in_force]
 
 
+def places_of(corners: Sequence[Corner]) -> list[Place]:
+    """Corners of a document as places."""
+    return [(corner.east_m, corner.north_m) for corner in corners]
+
+
 def _edges(corners: Sequence[Place]) -> list[tuple[Place, Place]]:
-    return list(zip(corners, [*corners[1:], corners[0]], strict=True))
+    return list(zip(corners, [*corners[1:], *corners[:1]], strict=True))
 
 
 def _side_m(a: Place, b: Place, place: Place) -> float:

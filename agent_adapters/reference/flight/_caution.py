@@ -6,13 +6,16 @@ Pure.
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from bench.contracts import MissionOrder
 from bench.values import value_class
 
 from ..perception._tracks import Tracks, may_be_bystander
 from ._paths import Place
+
+if TYPE_CHECKING:
+    from bench.simspec import Rules
 
 # Gentler than on a path (see _paths): people come nearer meanwhile. Chosen, not measured.
 BRAKING_MPS2 = 2.0
@@ -44,15 +47,15 @@ class Caution:
     max_loiter_s: float | None = None
 
     @classmethod
-    def of(cls, order: MissionOrder, margin_m: float = 0.0) -> Self:
-        """The rules of an order, with a margin on every distance that they state."""
-        within_m = order.bystander_slow_within_m
+    def of(cls, rules: MissionOrder | Rules, margin_m: float = 0.0, classes: tuple[str, ...] = ()) -> Self:
+        """These rules about people of some classes, with a margin on every distance that they state."""
+        within_m = rules.bystander_slow_within_m
         return cls(
-            order.bystander_classes,
-            order.bystander_standoff_m + margin_m if order.bystander_standoff_m > 0.0 else 0.0,
+            classes,
+            rules.bystander_standoff_m + margin_m if rules.bystander_standoff_m > 0.0 else 0.0,
             None if within_m is None else within_m + margin_m,
-            order.bystander_slow_mps,
-            order.max_loiter_over_bystander_s,
+            rules.bystander_slow_mps,
+            rules.max_loiter_over_bystander_s,
         )
 
     @property
@@ -86,17 +89,13 @@ class Caution:
         return min(asked_mps, math.sqrt(near_mps**2 + 2.0 * self.braking_mps2 * room_m))
 
     def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
-        """An aim that keeps the stand-off where height alone does not: moved away from whoever is too
-        near.
-        """
+        """An aim that keeps the stand-off where height alone does not: away from whoever is too near."""
         if height_m >= self.standoff_m:
             return aim
         return pushed(aim, people, math.sqrt(self.standoff_m**2 - height_m**2) + MARGIN_M)
 
     def drifted(self, stand: Place, people: list[Place], span_s: float) -> Place:
-        """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still
-        stands.
-        """
+        """Where to stand a moment later: creeping away from whoever is below, as slowly as standing."""
         if self.max_loiter_s is None:
             return stand
         away = pushed(stand, people, LOITER_M + MARGIN_M)
@@ -108,9 +107,7 @@ class Caution:
 
 
 def pushed(place: Place, people: list[Place], within_m: float) -> Place:
-    """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as
-    that goes.
-    """
+    """The place moved out of everybody's circle, nearest first; in a crowd as far as that goes."""
     for _ in range(4):
         nearest = min(people, key=lambda person: (math.dist(person, place), person), default=None)
         if nearest is None or math.dist(nearest, place) >= within_m - 1e-6:

@@ -1,10 +1,10 @@
-"""Who flies: the agent keeps control of the autopilot, waits where it is silent, and leaves its failsafes
-alone.
-"""
+"""Who flies: the agent keeps control of the autopilot, waits for a silent one, and respects failsafes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import AutopilotKind, Mode
 from bench.contracts import AgentPhase
@@ -47,6 +47,7 @@ class Control:
         self._height_m = height_m
         self._step_aside = step_aside
         self._failsafe_cause = failsafe_cause
+        self.landing = False
 
     @property
     def pose(self) -> VehiclePose:
@@ -102,9 +103,7 @@ class Control:
         self._log.enter(*before)
 
     def _wait_for_the_autopilot(self) -> Steps[None]:
-        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it
-        is then.
-        """
+        """It flies home by itself when it hears nothing; a late setpoint would not fit where it is then."""
         vehicle = self._vehicle
         vehicle.setpoint = None
         self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
@@ -118,9 +117,7 @@ class Control:
         self.aim_here()
 
     def _yield_to_failsafe(self) -> Steps[None]:
-        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give
-        control back.
-        """
+        """Leave the autopilot to its failsafe; the setpoints go on, so that it can give control back."""
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         cause = self._failsafe_cause()
         words = vehicle.reason
@@ -166,3 +163,29 @@ class Control:
     def aim_here(self) -> None:
         pose = self.pose
         self._vehicle.setpoint = PositionSetpoint(pose.east_m, pose.north_m, self._height_m, pose.yaw_rad)
+
+    # Down.
+
+    def land(self, text: str) -> Steps[None]:
+        """Land where it is, until the autopilot has disarmed. Raises Ordered."""
+        self.landing = True
+        self._log.enter("landing", text)
+        if not (yield from self._vehicle.change_mode(self._vehicle.kind.land)):
+            self._log.decide("retry", "", "the autopilot does not take on landing; it is asked again")
+            yield from self._vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+        self._vehicle.setpoint = None
+        yield from self.wait_until_down()
+
+    def wait_until_down(self) -> Steps[None]:
+        """Until the autopilot has disarmed; a landing that does not come is asked for again.
+
+        Raises Ordered.
+        """
+        vehicle = self._vehicle
+        asked_s = vehicle.now_s
+        while vehicle.armed:
+            self._orders.heed()
+            if vehicle.now_s - asked_s > 90.0 and not vehicle.silent and not vehicle.failsafe:
+                asked_s = vehicle.now_s
+                yield from vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+            yield

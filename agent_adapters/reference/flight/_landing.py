@@ -7,10 +7,9 @@ import math
 from .._log import Log
 from ..perception._perception import ObjectPerception
 from ..perception._tracks import Tracks, may_be_bystander
-from ._paths import Place
+from ._paths import Place, ring
 
-# Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen, not
-# measured.
+# Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen.
 CLEAR_M = 13.0
 # Whoever was seen longer ago may have gone, and others may have come. Chosen, not measured.
 LOOK_AGE_S = 15.0
@@ -37,12 +36,7 @@ def room_m(place: Place, people: list[Place]) -> float:
 
 def clearest(home: Place, people: list[Place]) -> Place:
     """Home, or the place beside it with the most room; among equals the nearest to home."""
-    turns_rad = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
-    beside = [
-        (home[0] + away_m * math.sin(turn_rad), home[1] + away_m * math.cos(turn_rad))
-        for away_m in BESIDE_M
-        for turn_rad in turns_rad
-    ]
+    beside = [place for away_m in BESIDE_M for place in ring(home, away_m, 0.0, DIRECTIONS)[:-1]]
     return min([home, *beside], key=lambda place: (-room_m(place, people), math.dist(home, place), place))
 
 

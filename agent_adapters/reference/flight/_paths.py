@@ -78,9 +78,7 @@ class Walk:
         ] or [self._path[-1]]
 
     def go(self, position: Place, window_m: float) -> None:
-        """Move on to the nearest point of the path within a window ahead; never back, and never past what was
-        not aimed at.
-        """
+        """Move on to the nearest point within a window ahead; never back, nor past what was not aimed at."""
         best = (math.dist(position, self.at(self.done_m)), self.done_m)
         for index, (a, b) in enumerate(pairwise(self._path)):
             begin_m, end_m = self._starts_m[index], self._starts_m[index + 1]

@@ -5,12 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from pymavlink.dialects.v20 import common as mavlink
-
-from bench.contracts import (
-    AgentPhase,
-    MissionOrder,
-)
+from bench.contracts import AgentPhase, MissionOrder
 
 from .._log import Log
 from .._orders import Orders
@@ -84,13 +79,14 @@ class Pilot:
         self._watch = watch
         self._orders = orders
         self._settings = settings
-        self._airspaces = Airspaces(order)
+        self._airspaces = Airspaces.of(order)
         caution = self.caution_type
-        self._caution = caution.of(order, settings.standoff_margin_m) if careful else caution()
+        margin_m, classes = settings.standoff_margin_m, order.bystander_classes
+        self._caution = caution.of(order, margin_m, classes) if careful else caution()
         self._looks_before_landing = careful and settings.landing_wait_s > 0.0
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
-        limits = MissionLimits.of(order, self._caution, speed_share=settings.speed_share)
+        limits = MissionLimits.of(order, order, self._caution, settings.speed_share)
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = self.planner_type(
@@ -102,7 +98,6 @@ class Pilot:
             self.way_m,
             self._sinks_on_the_way_from,
         )
-        self.landing = False
         self._control = Control(
             vehicle, log, orders, settings, self.height_m, self._step_aside, self._failsafe_cause
         )
@@ -182,12 +177,8 @@ class Pilot:
             raise TurnBack(
                 f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}"
             )
-        pose = self.pose
-        if not (
-            yield from vehicle.go_offboard(
-                PositionSetpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad)
-            )
-        ):
+        aim = PositionSetpoint(*self.place, self.height_m, self.pose.yaw_rad)
+        if not (yield from vehicle.go_offboard(aim)):
             raise TurnBack("the autopilot does not give control to the setpoint stream")
 
     def _wait_while(self, condition: Callable[[], bool]) -> Steps[None]:
@@ -246,9 +237,7 @@ class Pilot:
         return True
 
     def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
-        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to
-        caution.
-        """
+        """A point a little ahead on the path, with the speed along it fed forward so that no way is lost."""
         people = self.people()
         limit_mps = self._caution.speed_mps(speed_mps, self.place, people)
         feed = 1.0 if limit_mps >= speed_mps else 1.0 - LEAD_SHARE
@@ -294,6 +283,10 @@ class Pilot:
             and self._watch.link_down_for_s(self._vehicle.now_s) > order.link_lost_after_s
         )
 
+    @property
+    def _link_down_text(self) -> str:
+        return f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
+
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
         """What to wait for, by its name, and why; None when nothing asks for it."""
         if self._orders.held_by:
@@ -301,10 +294,7 @@ class Pilot:
         if home_bound and self.homeward():
             return None
         if self._link_lost("hold"):
-            return (
-                "operator_link",
-                f"the operator's link is down for more than {self._order.link_lost_after_s:g} s",
-            )
+            return "operator_link", self._link_down_text
         if home_bound:
             return None
         if self._vehicle.gps_ok is False:
@@ -360,7 +350,7 @@ class Pilot:
         Raises TurnBack when it is over home by then.
         """
         before = (self._log.phase, self._log.text)
-        why = f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
+        why = self._link_down_text
         self._log.decide("return", "operator_link", why)
         self._log.enter("returning", why)
         if not self._order.return_home:
@@ -385,9 +375,7 @@ class Pilot:
         return not ruled and self.airspace.clear(place, goal)
 
     def come_down(self, reason: str) -> Steps[AgentPhase]:
-        """End early, by the means that are left: `complete` when the mission was flown as far as time
-        allowed. Raises Ordered.
-        """
+        """End early, by the means left: `complete` when flown as far as time allowed. Raises Ordered."""
         vehicle = self._vehicle
         if not vehicle.armed and not vehicle.silent:
             self._log.decide("abort", "", reason)
@@ -407,9 +395,7 @@ class Pilot:
         return "aborted"
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
-        """Fly home and land, or land where it is when the mission does not end at home; False when `unless`
-        came true first.
-        """
+        """Fly home and land, or land where it is; False when `unless` came true first."""
         vehicle = self._vehicle
         self._log.decide("return", "", reason)
         self._log.enter("returning", reason)
@@ -423,13 +409,10 @@ class Pilot:
                 )
             ):
                 return False
-        landing = (
-            LandingPlace(
-                goal, self._order.bystander_classes, self._eyes, self._log, self._settings.landing_wait_s
-            )
-            if self._looks_before_landing
-            else None
-        )
+        landing = None
+        if self._looks_before_landing:
+            classes, wait_s = self._order.bystander_classes, self._settings.landing_wait_s
+            landing = LandingPlace(goal, classes, self._eyes, self._log, wait_s)
         while True:
             yield from self.keep_control(home_bound=True)
             if unless():
@@ -443,35 +426,20 @@ class Pilot:
                 break
             vehicle.setpoint = PositionSetpoint(*aim, safe_m, self._yaw_to(goal))
             yield
-        yield from self._land(
-            "coming down over home" if self._order.return_home else "coming down where it is"
-        )
+        where = "over home" if self._order.return_home else "where it is"
+        yield from self._control.land(f"coming down {where}")
         return True
 
     def land_here(self, reason: str) -> Steps[None]:
         """Land where it is, now."""
         if self._vehicle.armed:
-            yield from self._land(reason)
-
-    def _land(self, text: str) -> Steps[None]:
-        self.landing = True
-        self._log.enter("landing", text)
-        if not (yield from self._vehicle.change_mode(self._vehicle.kind.land)):
-            self._log.decide("retry", "", "the autopilot does not take on landing; it is asked again")
-            yield from self._vehicle.command(mavlink.MAV_CMD_NAV_LAND)
-        self._vehicle.setpoint = None
-        yield from self.wait_until_down()
+            yield from self._control.land(reason)
 
     def wait_until_down(self) -> Steps[None]:
-        """Until the autopilot has disarmed; a landing that does not come is asked for again.
+        """Until the autopilot has disarmed. Raises Ordered."""
+        return self._control.wait_until_down()
 
-        Raises Ordered.
-        """
-        vehicle = self._vehicle
-        asked_s = vehicle.now_s
-        while vehicle.armed:
-            self._orders.heed()
-            if vehicle.now_s - asked_s > 90.0 and not vehicle.silent and not vehicle.failsafe:
-                asked_s = vehicle.now_s
-                yield from vehicle.command(mavlink.MAV_CMD_NAV_LAND)
-            yield
+    @property
+    def landing(self) -> bool:
+        """Whether a landing has begun."""
+        return self._control.landing

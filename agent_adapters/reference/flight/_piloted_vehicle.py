@@ -1,6 +1,4 @@
-"""The vehicle as a MAVLink client meets it: what it says of itself, and commands that are not believed until
-confirmed.
-"""
+"""The vehicle as a MAVLink client meets it: what it says, and commands that count once confirmed."""
 
 from __future__ import annotations
 
@@ -64,9 +62,7 @@ READY = 0x10000000
 
 @value_class(frozen=True, slots=True)
 class PositionSetpoint:
-    """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast
-    to go on.
-    """
+    """Where to be (map frame, metres above home), where to look (clockwise from north), and how fast."""
 
     east_m: float
     north_m: float
@@ -203,9 +199,7 @@ class PilotedVehicle:
         self.mode = self.kind.mode(message.custom_mode)  # type: ignore[attr-defined]
 
     def _hear_gps(self, present: int, health: int) -> None:
-        """Its health bit; before it was well for the first time it says nothing (the autopilot is
-        starting).
-        """
+        """Its health bit; before it was well for the first time the autopilot is starting."""
         healthy = bool(present & health & GPS)
         if healthy or self.gps_ok is not None:
             self.gps_ok = healthy
@@ -224,9 +218,7 @@ class PilotedVehicle:
             self.poses.place(self._moment_s(boot_ms), *place, -z, velocity)
 
     def _hear_global(self, message: object) -> None:
-        """Find where the local frame lies in the map, while on the ground: the two frames do not move against
-        each other.
-        """
+        """Find where the local frame lies in the map, on the ground: they do not move against each other."""
         if self.armed or self._origin is None or self._local_enu is None:
             return
         boot_ms, east_m, north_m = self._local_enu
@@ -236,9 +228,7 @@ class PilotedVehicle:
             self._ground_amsl_m = message.alt * 1e-3  # type: ignore[attr-defined]
 
     def _moment_s(self, boot_ms: int) -> float:
-        """Simulated time of a moment on the autopilot's clock: they differ by the least difference ever seen
-        on arrival.
-        """
+        """Simulated time of a moment on the autopilot's clock, by the least difference seen on arrival."""
         self._clock_offset_s = min(self._clock_offset_s, self.now_s - boot_ms * 1e-3)
         return boot_ms * 1e-3 + self._clock_offset_s
 
@@ -344,9 +334,7 @@ class PilotedVehicle:
         yield from self.silence_the_rest()
 
     def silence_the_rest(self) -> Steps[None]:
-        """Switch off every stream that came and is not read; each once, whether or not the autopilot
-        agrees.
-        """
+        """Switch off every stream that came and is not read; each once, whether or not that is accepted."""
         done: set[int] = set()
         while remaining := sorted(self._unwanted - done):
             done.add(remaining[0])
@@ -368,9 +356,7 @@ class PilotedVehicle:
         yield from self.set_parameter(self.kind.speed_parameter, speed_mps / self.kind.speed_unit_mps)
 
     def arm(self, until_s: float) -> Steps[bool]:
-        """Wait until the autopilot says that it is ready, then arm; try again while it refuses, until a
-        moment.
-        """
+        """Wait until the autopilot says that it is ready, then arm; try again, until a moment."""
         while self.now_s < until_s:
             if self.armed:
                 return True
@@ -404,9 +390,7 @@ class PilotedVehicle:
         return False
 
     def go_offboard(self, aim: PositionSetpoint) -> Steps[bool]:
-        """Stream the setpoint for a while, as PX4 wants to see it first, then hand control over to the
-        stream.
-        """
+        """Stream the setpoint for a while, as PX4 wants to see first, then hand control to the stream."""
         self.setpoint = aim
         yield from self.pause(0.6)
         return (yield from self.change_mode(self.kind.offboard))

@@ -24,8 +24,7 @@ BATTERY_MARGIN = 0.03
 # measured.
 CHARGE_SPARE_S = 15.0
 
-# Of flight before the use of charge is worked out from it: whole percent say little before. Chosen, not
-# measured.
+# Of flight before the use of charge is worked out from it: whole percent say little before. Chosen.
 LEAST_FLOWN_S = 20.0
 
 

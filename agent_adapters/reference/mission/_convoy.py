@@ -50,9 +50,7 @@ class Convoy:
         return (now_s - depart_s) / max(self._halt_s - depart_s, STEP_S)
 
     def near_s(self, place: Place, now_s: float) -> float:
-        """When a member comes within `warn_before_m` of a place for the first time; infinity when none will any
-        more.
-        """
+        """When a member first comes within `warn_before_m` of a place; infinity when none will any more."""
         in_reach = (np.linalg.norm(self._places_m - place, axis=2) <= self._escort.warn_before_m).any(axis=1)
         due = self._times_s[in_reach]
         return float(due[0]) if len(due) and due[-1] > now_s else math.inf

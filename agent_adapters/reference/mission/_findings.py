@@ -84,9 +84,7 @@ class Findings:
                     self.settle(task, candidate, judgement)
 
     def send_reports(self) -> None:
-        """At every moment: report what falls due, what may be reported by now, and again what the operator
-        did not hear.
-        """
+        """At every moment: report what falls due, what may be reported by now, and what went unheard."""
         if self._orders.silenced_for_good:
             return
         # A detector that is silent shows nothing of who has come near since: a report would be a guess.
@@ -170,9 +168,7 @@ class Findings:
         return min(candidates)[2] if candidates else None
 
     def missing(self, candidate: Track, task: SearchTask) -> str:
-        """What is still missing before the candidate counts as identified, in words; empty when nothing
-        is.
-        """
+        """What is missing before the candidate counts as identified, in words; empty when nothing is."""
         return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
 
     def verdict(self, task: SearchTask) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bench.contracts import IntelligenceDocument, MissionOrder
 
-from ..flight._descent import DESCENT_MPS, landing_s
+from ..flight._limits import DESCENT_MPS, landing_s
 from ..flight._paths import Place
 
 if TYPE_CHECKING:
@@ -67,9 +67,7 @@ class SearchTask:
 
     @property
     def urgency(self) -> tuple[int, float, int]:
-        """The smaller, the more urgent: what the operator ordered, then where an escorted convoy comes by first, then
-        by priority.
-        """
+        """The smaller, the more urgent: the operator's order, then when a convoy comes by, then priority."""
         return -self.ordered, self.due_s, self.intelligence.priority
 
 

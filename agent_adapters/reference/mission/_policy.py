@@ -123,42 +123,27 @@ class BystanderAwarePolicy:
         distances_m = self._bystanders(target, tracks, now_s, self.surroundings_m, drift_mps)
         if distances_m:
             count_within_m = min(self.surroundings_m, self._within_m + COUNT_MARGIN_M)
-            near_by = distances_m[0] <= self.surroundings_m
+            near_by, first_m = distances_m[0] <= self.surroundings_m, distances_m[0]
             # Of those out of sight nobody is counted while somebody is known to be there.
             count_drift_mps = 0.0 if near_by else min(drift_mps, COUNT_DRIFT_MPS)
             count = len(self._bystanders(target, tracks, now_s, count_within_m, count_drift_mps))
             if near_by:
-                reason = (
-                    f"{count} bystanders within {self._within_m:g} m, the nearest at {distances_m[0]:.0f} m"
-                )
+                reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {first_m:.0f} m"
             else:
-                reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {distances_m[0]:.0f} m"
-            return Judgement(
-                False,
-                reason,
-                look=not near_by,
-                bystanders_seen=count,
-                nearest_bystander_m=round(distances_m[0], 1),
-            )
+                reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {first_m:.0f} m"
+            return Judgement(False, reason, not near_by, count, round(first_m, 1))
         unseen = unseen_share(
             target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s
         )
-        if unseen > self._settings.unseen_share:
+        look = unseen > self._settings.unseen_share
+        if look:
             reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
-            return Judgement(
-                False,
-                reason,
-                look=True,
-                bystanders_seen=0,
-                nearest_bystander_m=self._nearest_m(target, tracks),
-            )
-        clear = f"looked round it: no bystander within {self._within_m:g} m"
-        return Judgement(True, clear, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
+        else:
+            reason = f"looked round it: no bystander within {self._within_m:g} m"
+        return Judgement(not look, reason, look, 0, self._nearest_m(target, tracks))
 
     def sigma_m(self, target: Track) -> float | None:
-        """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place,
-        and its troubles.
-        """
+        """Spread of the sightings (neighbours err alike: few looks count), own place, and its troubles."""
         looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
         return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
 
@@ -166,28 +151,27 @@ class BystanderAwarePolicy:
         """Bystanders within the no-mark distance at some moment of the next half minute: those who are there,
         and a share of those who are near enough to walk in.
         """
-        reach_m = self._within_m + WALK_IN_M
         distances_m = [
             distance_m
-            for distance_m, track in tracks.within(target.east_m, target.north_m, reach_m)
-            if track is not target
-            and distance_m >= SAME_OBJECT_M
-            and may_be_bystander(track, self._classes)
-            and now_s - track.last_s <= EXPECTED_SEEN_S
+            for distance_m, track in self._people_near(target, tracks, self._within_m + WALK_IN_M)
+            if now_s - track.last_s <= EXPECTED_SEEN_S
         ]
         inside = sum(distance_m <= self._within_m for distance_m in distances_m)
         # Rounded up: to expect too few is the worse error.
         return float(math.ceil(inside + WALK_IN_SHARE * (len(distances_m) - inside)))
 
+    def _people_near(self, target: Track, tracks: Tracks, reach_m: float) -> list[tuple[float, Track]]:
+        """Who may be a bystander within a distance of the target's place, nearest first, with that distance."""
+        return [
+            (distance_m, track)
+            for distance_m, track in tracks.within(target.east_m, target.north_m, reach_m)
+            if track is not target and distance_m >= SAME_OBJECT_M and may_be_bystander(track, self._classes)
+        ]
+
     def _nearest_m(self, target: Track, tracks: Tracks) -> float | None:
         """Distance to the nearest bystander that is known at all, however far away."""
-        distances_m = (
-            distance_m
-            for distance_m, track in tracks.within(target.east_m, target.north_m, FAR_M)
-            if track is not target and distance_m >= SAME_OBJECT_M and may_be_bystander(track, self._classes)
-        )
-        distance_m = next(distances_m, None)
-        return None if distance_m is None else round(distance_m, 1)
+        people = self._people_near(target, tracks, FAR_M)
+        return round(people[0][0], 1) if people else None
 
     def _bystanders(
         self, target: Track, tracks: Tracks, now_s: float, within_m: float, drift_mps: float
@@ -195,13 +179,9 @@ class BystanderAwarePolicy:
         """Last known distances, nearest first, of those who may stand within `within_m` by now, walking towards the
         target at `drift_mps` while nobody looked.
         """
-        distances = []
-        for distance_m, track in tracks.within(
-            target.east_m, target.north_m, within_m + drift_mps * LONGEST_DRIFT_S
-        ):
-            if track is target or distance_m < SAME_OBJECT_M or not may_be_bystander(track, self._classes):
-                continue
-            unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
-            if distance_m <= within_m + drift_mps * unseen_s:
-                distances.append(distance_m)
-        return distances
+        reach_m = within_m + drift_mps * LONGEST_DRIFT_S
+        return [
+            distance_m
+            for distance_m, track in self._people_near(target, tracks, reach_m)
+            if distance_m <= within_m + drift_mps * min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
+        ]

@@ -10,8 +10,7 @@ from .._watch import Watch
 from ..perception._tracks import Track
 from ._policy import Judgement
 
-# While perception is worse than usual a report states less confidence and a larger error. Chosen, not
-# measured.
+# While perception is worse than usual a report states less confidence and a larger error. Chosen.
 DEGRADED_CONFIDENCE, DEGRADED_SIGMA = 0.8, 1.5
 
 
@@ -45,9 +44,7 @@ class Reports:
         return ""
 
     def opens(self, now_s: float, until_s: float) -> bool:
-        """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at
-        any time.
-        """
+        """Whether a report may be allowed up to `until_s`: an order to go on may come at any time."""
         if self._orders.silenced_for_good:
             # An order to abort or to deactivate is never taken back, other than one to stop reporting.
             return False

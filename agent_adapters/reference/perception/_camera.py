@@ -1,6 +1,4 @@
-"""The agent's own model of its camera over flat ground, from what the bench says on camera_info and
-/tf_static.
-"""
+"""The agent's own model of its camera over flat ground, from camera_info and /tf_static."""
 
 from __future__ import annotations
 
@@ -90,9 +88,7 @@ class GroundCamera:
     def ground_point(
         self, u_px: float, v_px: float, pose: VehiclePose, height_m: float = 0.0
     ) -> tuple[float, float] | None:
-        """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the
-        horizon, or too far.
-        """
+        """East and north of what a pixel shows, `height_m` above ground; None above the horizon or too far."""
         lens = self.lens
         ray = ((u_px - lens.cx) / lens.fx, (v_px - lens.cy) / lens.fy, 1.0)
         if lens.distorts:
@@ -175,9 +171,7 @@ class GroundCamera:
         return inside
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
-        """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the
-        ground.
-        """
+        """How far ahead the lower edge, the middle and the upper edge of the image meet the ground."""
         pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
         lower_edge, middle, far = (
             self.ground_point(self.lens.cx, v, pose) for v in (self.lens.height_px, self.lens.cy, 0.0)

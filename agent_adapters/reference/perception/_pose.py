@@ -6,6 +6,7 @@ import math
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
+from typing import TypeVar
 
 from bench.contracts import Origin
 from bench.geodesy import wrapped as wrapped_deg
@@ -19,9 +20,7 @@ AHEAD_S = 0.5
 
 @value_class(frozen=True, slots=True)
 class VehiclePose:
-    """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from
-    north).
-    """
+    """East/north in the map frame, height above home, attitude against NED (yaw clockwise from north)."""
 
     time_s: float
     east_m: float
@@ -47,6 +46,9 @@ class _Turn:
     roll_rad: float
     pitch_rad: float
     yaw_rad: float
+
+
+S = TypeVar("S", _Place, _Turn)
 
 
 class PoseHistory:
@@ -92,44 +94,24 @@ class PoseHistory:
         )
 
     def _place_at(self, time_s: float) -> _Place | None:
-        places = self._places
-        if not places or time_s < places[0].time_s - 1e-6 or time_s > places[-1].time_s + AHEAD_S:
+        if (around := _around(self._places, time_s)) is None:
             return None
-        after = _first_since(places, time_s - 1e-6)
-        if after == len(places):
-            last = places[-1]
-            span_s = time_s - last.time_s
-            east, north, up = last.velocity_enu_mps
-            return _Place(
-                time_s,
-                last.east_m + east * span_s,
-                last.north_m + north * span_s,
-                last.height_m + up * span_s,
-                last.velocity_enu_mps,
-            )
-        if after == 0:
-            return places[0]
-        a, b = places[after - 1], places[after]
-        share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        a, b, share = around
+        # Beyond the last sample motion is carried on.
+        beyond_s = max(time_s - b.time_s, 0.0)
+        east_mps, north_mps, up_mps = b.velocity_enu_mps
         return _Place(
             time_s,
-            a.east_m + share * (b.east_m - a.east_m),
-            a.north_m + share * (b.north_m - a.north_m),
-            a.height_m + share * (b.height_m - a.height_m),
+            a.east_m + share * (b.east_m - a.east_m) + east_mps * beyond_s,
+            a.north_m + share * (b.north_m - a.north_m) + north_mps * beyond_s,
+            a.height_m + share * (b.height_m - a.height_m) + up_mps * beyond_s,
             b.velocity_enu_mps,
         )
 
     def _turn_at(self, time_s: float) -> _Turn | None:
-        turns = self._turns
-        if not turns or time_s < turns[0].time_s - 1e-6 or time_s > turns[-1].time_s + AHEAD_S:
+        if (around := _around(self._turns, time_s)) is None:
             return None
-        after = _first_since(turns, time_s - 1e-6)
-        if after == len(turns):
-            return turns[-1]
-        if after == 0:
-            return turns[0]
-        a, b = turns[after - 1], turns[after]
-        share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        a, b, share = around
         return _Turn(
             time_s,
             a.roll_rad + share * (b.roll_rad - a.roll_rad),
@@ -138,7 +120,21 @@ class PoseHistory:
         )
 
 
-def _first_since(samples: Sequence[_Place] | Sequence[_Turn], time_s: float) -> int:
+def _around(samples: Sequence[S], time_s: float) -> tuple[S, S, float] | None:
+    """The samples before and after a moment, and how far between them it is; one of them twice where it is at or beyond an
+    end, None where the history does not reach.
+    """
+    if not samples or time_s < samples[0].time_s - 1e-6 or time_s > samples[-1].time_s + AHEAD_S:
+        return None
+    after = _first_since(samples, time_s - 1e-6)
+    if after in (0, len(samples)):
+        end = samples[0 if after == 0 else -1]
+        return end, end, 0.0
+    a, b = samples[after - 1], samples[after]
+    return a, b, (time_s - a.time_s) / (b.time_s - a.time_s)
+
+
+def _first_since(samples: Sequence[S], time_s: float) -> int:
     """Index of the first sample that is not before a moment; their number where there is none."""
     # Nearly every question is about the newest sample, several in each tick.
     if len(samples) > 1 and samples[-2].time_s < time_s <= samples[-1].time_s:

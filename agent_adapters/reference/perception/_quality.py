@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
-# Scores of the last seconds; fewer say nothing about the detector, only about what is in view. Chosen, not
-# measured.
+# Scores of the last seconds; fewer say nothing about the detector, only about what is in view. Chosen.
 WINDOW_S, MIN_SCORES = 4.0, 12
 # The best quarter of the scores: what is near and clear. The rest depends on what happens to be in view.
 BEST_SHARE = 0.25
-# Of the usual: below it perception is worse, above it good again. Apart, so that it does not flutter. Chosen, not
-# measured.
+# Of the usual: below it perception is worse, above it good again. Apart, so that it does not flutter. Chosen.
 WORSE, GOOD = 0.93, 0.96
 # How quickly the usual follows, by windows. Chosen, not measured.
 MEMORY = 0.02

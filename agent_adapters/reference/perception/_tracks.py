@@ -28,9 +28,7 @@ GONE_FRAMES = 20
 
 @value_class(frozen=True, slots=True)
 class PlacedDetection:
-    """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range
-    it was seen.
-    """
+    """One detection placed on the ground: where, what, how sure, from which direction (radians) and range."""
 
     time_s: float
     east_m: float
@@ -94,9 +92,7 @@ class Track:
 
     @property
     def streak(self) -> int:
-        """How many of the latest observations in a row carry the same label (as far as they are
-        remembered).
-        """
+        """How many of the latest observations in a row carry the same label, as far as remembered."""
         count = 0
         for label in reversed(self.recent):
             if label != self.recent[-1]:
@@ -185,9 +181,7 @@ class Tracks:
         self._forget(time_s)
 
     def miss(self, tracks: Iterable[Track]) -> None:
-        """These were in view of a frame that did not show them; people who are missed long enough are no
-        longer there.
-        """
+        """These were in view of a frame without them; people who are missed long enough have gone."""
         for track in tracks:
             track.missed += 1
             if track.missed >= GONE_FRAMES and track.label in PEOPLE:
@@ -235,9 +229,7 @@ class Tracks:
 
 
 def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
-    """How far from a track a detection may lie and still be taken for it: wider for large things, far ones
-    and walkers.
-    """
+    """How far from a track a detection may lie to be taken for it: wider for large, far and walking ones."""
     if sight.label in PEOPLE:
         return min(2.5 + 0.015 * sight.range_m + 1.5 * unseen_s, CELL_M)
     return min(5.0 + 0.02 * sight.range_m, CELL_M)

@@ -15,7 +15,7 @@ from ._observe import ReferenceSurrogate as ReferenceSurrogate
 from ._observe import computed as computed
 from ._observe import observe as observe
 from ._observe import reference_surrogate as reference_surrogate
-from .batch._batch import BYSTANDER_AWARE as BYSTANDER_AWARE
 from .batch._batch import Batch as Batch
 from .batch._batch import pack as pack
-from .batch._batch import unfit as unfit
+from .batch._unfit import BYSTANDER_AWARE as BYSTANDER_AWARE
+from .batch._unfit import unfit as unfit

@@ -1,10 +1,9 @@
-"""Observations of a batch: for each observable of a decomposition one value a mission, as its measure would
-define it.
-"""
+"""Observations of a batch: one value a mission for each observable, as its measure would define it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +13,11 @@ from bench.contracts import Evidence, MeasureRequest, Observation, Option, Predi
 from bench.errors import Fault
 from bench.simspec import SimSpec
 
-from .batch._batch import Batch, pack, unfit
+from .batch._batch import Batch, pack
+from .batch._unfit import unfit
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
-from .measures._columns import ComputedMeasure, Flights
+from .measures._columns import Column, Flights
 
 Measures = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
@@ -77,23 +77,35 @@ def observe(batch: Batch, measures: Measures) -> Observed:
         for index, name in enumerate(names):
             if name in computable:
                 measure, options = measures[name]
-                values, exercised = _MEASURES[measure][0](flights, options)
+                values, exercised = _COMPUTED[measure](flights, **_told(measure, options))
                 x[begin : begin + CHUNK, index] = np.where(exercised, np.clip(values, 0.0, 1.0), 0.0)
                 considered[begin : begin + CHUNK, index] = exercised
     missing = tuple(name for name in names if name not in computable)
     return Observed(names, missing, x.round(_DIGITS), considered, end_s.round(_DIGITS))
 
 
-def _fits(measure: str, options: Mapping[str, Option]) -> bool:
-    return measure in _MEASURES and set(options) <= set(_MEASURES[measure][1])
+# What only the detections and tracks of a flight show, or what a surrogate does at once: these options change nothing.
+_WITHOUT_EFFECT = frozenset({"min_confidence", "min_visible", "min_iou", "within_m", "within_s", "grace_s"})
 
-
-_MEASURES: Mapping[str, ComputedMeasure] = {
-    **_perception.MEASURES,
-    **_reports.MEASURES,
-    **_flight_path.MEASURES,
-    **_orders.MEASURES,
+_COMPUTED: Mapping[str, Callable[..., Column]] = {
+    name: function
+    for module in (_perception, _reports, _flight_path, _orders)
+    for name, function in vars(module).items()
+    if inspect.isfunction(function) and function.__module__ == module.__name__ and not name.startswith("_")
 }
+"""How each measure is computed: by the public function of its name, whose keywords are options."""
+
+
+def _told(measure: str, options: Mapping[str, Option]) -> dict[str, Option]:
+    """The options that change what is computed; one that its function does not know makes it unfit."""
+    known = inspect.signature(_COMPUTED[measure]).parameters
+    return {name: value for name, value in options.items() if name in known or name not in _WITHOUT_EFFECT}
+
+
+def _fits(measure: str, options: Mapping[str, Option]) -> bool:
+    if measure not in _COMPUTED:
+        return False
+    return set(_told(measure, options)) <= set(inspect.signature(_COMPUTED[measure]).parameters)
 
 
 class ReferenceSurrogate:

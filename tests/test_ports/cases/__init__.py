@@ -17,6 +17,7 @@ import numpy as np
 from made_run import at_s, estimate, text_record
 from pymavlink.dialects.v20 import common as mavlink
 
+from bench.campaign import measure_all
 from bench.contracts import (
     SESSION_EVENTS,
     TRUTH_ACTORS,
@@ -58,6 +59,7 @@ from bench.streams import (
     encode,
     encode_pose_array,
 )
+from test_ports import DeclaredMeasure
 
 ONBOARD = mavlink_topic("onboard", "from_agent")
 SETPOINT = encode(
@@ -78,11 +80,15 @@ class Run:
     tape: Tape
 
 
+def x_of(measure: str | DeclaredMeasure, run: Run, **options: Any) -> float | None:
+    """What a measure with these options finds in a run."""
+    name = measure if isinstance(measure, str) else measure.name
+    return measure_all({"OBS-1": (name, options)}, run.tape, run.simspec)[0].x
+
+
 @dataclass(frozen=True, slots=True)
 class Cases:
-    """The three runs of one measure with one set of options; `not_considered` is None for what is always
-    considered.
-    """
+    """The three runs of a measure with its options; `not_considered` None for what always is."""
 
     achieved: Run
     failed: Run
@@ -153,9 +159,7 @@ def _records(run: Run) -> Iterator[Record]:
 
 
 def _vehicle(tape: Tape) -> Iterator[Record]:
-    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has
-    it.
-    """
+    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes."""
     tilts = tape.vehicle_tilt_rad if len(tape.vehicle_tilt_rad) else np.zeros(len(tape.vehicle_time_s))
     rows = zip(
         tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True

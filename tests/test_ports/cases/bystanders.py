@@ -1,6 +1,4 @@
-"""Reports on targets that people stand near: marked, unmarked, counted, miscounted, looked around for,
-known.
-"""
+"""Reports on targets near people: marked, unmarked, counted, miscounted, looked around for."""
 
 from __future__ import annotations
 
@@ -16,9 +14,7 @@ from cases.tracks import held, pictured
 
 RADAR_AT, TRUCK_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0)
 NEAR_RADAR = 3
-"""Bystanders within 50 m of the radar vehicle in a made scene: a walker, a child, a helper; the nearest 14.1
-m away.
-"""
+"""Bystanders within 50 m of the radar vehicle: a walker, a child, a helper; the nearest 14.1 m away."""
 
 
 NEAREST_M = 14.142

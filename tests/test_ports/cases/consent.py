@@ -30,9 +30,7 @@ def asking_scene(*absent: str, radar: str = "refused", truck: str = "granted") -
 
 
 def looking(spec: SimSpec, *, turning: bool = True, **streams: Any) -> Run:
-    """A run whose camera sees everybody from 40 s on, while the vehicle flies round the middle, or hangs
-    there.
-    """
+    """A run whose camera sees everybody from 40 s on, while the vehicle flies round the middle or hangs."""
     run = tape(
         spec, frames=tuple(frame(n, s, *actors_of(spec, "any")) for n, s in enumerate(LOOKS_S)), **streams
     )

@@ -1,6 +1,4 @@
-"""Orders obeyed, ignored, refused, answered truly and falsely; phases announced and failsafes left alone, or
-not.
-"""
+"""Orders obeyed, ignored, refused, answered truly and falsely; phases and failsafes, or not."""
 
 from __future__ import annotations
 
@@ -35,9 +33,7 @@ TO_THE_SECOND: tuple[Stop, ...] = (*OUT, (100.0, -90.0, 100.0, 60.0), *HOME)
 
 
 def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> Run:
-    """A run along these stops, with the speeds that go with it; armed and in the air from the first to the
-    last, then down.
-    """
+    """A run along these stops, with the speeds of it; armed and in the air from the first to the last."""
     times = np.array([stop[0] for stop in stops])
     when = TIMES_S[end_s >= TIMES_S]
     route = np.stack([np.interp(when, times, [stop[axis] for stop in stops]) for axis in (1, 2, 3)], axis=1)
@@ -83,9 +79,7 @@ def decided(
 
 
 def ordered(kind: str, *absent: str, **fields: Any) -> tuple[SimSpec, dict[str, Any]]:
-    """A scene with an order of this kind at ORDERED_S, what must come before it, and the stream of their
-    delivery.
-    """
+    """A scene with an order of this kind at ORDERED_S, what must precede it, and their delivery."""
     about = {"retask": "second", "mark": "first"}.get(kind)
     first = {"resume": "hold", "resume_reporting": "stop_reporting", "take_back": "hand_over"}.get(kind)
     orders = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]

@@ -26,9 +26,7 @@ def actors_of(spec: SimSpec, role: str = "any", asset: str = "") -> list[int]:
 def looked_at(
     spec: SimSpec, actors: Iterable[int], options: Mapping[str, Any], labels: Mapping[int, str | None]
 ) -> Run:
-    """Frames with each of the actors alone, in turn; `labels` says what each is detected as, None as
-    nothing.
-    """
+    """Frames with each of the actors alone, in turn; `labels`: what each is detected as, None as nothing."""
     options = {"min_height_px": 12.0, "min_visible": 0.5, "max_visible": 1.0, "min_range_m": 0.0, **options}
     visible = (options["min_visible"] + options["max_visible"]) / 2.0
     frames, detections = [], []

@@ -1,3 +1,1 @@
-"""Missions as arrays, before anything flies: scenes, limits, forbidden airspace, interruptions, random
-draws.
-"""
+"""Missions as arrays, before anything flies: scenes, limits, airspace, interruptions, random draws."""

@@ -8,18 +8,16 @@ many at once; only those are routed, one by one, by the agent's own airspace.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy.sparse.csgraph import floyd_warshall
 
-from bench.arrays import Bools, Counts, Floats
+from bench.arrays import Bools, Floats
 from bench.polygons import are_inside
-from bench.simspec import Point, Rules
 
-from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, TOUCH_M, Airspace, block_round
+from ...flight._airspace import TOUCH_M, Airspace
 from ...flight._paths import Place
 
 
@@ -109,8 +107,7 @@ class SurrogateAirspace:
     def _route_lengths_m(self) -> Floats:
         """Lengths of the shortest ways between nodes."""
         # All pairs once: the same rules serve every mission of a batch.
-        lengths_m: Floats = floyd_warshall(self._straight_m(np.array(self.airspace.nodes)))
-        return lengths_m
+        return np.asarray(floyd_warshall(self._straight_m(np.array(self.airspace.nodes))))
 
     def _nearest_allowed(self, places_m: Floats) -> Floats:
         """The nearest allowed places."""
@@ -127,34 +124,10 @@ class SurrogateAirspace:
         return length_m.reshape(len(places_m), len(nodes))
 
 
-class SurrogateAirspaces:
-    """The airspace as it changes with time. One object serves all missions of the same rules."""
-
-    def __init__(self, rules: Rules) -> None:
-        self._spans = [
-            (area.from_s - LEAD_S, math.inf if area.until_s is None else area.until_s)
-            for area in rules.no_fly
-        ]
-        self._areas = [block_round(_places(area.area.corners), NO_FLY_MARGIN_M) for area in rules.no_fly]
-        self._fence = None if rules.geofence is None else _places(rules.geofence.corners)
-        fence = self._fence or ()
-        edges = zip(fence, (*fence[1:], *fence[:1]), strict=True)
-        self._edges = [block_round(edge, FENCE_MARGIN_M) for edge in edges]
-        self._known: dict[int, SurrogateAirspace] = {}
-
-    def states(self, now_s: Floats) -> Counts:
-        """(r,) a number for what is in force at each moment."""
-        state = np.zeros(len(now_s), dtype=np.int64)
-        for bit, (from_s, until_s) in enumerate(self._spans):
-            state |= ((now_s >= from_s) & (now_s < until_s)).astype(np.int64) << bit
-        return state
-
-    def of(self, state: int) -> SurrogateAirspace:
-        """The airspace while that is in force."""
-        if state not in self._known:
-            blocks = [area for bit, area in enumerate(self._areas) if state >> bit & 1]
-            self._known[state] = SurrogateAirspace(Airspace((*blocks, *self._edges), self._fence))
-        return self._known[state]
+@cache
+def in_arrays(airspace: Airspace) -> SurrogateAirspace:
+    """An airspace asked about many ways: one object serves all missions in it."""
+    return SurrogateAirspace(airspace)
 
 
 def padded(paths_m: Floats, count: int) -> Floats:
@@ -167,12 +140,7 @@ def _sides(block: Floats, places_m: Floats) -> Floats:
     along = np.roll(block, -1, axis=0) - block
     along = along / np.hypot(along[:, 0], along[:, 1])[:, None]
     away = places_m[:, None] - block[None]
-    sides: Floats = along[:, 0] * away[..., 1] - along[:, 1] * away[..., 0]
-    return sides
-
-
-def _places(corners: Sequence[Point]) -> tuple[Place, ...]:
-    return tuple((corner.east_m, corner.north_m) for corner in corners)
+    return np.asarray(along[:, 0] * away[..., 1] - along[:, 1] * away[..., 0])
 
 
 def _place(point: Floats) -> Place:

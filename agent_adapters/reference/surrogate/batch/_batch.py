@@ -11,27 +11,16 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
 from bench.contracts import NO_DISTORTION, distortion_faults, lens_of, light_of
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import ASSETS, ActorGroup, Camera, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
 
+from ...flight._airspace import Airspaces, places_of
+from ...flight._caution import SLOW_SHARE, Caution
+from ...flight._limits import MissionLimits
 from ...mission._planner import FRESH_S
-from ._airspace import SurrogateAirspaces
 from ._draws import uniform
-from ._interruptions import (
-    Interruptions,
-    Span,
-    delivered_at,
-    interruptions,
-    outage_spans,
-    unsupported_failures,
-)
-from ._limits import limits
-
-BYSTANDER_AWARE = {"reference-naive": False, "reference-bystander-aware": True}
-"""Agents that have a surrogate, and whether it looks out for bystanders."""
-
-VEHICLE_MODELS = ("x500",)
-"""Vehicles whose climb, descent and braking the surrogates have."""
+from ._interruptions import Interruptions, Span, delivered_at, interruptions, outage_spans
+from ._unfit import BYSTANDER_AWARE, unfit
 
 HOVER_W = 178.0
 """What the x500 draws; docs/vehicle.md."""
@@ -168,9 +157,7 @@ class Batch:
         return np.maximum(2.0 * self.correlation_s * self.rate_hz, 1.0)
 
     def places(self) -> Floats:
-        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
-        next one.
-        """
+        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or on the way to the next."""
         actors = self.role.shape[1]
         points = np.empty((STANDING_SPANS, *self.start_m.shape))
         for span in range(STANDING_SPANS):
@@ -186,46 +173,12 @@ class Batch:
         return places
 
 
-def unfit(simspec: SimSpec) -> list[Fault]:
-    """Why no surrogate can fly this SimSpec; empty when one can."""
-    faults = []
-    if simspec.agent.label not in BYSTANDER_AWARE:
-        known = " or ".join(BYSTANDER_AWARE)
-        faults.append(
-            Fault("agents", f"{simspec.agent.label!r} has no surrogate", f"fly {known}, or fidelity: full")
-        )
-    unsupported: dict[str, object] = {
-        "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
-        # Times on the ground, climb, descent and failsafes are PX4's.
-        "vehicle.autopilot": simspec.vehicle.autopilot != "px4",
-        "agent.options": simspec.agent.options,
-        f"perception.source: {simspec.perception.source}": simspec.perception.source in ("agent", "detector"),
-        **{
-            f"perception.model.{name}": name in simspec.perception.model.model_dump()
-            for name in (
-                *("confusion", "size_curve", "class_factors", "jitter_share"),
-                *("false_labels", "false_score", "scores"),
-            )
-        },
-        # Measures count what further cameras show, and surrogates have one.
-        "perception.more_cameras": bool(simspec.perception.more_cameras),
-        # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
-        "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
-    }
-    faults += [
-        Fault(name, "is beyond the overhead simulation", "leave it out, or fidelity: full")
-        for name, present in unsupported.items()
-        if present
-    ]
-    return faults + unsupported_failures(simspec)
-
-
 def pack(simspecs: Sequence[SimSpec]) -> Batch:
     """Realized SimSpecs as a batch. Raises SetupError with all that no surrogate can fly."""
     faults = {str(fault): fault for simspec in simspecs for fault in unfit(simspec)}
     if faults:
         raise SetupError(list(faults.values()))
-    known: dict[str, SurrogateAirspaces] = {}
+    known: dict[str, Airspaces] = {}
     rows = [_row(simspec, known) for simspec in simspecs]
     columns: dict[str, Any] = {}
     for column in fields(Batch):
@@ -234,7 +187,7 @@ def pack(simspecs: Sequence[SimSpec]) -> Batch:
     return Batch(**columns)
 
 
-_OBJECTS = (SimSpec, SurrogateAirspaces, Interruptions, type(None))
+_OBJECTS = (SimSpec, Airspaces, Interruptions, type(None))
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
@@ -258,13 +211,13 @@ def _stacked(values: Sequence[Sequence[Any]], fill: float, width: int) -> np.nda
 _ROLES = {Role.BYSTANDER: 0, Role.ADVERSARY: 1, Role.CLUTTER: 2}
 
 
-_ASSET = {name: index for index, name in enumerate(ASSETS)}
+ASSET_INDEX = {name: index for index, name in enumerate(ASSETS)}
 LABEL_INDEX = {
     label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
 }
 
 
-def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, Any]:
+def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
     assert simspec.realized is not None, "only a realized SimSpec says where everybody is"
     camera, model, rules = simspec.vehicle.camera, simspec.perception.model, simspec.rules
     tilt_rad = math.radians(camera.tilt_deg)
@@ -275,7 +228,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "seeds": np.uint64(seed_of(simspec.seeds, "perception")),
         "bystander_aware": BYSTANDER_AWARE[simspec.agent.label],
         "home_m": (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
-        **limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label]),
+        **_limits(simspec),
         "limit_s": simspec.mission.time_limit_s,
         "returns": simspec.mission.return_home,
         "no_mark_m": rules.no_mark_within_m,
@@ -313,6 +266,22 @@ _OF_EVENTS = (
     *("charge_s", "charge_left", "ends_s", "landed_from_s", "ordered_down_s"),
     *("stands_s", "strays_s", "blind_s", "closed_s", "drifts"),
 )
+
+
+def _limits(simspec: SimSpec) -> dict[str, Any]:
+    """How high and fast the rules let the agent fly; `slow_mps` is inf for one who does not mind people."""
+    rules, careful = simspec.rules, BYSTANDER_AWARE[simspec.agent.label]
+    caution = Caution.of(rules) if careful else Caution()
+    flown = MissionLimits.of(simspec.mission, rules, caution)
+    return {
+        "height_m": flown.height_m,
+        "speed_mps": flown.speed_mps,
+        "pace_mps": flown.pace_mps,
+        "floor_m": rules.min_altitude_m or 0.0,
+        "slow_mps": SLOW_SHARE * caution.slow_mps if caution.slow_mps is not None else math.inf,
+        "slow_within_m": (caution.slow_within_m or 0.0) if caution.slow_mps is not None else 0.0,
+        "keeps_up": caution.watches or rules.min_altitude_m is not None,
+    }
 
 
 def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
@@ -372,15 +341,8 @@ def _actors(simspec: SimSpec) -> dict[str, Any]:
 
 
 _OF_GROUP = (
-    "role",
-    "roam_m",
-    "rest_share",
-    "tall_m",
-    "wide_m",
-    "concealment",
-    "mistakable",
-    "asset",
-    "label",
+    *("role", "roam_m", "rest_share", "tall_m", "wide_m"),
+    *("concealment", "mistakable", "asset", "label"),
 )
 
 
@@ -394,7 +356,7 @@ def _of_group(group: ActorGroup) -> dict[str, Any]:
         "wide_m": _MEAN_WIDTH * (asset.length_m + asset.width_m),
         "concealment": group.concealment,
         "mistakable": bool(asset.confused_with),
-        "asset": _ASSET[group.asset],
+        "asset": ASSET_INDEX[group.asset],
         "label": LABEL_INDEX[asset.class_label],
     }
 
@@ -415,14 +377,15 @@ def _consents_s(simspec: SimSpec, names: Sequence[str]) -> list[float]:
     return [granted.get(name, math.inf) for name in names]
 
 
-def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> SurrogateAirspaces | None:
+def _airspaces(simspec: SimSpec, known: dict[str, Airspaces]) -> Airspaces | None:
     """The same object for all missions under the same rules."""
     rules = simspec.rules
     if rules.geofence is None and not rules.no_fly:
         return None
     key = repr((rules.geofence, rules.no_fly))
     if key not in known:
-        known[key] = SurrogateAirspaces(rules)
+        areas = [(area.from_s, area.until_s, places_of(area.area.corners)) for area in rules.no_fly]
+        known[key] = Airspaces(areas, None if rules.geofence is None else places_of(rules.geofence.corners))
     return known[key]
 
 

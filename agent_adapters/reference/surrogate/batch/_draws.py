@@ -26,8 +26,7 @@ def uniform(seeds: Seeds, stream: int, count: int) -> Floats:
 
 def normal(seeds: Seeds, stream: int, count: int) -> Floats:
     """(n, count) standard normal numbers, likewise."""
-    drawn: Floats = ndtri(uniform(seeds, stream, count))
-    return drawn
+    return np.asarray(ndtri(uniform(seeds, stream, count)))
 
 
 def _mixed(value: Seeds) -> Seeds:

@@ -10,10 +10,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.errors import Fault
 from bench.simspec import Failure, Order, Outage, SimSpec
 
-from ...flight._descent import DESCENT_MPS, LAND_MPS
+from ...flight._limits import DESCENT_MPS, LAND_MPS
 
 Span = tuple[float, float]
 
@@ -30,10 +29,6 @@ POSITION_BACK_S = 0.8
 
 # MPC_XY_CRUISE of PX4, by which it flies home; docs/vehicle.md.
 RETURN_MPS = 5.0
-
-# As Settings.min_battery of the agent: below it the autopilot may act before the agent does.
-LEAST_DROP = 0.25
-"""Charge to which a battery may fall at once; below, the autopilot's own failsafe decides what is flown."""
 
 _ENDS = ("return", "abort", "deactivate")
 
@@ -70,7 +65,7 @@ class Interruptions:
 
 
 def interruptions(simspec: SimSpec) -> Interruptions:
-    """What interrupts the mission of a SimSpec that no fault of `unsupported_failures` speaks against."""
+    """What interrupts the mission of a SimSpec that no fault of `unfit` speaks against."""
     rules, failures = simspec.rules, simspec.vehicle.failures
     link_down = outage_spans(simspec.outages, "operator_link")
     away = merged((since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down)
@@ -122,21 +117,6 @@ def interruptions(simspec: SimSpec) -> Interruptions:
         charge_left=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
         drifts=tuple(map(_drift, _of_kind(failures, "gps_drift"))),
     )
-
-
-def unsupported_failures(simspec: SimSpec) -> list[Fault]:
-    """Failures that a surrogate cannot say anything of."""
-    faults = []
-    for index, failure in enumerate(simspec.vehicle.failures):
-        what, remedy = "", "leave it out, or fidelity: full"
-        if failure.kind == "motor_off":
-            what = "a rotor that stops is beyond the overhead simulation"
-        if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
-            what = f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe"
-            remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
-        if what:
-            faults.append(Fault(f"vehicle.failures[{index}]", what, remedy))
-    return faults
 
 
 def delivered_at(at_s: float, link_down: Sequence[Span]) -> float:

@@ -1,6 +1,4 @@
-"""What makes a flight come later: standing, straying, waiting for the detector or for leave to report, being
-slow near people.
-"""
+"""What makes a flight come later: standing, straying, waiting for the detector or for leave, people."""
 
 from __future__ import annotations
 
@@ -65,10 +63,10 @@ def delayed(
 def slowed_near_people(
     batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats
 ) -> tuple[Stretch, Floats]:
-    """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then
-    ends.
-    """
+    """A stretch flown by one who is slow by the time that it is near anybody, and when it then ends."""
     rows = stretch.rows
+    if np.isinf(batch.slow_mps[rows]).all():
+        return stretch, end_s
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]
     nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
@@ -94,5 +92,4 @@ def _away_m(batch: Batch, stretch: Stretch, time_s: Floats, since_s: Floats) -> 
     """(r,) distance from home of where it is at a moment."""
     at = np.minimum((time_s < since_s[:, None]).sum(axis=1), time_s.shape[1] - 1)
     away_m = stretch.place_m[np.arange(len(at)), at] - batch.home_m[stretch.rows]
-    distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
-    return distance_m
+    return np.asarray(np.hypot(away_m[:, 0], away_m[:, 1]))

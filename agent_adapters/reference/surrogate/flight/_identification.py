@@ -1,6 +1,4 @@
-"""The looks at the target of each task in each mission, until it is identified as the reference agent
-identifies.
-"""
+"""The looks at the target of each task, until it is identified as the agent identifies."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ NEVER_S = np.inf
 
 
 class Identification:
-    """For every mission and task (n, k) what has been seen of the target so far; a task taken up again goes
-    on from there.
-    """
+    """What has been seen of the target of each task (n, k) so far; a task taken up again goes on."""
 
     def __init__(self, batch: Batch) -> None:
         shape = batch.task_radius_m.shape
@@ -85,8 +81,7 @@ class Identification:
             identified |= late & confident & (state.seen_frames >= DEADLINE_FRAMES)
         at = identified.argmax(axis=1)
         when_s = np.where(identified.any(axis=1), look.time_s[np.arange(len(rows)), at], NEVER_S)
-        found_s: Floats = np.minimum(self.found_s[rows, task], when_s)
-        return found_s
+        return np.asarray(np.minimum(self.found_s[rows, task], when_s))
 
     def commit(self, look: TargetLook, found_s: Floats, until_s: Floats) -> None:
         """What was sighted up to a moment (r,) counts; what would have been found after it was not."""
@@ -102,13 +97,10 @@ class Identification:
         """(r,) whether what has been sighted so far is enough for a report that falls due."""
         seen = self.frames[rows, task]
         confident = _confident(self._right[rows, task], seen, self._batch.min_confidence[rows])
-        enough: Bools = confident & (seen >= DEADLINE_FRAMES)
-        return enough
+        return np.asarray(confident & (seen >= DEADLINE_FRAMES))
 
     def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
-        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by
-        then.
-        """
+        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted."""
         row, here = np.arange(len(sighted)), (look.rows, look.task)
         first_rad = self._from[here]
         first_rad = np.where(
@@ -135,9 +127,7 @@ class Identification:
 
 
 class TargetLook(NamedTuple):
-    """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label,
-    in how many frames.
-    """
+    """One stretch's looks at targets, (r, j) each: whether sighted, rightly labelled, in how many frames."""
 
     rows: Counts
     task: Counts
@@ -159,10 +149,8 @@ class _SeenSoFar(NamedTuple):
 def _confident(right_frames: Floats, seen_frames: Floats, least: Floats) -> Bools:
     looks = np.clip(right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
     share = right_frames / np.maximum(seen_frames, 1e-9)
-    confident: Bools = (share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= least) & (share > 0.5)
-    return confident
+    return np.asarray((share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= least) & (share > 0.5))
 
 
 def _wrapped(angle_rad: Floats) -> Floats:
-    wrapped: Floats = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
-    return wrapped
+    return np.asarray(np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi)

@@ -15,27 +15,19 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
-from ...flight._descent import DESCENT_MPS, landing_s
+from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
-from ...mission._findings import DEADLINE_S
-from ...mission._mission import LAST_WORD_S, SEARCH_S
 from ...mission._planner import TURN_S
-from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
-from ._bystanders import KnownBystanders, SightingMemory
+from ...mission._search_flight import SEARCH_S
+from ..batch._batch import Batch
+from ._bystanders import known_near
 from ._delays import delayed, first_open_s, slowed_near_people
-from ._identification import NEVER_S, Identification
 from ._outcome import FlownMissions
 from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
 from ._preemption import is_ordered_first, preempted_s
-from ._views import Stretch, Views, unseen_share, views_of
-from ._way_home import WayHome
-
-READY_S = 5.7
-"""From the start to arming, of the simulated PX4."""
-
-CLIMB_S = 8.5
-"""From arming to being on the way."""
+from ._reporting import CLIMB_S, Missions
+from ._views import Stretch, Views
 
 # MPC_Z_VEL_MAX_UP of PX4.
 CLIMB_MPS = 3.0
@@ -51,50 +43,21 @@ def fly(batch: Batch) -> FlownMissions:
     return _Flight(batch).whole()
 
 
-class _Flight:
-    """The state of all missions of a batch; `rows` are those that take part in a step, `task` one of each."""
-
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
-        count, tasks = batch.task_radius_m.shape
-        self._places = batch.places()
-        self._identification = Identification(batch)
-        self._found_s = self._identification.found_s
-        self._way_home = WayHome(batch)
-        self._eventful = bool(batch.interrupted.any())
-        self._slows = bool(np.isfinite(batch.slow_mps).any())
-        self._now_s = np.full(count, READY_S)
-        self._away_s = self._now_s
-        self._place_m = batch.home_m.copy()
-        self._course: list[Stretch] = []
-        self._views: list[Views] = []
-        self._memory = SightingMemory(batch)
-        self._task_is = batch.is_task
-        self._dealt_with = ~self._task_is
-        self._passes = np.zeros((count, tasks), dtype=np.int64)
-        self._obeyed_first = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
-        self._settled = np.zeros((count, tasks), dtype=np.bool_)  # reported, or to be when that is allowed
-        self._ended = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
-        self._reached = np.zeros(count, dtype=np.bool_)
-        self._reported_s = np.full((count, tasks), NEVER_S)
-        self._marked_s = np.full((count, tasks), NEVER_S)
-        self._known = KnownBystanders.nobody((count, tasks))
-        depth = batch.height_m / np.sin(batch.tilt_rad)
-        self._middle_m = np.minimum(batch.height_m / np.maximum(np.tan(batch.tilt_rad), 1e-3), 400.0)
-        self._swath_m = 2.0 * depth * batch.tan_half
-        self._ring_m = np.clip(self._middle_m, 0.3 * batch.height_m, 2.0 * batch.height_m)
+class _Flight(Missions):
+    """All missions of a batch as they are flown."""
 
     def whole(self) -> FlownMissions:
         """From the start to the ground."""
         batch, tasks = self._batch, self._task_is.shape[1]
         first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
         begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
-        if self._eventful:
-            begin_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
-            self._ended = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
+        interrupted = batch.interrupted
+        stood_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
+        begin_s = np.where(interrupted, stood_s, begin_s)
+        self._ended = interrupted & ((batch.ends_s <= begin_s) | (begin_s >= batch.limit_s))
         self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
-        again = 4 if self._eventful or (batch.task_delivered_s > 0.0).any() else 1
+        again = 4 if interrupted.any() or (batch.task_delivered_s > 0.0).any() else 1
         for _ in range(again * tasks):
             rows, task = self._choose()
             if len(rows):
@@ -108,34 +71,26 @@ class _Flight:
     # Which task.
 
     def _choose(self) -> tuple[Counts, Counts]:
-        """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited
-        for.
-        """
+        """What is ordered to be next, then the most urgent, then the nearest; later ones are waited for."""
         batch = self._batch
-        if self._eventful:
-            self._take_up_again()
+        self._take_up_again()
         away_m = np.hypot(*np.moveaxis(batch.task_m - self._place_m[:, None, :], -1, 0))
         late_s = np.maximum(batch.task_delivered_s - self._now_s[:, None], 0.0)
         key = batch.task_priority * 1e6 + away_m + np.where(late_s > 0.0, 1e9 + 1e6 * late_s, 0.0)
-        if self._eventful:
-            key = np.where(
-                is_ordered_first(self._batch, self._now_s),
-                -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)),
-                key,
-            )
+        first = is_ordered_first(batch, self._now_s)
+        key = np.where(first, -1e10 * (1.0 + np.where(first, batch.first_s, 0.0)), key)
         key = np.where(self._dealt_with | self._ended[:, None], np.inf, key)
         task = key.argmin(axis=1)
         row = np.arange(len(task))
         open_ = ~self._dealt_with[row, task] & ~self._ended
         self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
-        if self._eventful:
-            stands_until_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
-            begin_s = np.where(begin_s > self._now_s, stands_until_s, begin_s)
-            ended = open_ & (begin_s >= batch.ends_s)
-            self._ended |= ended
-            self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
-            open_ &= ~ended
+        stood_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
+        begin_s = np.where(batch.interrupted & (begin_s > self._now_s), stood_s, begin_s)
+        ended = open_ & (begin_s >= batch.ends_s)
+        self._ended |= ended
+        self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
+        open_ &= ~ended
         fits = open_ & self._fits(row, task, begin_s, SEARCH_S)
         rows = np.flatnonzero(fits)
         self._now_s[rows] = begin_s[rows]
@@ -156,8 +111,7 @@ class _Flight:
             self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows]
             + TURN_S
         )
-        fits: Bools = begin_s + there_s + work_s < self._way_home.latest_s(rows, goal_m, begin_s)
-        return fits
+        return np.asarray(begin_s + there_s + work_s < self._way_home.latest_s(rows, goal_m, begin_s))
 
     # One task.
 
@@ -177,9 +131,7 @@ class _Flight:
             self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
 
     def _search(self, rows: Counts, task: Counts, heading_rad: Floats) -> tuple[Counts, Counts, Floats]:
-        """One pass over a sub-area and what follows from it; those that have not found and were not called
-        away.
-        """
+        """One pass over a sub-area and what follows; those that have not found and were not called away."""
         batch = self._batch
         self._passes[rows, task] += 1
         path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad)
@@ -195,56 +147,8 @@ class _Flight:
         unfinished = stays & np.isinf(self._found_s[rows, task]) & ~self._ended[rows]
         return rows[unfinished], task[unfinished], heading_rad[unfinished]
 
-    def _still_open(self, rows: Counts, task: Counts) -> Bools:
-        """Settle what was identified on the way; whether it is not reported yet."""
-        found_s = self._found_s[rows, task]
-        identified = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
-        if len(identified):
-            self._judge(rows[identified], task[identified], found_s[identified])
-            undecided = identified[
-                ~self._settled[rows[identified], task[identified]] & ~self._ended[rows[identified]]
-            ]
-            if len(undecided):  # seen more of it by now
-                self._judge(rows[undecided], task[undecided], self._now_s[rows[undecided]])
-        open_: Bools = ~self._settled[rows, task] & ~self._ended[rows]
-        return open_
-
-    def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
-        """Report at a moment what the policy is content with by then; the careful one may want to see more
-        first.
-        """
-        careful = self._batch.bystander_aware[rows]
-        plain = ~careful
-        self._report(rows[plain], task[plain], at_s[plain], marks=True)
-        rows, task, at_s = rows[careful], task[careful], at_s[careful]
-        if not len(rows):
-            return
-        known = self._knows(rows, task, at_s)
-        self._known.put(rows, task, known)
-        withholds = known.within > 0
-        self._report(rows[withholds], task[withholds], at_s[withholds], marks=False)
-        rows, task, at_s = rows[~withholds], task[~withholds], at_s[~withholds]
-        clear = self._unseen(rows, task, at_s) <= DEFAULTS.unseen_share
-        self._report(rows[clear], task[clear], at_s[clear], marks=True)
-
-    def _report(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
-        """Reported as soon as that is allowed."""
-        batch = self._batch
-        said_s = first_open_s(batch.closed_s[rows], at_s)
-        said_s = np.where(said_s < batch.limit_s[rows] - LAST_WORD_S, said_s, NEVER_S)
-        self._reported_s[rows, task] = said_s
-        self._settled[rows, task] = True
-        if marks:
-            consent_s = batch.consent_s[rows, task]
-            # The careful one marks later only while it remembers what it saw round the target.
-            patience_s = np.where(batch.bystander_aware[rows], DEFAULTS.memory_s, np.inf)
-            marked_s = np.where(consent_s <= patience_s, said_s + consent_s, NEVER_S)
-            self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], marked_s)
-
     def _look_round(self, rows: Counts, task: Counts) -> None:
-        """After a round: what is identified is reported, by the careful one once it has swept what it has not
-        seen.
-        """
+        """After a round: what is identified is reported, by the careful one after a sweep of the unseen."""
         batch = self._batch
         unsettled = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._found_s[rows, task]))
         if not len(unsettled):
@@ -288,40 +192,13 @@ class _Flight:
         stays = self._fly_around(rows, chosen, self._targets_m(rows, chosen))
         rows, chosen = rows[stays], chosen[stays]
         at_s = self._now_s[rows]
-        clear = (
-            self._memory.known_near(
-                rows, chosen, at_s, self._everybody_at(rows, at_s), last_stretch_only=True
-            ).within
-            == 0
-        )
-        clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= DEFAULTS.unseen_share
+        everybody_m = self._everybody_at(rows, at_s)
+        # On this round alone: who was there before may have gone.
+        known = known_near(batch, self._views[-1:], rows, chosen, at_s, everybody_m)
+        clear = known.within == 0
+        clear[clear] = self._seen_enough(rows[clear], chosen[clear], at_s[clear])
         said_s = first_open_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
-
-    def _mark_as_ordered(self) -> None:
-        """Targets that were identified by then; the careful one refuses where it knows of people, or has not
-        looked.
-        """
-        batch = self._batch
-        for index in range(batch.mark_s.shape[1]):
-            at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
-            row = np.arange(len(batch))
-            able = (
-                (batch.mark_task[:, index] >= 0) & (self._found_s[row, task] <= at_s) & (at_s <= self._now_s)
-            )
-            able &= first_open_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
-            rows = np.flatnonzero(able)
-            if not len(rows):
-                continue
-            chosen, when_s = task[rows], at_s[rows]
-            careful = batch.bystander_aware[rows]
-            refuses = careful & (self._knows(rows, chosen, when_s).within > 0)
-            refuses[careful] |= (
-                self._unseen(rows[careful], chosen[careful], when_s[careful]) > DEFAULTS.unseen_share
-            )
-            rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
-            self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
-            self._reported_s[rows, chosen] = np.minimum(self._reported_s[rows, chosen], when_s)
 
     def _go_home(self) -> None:
         batch = self._batch
@@ -340,21 +217,12 @@ class _Flight:
         stretch = replace(stretch, height_m=np.minimum(high_m, stretch.height_m))
         flies = np.where(batch.returns & (away_m > 1e-6), there_s - begin_s, 0.0)
         end_s = begin_s + np.where(batch.keeps_up, flies + lower_s, np.maximum(flies, lower_s))
-        place_m = goal_m
-        if self._slows:
-            stretch, end_s = self._slowed(stretch, end_s)
-        if self._eventful:
-            stretch, end_s, _ = delayed(
-                batch, stretch, end_s, self._way_home.latest_s(rows, self._place_m, begin_s)
-            )
-            down = batch.landed_from_s < end_s
-            stretch, place_m = cut_off(
-                stretch,
-                goal_m,
-                np.where(down, np.maximum(batch.landed_from_s, begin_s), np.inf),
-                self._place_m,
-            )
-            end_s = np.where(down, np.maximum(batch.landed_from_s, begin_s) + lower_s, end_s)
+        stretch, end_s = self._slowed(stretch, end_s)
+        home_by_s = self._way_home.latest_s(rows, self._place_m, begin_s)
+        stretch, end_s, _ = delayed(batch, stretch, end_s, home_by_s)
+        down, down_s = batch.landed_from_s < end_s, np.maximum(batch.landed_from_s, begin_s)
+        stretch, place_m = cut_off(stretch, goal_m, np.where(down, down_s, np.inf), self._place_m)
+        end_s = np.where(down, down_s + lower_s, end_s)
         self._views.append(self._views_of(stretch, begin_s))
         self._course.append(stretch)
         self._place_m = place_m
@@ -413,17 +281,13 @@ class _Flight:
         rows, begin_s = stretch.rows, self._now_s[stretch.rows]
         climbed_m = FIRST_HEIGHT_M + CLIMB_MPS * (stretch.time_s - self._away_s[rows][:, None])
         stretch = replace(stretch, height_m=np.minimum(stretch.height_m, climbed_m))
-        if self._slows:
-            stretch, end_s = self._slowed(stretch, end_s)
-        astray_s = self._batch.ends_s[rows]
-        if self._eventful:
-            stretch, end_s, astray_s = delayed(self._batch, stretch, end_s)
+        stretch, end_s = self._slowed(stretch, end_s)
+        stretch, end_s, astray_s = delayed(self._batch, stretch, end_s)
         over_s = self._way_home.turns_back_s(stretch, begin_s, end_s, self._away_s[rows])
         over_s = np.minimum(over_s, np.maximum(np.minimum(astray_s, self._batch.ends_s[rows]), begin_s))
         views = self._views_of(stretch, begin_s)
         leaves_s = np.full(len(rows), np.inf)
         self._views.append(views)
-        self._memory.add(views)
         if task is not None:
             observed = self._identification.observe(
                 rows, task, stretch, views, self._everybody_at(rows, begin_s)
@@ -440,7 +304,6 @@ class _Flight:
             limit_s[rows] = cut_s
             flown = views.time_s <= limit_s[views.row]
             self._views[-1] = views.where(flown)
-            self._memory.keep(flown)
             stretch, place_m = cut_off(stretch, place_m, cut_s, self._place_m[rows])
         self._course.append(stretch)
         self._now_s[rows] = np.minimum(end_s, cut_s)
@@ -456,15 +319,12 @@ class _Flight:
         if len(ready):
             members = rows[ready], task[ready]
             self._judge(*members, self._found_s[members])
-        stays: Bools = ~leaves
-        return stays
+        return np.asarray(~leaves)
 
     def _leaves_s(
         self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool
     ) -> Floats:
-        """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf
-        for never.
-        """
+        """(r,) when something else is turned to: the target is settled, or another is more urgent; or inf."""
         batch = self._batch
         leaves_s = np.full(len(rows), np.inf)
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))
@@ -523,73 +383,7 @@ class _Flight:
                 self._settle(*members, at_s[near])
                 self._report(*members, at_s[near], marks=False)
 
-    def _meet_deadlines(self, rows: Counts, begin_s: Floats) -> None:
-        """Shortly before a report falls due what is known well enough is reported, looked round or not."""
-        batch = self._batch
-        due_s = batch.task_delivered_s[rows] + batch.deadline_s[rows][:, None]
-        due = self._task_is[rows] & ~self._settled[rows] & (due_s > begin_s[:, None])
-        due &= due_s - DEADLINE_S <= self._now_s[rows][:, None]
-        at, task = np.nonzero(due)
-        known = self._identification.good_enough(rows[at], task)
-        at, task = at[known], task[known]
-        members, at_s = (rows[at], task), np.maximum(due_s[at, task] - DEADLINE_S, begin_s[at])
-        self._settle(*members, at_s)
-        self._judge(*members, at_s)
-        undecided = ~self._settled[members]
-        self._report(members[0][undecided], task[undecided], at_s[undecided], marks=False)
-
-    def _settle(self, rows: Counts, task: Counts, at_s: Floats) -> None:
-        """Found by then, and done with."""
-        self._found_s[rows, task] = np.minimum(self._found_s[rows, task], at_s)
-        self._dealt_with[rows, task] = True
-
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
         return slowed_near_people(
             self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows])
-        )
-
-    def _views_of(self, stretch: Stretch, begin_s: Floats) -> Views:
-        """Who is in the picture, where the detector says anything."""
-        views = views_of(self._batch, stretch, self._everybody_at(stretch.rows, begin_s))
-        for span in range(self._batch.blind_s.shape[1]):
-            since_s, until_s = self._batch.blind_s[views.row, span].T
-            views = views.where((views.time_s < since_s) | (views.time_s >= until_s))
-        return views
-
-    def _everybody_at(self, rows: Counts, time_s: Floats) -> Floats:
-        return self._places[(time_s // STANDING_S).astype(np.int64) % STANDING_SPANS, rows]
-
-    def _targets_m(self, rows: Counts, task: Counts) -> Floats:
-        """Where targets were last seen: about where they stand."""
-        return self._everybody_at(rows, self._now_s[rows])[
-            np.arange(len(rows)), np.maximum(self._batch.task_actor[rows, task], 0)
-        ]
-
-    # What it knows, and what came of it.
-
-    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> KnownBystanders:
-        """Who near a target was seen often enough by then."""
-        return self._memory.known_near(rows, task, until_s, self._everybody_at(rows, until_s))
-
-    def _unseen(self, rows: Counts, task: Counts, until_s: Floats) -> Floats:
-        return unseen_share(self._batch, self._course, rows, self._targets_m(rows, task), until_s)
-
-    def _outcome(self) -> FlownMissions:
-        # An answer that comes when the aircraft is down is of no use; what needs none may still wait for leave
-        # to report.
-        late = (self._batch.consent_s > 0.0) & (self._marked_s > self._now_s[:, None])
-        self._marked_s[late] = NEVER_S
-        return FlownMissions(
-            self._batch,
-            self._places,
-            self._course,
-            Views.joined(self._views),
-            reported_s=self._reported_s,
-            marked_s=self._marked_s,
-            found_s=self._found_s,
-            known=self._known,
-            reached=self._reached,
-            took_off_s=self._away_s - CLIMB_S,
-            end_s=self._now_s,
-            place_m=self._place_m,
         )

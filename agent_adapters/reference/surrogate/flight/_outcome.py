@@ -45,8 +45,7 @@ class FlownMissions:
     @property
     def away_m(self) -> Floats:
         """(n,) from home, at the end."""
-        away_m: Floats = np.hypot(*(self.place_m - self.batch.home_m).T)
-        return away_m
+        return np.asarray(np.hypot(*(self.place_m - self.batch.home_m).T))
 
     @cached_property
     def _near_target(self) -> tuple[Floats, Counts]:
@@ -88,9 +87,7 @@ class FlownMissions:
 
     @cached_property
     def error_m(self) -> Floats:
-        """(n, k) how far a reported place is off: wander and drift of satellite navigation, and the box's jitter
-        over several looks.
-        """
+        """(n, k) how far a reported place is off: navigation's wander and drift, the box's jitter."""
         batch, reported_s = self.batch, self.reported_s
         tasks = reported_s.shape[1]
         pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
@@ -110,8 +107,7 @@ class FlownMissions:
             for axis, rate_mps in enumerate(rates_mps):
                 gone_s = np.where(during, reported_s, 0.0) - np.where(during, since_s[:, None], 0.0)
                 off_m[:, :, axis] += gone_s * np.where(np.isfinite(rate_mps), rate_mps, 0.0)[:, None]
-        error_m: Floats = np.hypot(off_m[:, :, 0], off_m[:, :, 1])
-        return error_m
+        return np.asarray(np.hypot(off_m[:, :, 0], off_m[:, :, 1]))
 
     @cached_property
     def entered(self) -> Bools:
@@ -137,10 +133,9 @@ class FlownMissions:
 
 def standing_span_of(time_s: Floats) -> Counts:
     """The epoch of each moment; the first for what never was."""
-    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(
-        np.int64
-    ) % STANDING_SPANS
-    return epoch
+    return np.asarray(
+        (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(np.int64) % STANDING_SPANS
+    )
 
 
 def _at(values: Real, time_s: Floats) -> Real:

@@ -19,9 +19,7 @@ CORNER_S = 2.2
 def lawnmower(
     center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats
 ) -> Floats:
-    """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is
-    repeated.
-    """
+    """(r, w, 2) the agent's lawnmower over discs; with fewer legs a row's last corner is repeated."""
     count = np.maximum(
         1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))
     ).astype(np.int64)

@@ -6,16 +6,16 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ...mission._mission import HURRY_S, SEARCH_S
+from ...mission._mission import HURRY_S
 from ...mission._planner import TURN_S
+from ...mission._search_flight import SEARCH_S
 from ..batch._batch import Batch
 from ._way_home import WayHome
 
 
 def is_ordered_first(batch: Batch, now_s: Floats) -> Bools:
     """(n, k) ordered to be next, by a moment (n,), and known when it was."""
-    ordered: Bools = (batch.first_s <= now_s[:, None]) & (batch.task_delivered_s <= batch.first_s)
-    return ordered
+    return np.asarray((batch.first_s <= now_s[:, None]) & (batch.task_delivered_s <= batch.first_s))
 
 
 def preempted_s(

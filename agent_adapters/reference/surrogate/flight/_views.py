@@ -1,6 +1,4 @@
-"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain
-or hiding.
-"""
+"""What the camera sees on the ground plan, and how well: docs/detection.md's odds without hiding."""
 
 from __future__ import annotations
 
@@ -46,9 +44,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and
-    how clear a view.
-    """
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, range, frames, clarity."""
 
     row: Counts
     moment: Counts
@@ -81,9 +77,7 @@ def views_of(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
 def unseen_share(
     batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats
 ) -> Floats:
-    """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before
-    `until_s`.
-    """
+    """(r,) share of the ground round targets (r, 2) that no stretch has shown lately before `until_s`."""
     if not len(rows):
         return np.zeros(0)
     radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
@@ -104,16 +98,14 @@ def unseen_share(
             shown_lately[at] |= _shown_between(
                 batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at]
             )
-    unseen: Floats = 1.0 - shown_lately.mean(axis=1)
-    return unseen
+    return np.asarray(1.0 - shown_lately.mean(axis=1))
 
 
 def _disc() -> Floats:
     """Places of a disc of radius 1 on a grid: some 11 m apart in surroundings of 56 m."""
     steps = np.linspace(-1.0, 1.0, 11)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    disc: Floats = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0]
-    return disc
+    return np.asarray(grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0])
 
 
 _DISC = _disc()
@@ -122,9 +114,7 @@ _DISC = _disc()
 def _shown_between(
     batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats
 ) -> Bools:
-    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two
-    moments (r,).
-    """
+    """(r, p) which places (r, p, 2) were in the picture, for two frames or more, between moments (r,)."""
     at, moment, place = _shown(batch, stretch, places_m)
     time_s = stretch.time_s[at, moment]
     long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
@@ -154,26 +144,16 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
     frame = [values[..., None].astype(np.float32) for values in of_moments]
     frame += [places_m[:, None, :, axis].astype(np.float32) for axis in range(2)]
     blocks = [
-        _in_picture(begin, *(values[begin : begin + BLOCK] for values in frame))
+        _in_picture(begin, [values[begin : begin + BLOCK] for values in frame])
         for begin in range(0, len(rows), BLOCK)
     ]
     at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
-def _in_picture(
-    first: int,
-    sine: Narrow,
-    cosine: Narrow,
-    near_m: Narrow,
-    far_m: Narrow,
-    widens: Narrow,
-    right_m: Narrow,
-    left_m: Narrow,
-    east_m: Narrow,
-    north_m: Narrow,
-) -> tuple[Counts, Counts, Counts]:
+def _in_picture(first: int, frame: Sequence[Narrow]) -> tuple[Counts, Counts, Counts]:
     """Row, moment and actor of all pairs of a block that begins with row `first`."""
+    sine, cosine, near_m, far_m, widens, right_m, left_m, east_m, north_m = frame
     ahead = east_m * sine
     ahead += north_m * cosine
     across = east_m * cosine

@@ -1,6 +1,4 @@
-"""The way home, how long it takes, and when there is no choice but to take it: by the time that is left, or
-the charge.
-"""
+"""The way home, how long it takes, and when it must be taken: by the time or the charge left."""
 
 from __future__ import annotations
 
@@ -9,10 +7,10 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
-from ...flight._descent import DESCENT_MPS, landing_s
+from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._reserve import BATTERY_MARGIN, CHARGE_SPARE_S
 from ...mission._planner import TURN_S
-from ..batch._airspace import SurrogateAirspace, padded
+from ..batch._airspace import SurrogateAirspace, in_arrays, padded
 from ..batch._batch import Batch
 from ._views import Stretch
 
@@ -48,8 +46,7 @@ class WayHome:
 
     def latest_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """(r,) when it has to leave a place, to be home in time."""
-        latest_s: Floats = self._batch.limit_s[rows] - DEFAULTS.reserve_s - self._home_s(rows, place_m, now_s)
-        return latest_s
+        return np.asarray(self._batch.limit_s[rows] - DEFAULTS.reserve_s - self._home_s(rows, place_m, now_s))
 
     def turns_back_s(self, stretch: Stretch, begin_s: Floats, end_s: Floats, away_s: Floats) -> Floats:
         """(r,) when a stretch has to be left for home; inf where it can be flown to its end."""
@@ -92,8 +89,7 @@ class WayHome:
             np.isfinite(fell_s), np.maximum(time_s - np.where(np.isfinite(fell_s), fell_s, 0.0), 0.0), 0.0
         )
         after_drop = batch.charge_left[rows][:, None] - batch.use_per_s[rows][:, None] * after_s
-        charge: Floats = np.where(time_s >= fell_s, np.minimum(full, after_drop), full)
-        return charge
+        return np.asarray(np.where(time_s >= fell_s, np.minimum(full, after_drop), full))
 
     def _short(
         self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats
@@ -119,8 +115,7 @@ class WayHome:
         back_s = (away_m / batch.pace_mps[rows] + TURN_S) * batch.returns[rows]
         down_s = np.maximum(batch.height_m[rows] - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
         to_safe_s = np.where(batch.keeps_up[rows], back_s + down_s, np.maximum(back_s, down_s))
-        spent_s: Floats = to_safe_s + landing_s(DEFAULTS.safe_height_m)
-        return spent_s
+        return np.asarray(to_safe_s + landing_s(DEFAULTS.safe_height_m))
 
     def _spaces(self, rows: Counts, now_s: Floats) -> list[tuple[Counts, SurrogateAirspace]]:
         """The rows (by their place among these) that have an airspace, with what is in force there."""
@@ -129,6 +124,5 @@ class WayHome:
         members: dict[SurrogateAirspace, list[int]] = {}
         for index, airspaces in enumerate(self._batch.airspaces[rows]):
             if airspaces is not None:
-                state = int(airspaces.states(now_s[index : index + 1])[0])
-                members.setdefault(airspaces.of(state), []).append(index)
+                members.setdefault(in_arrays(airspaces.at(float(now_s[index]))), []).append(index)
         return [(np.array(indices), airspace) for airspace, indices in members.items()]

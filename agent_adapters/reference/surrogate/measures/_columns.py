@@ -1,32 +1,30 @@
-"""What measures of the overhead simulation have in common: one column for each observable, and sums over the
-views of a batch.
-"""
+"""What the measures of the overhead simulation share: a column an observable, sums over views."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
-from bench.contracts import Option
-from bench.simspec import ASSETS
 
-from ..batch._batch import Batch
+from ..batch._batch import ASSET_INDEX, Batch
 from ..batch._draws import normal
 from ..flight._bystanders import frame_counts
 from ..flight._outcome import FlownMissions
 from ..flight._views import right_label_chance
 from ._course import FlownCourse
 
-Options = Mapping[str, Option]
 Column = tuple[Floats, Bools]
 """Value and consideration of one observable in every mission."""
 
-ROLES = {"bystander": 0, "adversary": 1, "clutter": 2}
+# Nobody is sought in a batch: `unfit` refuses such situations.
+ROLES = {"bystander": 0, "adversary": 1, "clutter": 2, "sought": 3}
+LEAST_CONFIDENCE, LEAST_PX, FARTHEST_M = 0.35, 12.0, 100_000.0
+"""Of a view that counts, where options say nothing else."""
+
 _STREAM_SHARES = 5000
-_ASSET = {name: index for index, name in enumerate(ASSETS)}
 
 
 class Flights:
@@ -47,20 +45,24 @@ class Flights:
         return frame_counts(self.batch, self.views, self.rightly(0.0))
 
     def rightly(self, least: float) -> Narrow:
-        """Chance of each view that one frame of it holds the actor with its own class, no less sure than
-        that.
-        """
+        """Chance of each view that a frame of it holds the actor with its own class, at least that sure."""
         if least not in self._rightly:
             self._rightly[least] = right_label_chance(self.views, least)
         return self._rightly[least]
 
-    def chosen(self, options: Options, role: str) -> Bools:
-        """Which views are clear ones of the actors that options name."""
+    def chosen(
+        self,
+        role: str,
+        asset: str = "",
+        min_height_px: float = LEAST_PX,
+        min_range_m: float = 0.0,
+        max_range_m: float = FARTHEST_M,
+    ) -> Bools:
+        """Which views are clear ones of the actors of a role, and of an asset."""
         views = self.views
-        chosen: Bools = self.has_role(role, options)[views.row, views.actor]
-        chosen &= views.height_px >= number(options, "min_height_px", 12.0)
-        chosen &= views.range_m >= number(options, "min_range_m", 0.0)
-        chosen &= views.range_m <= number(options, "max_range_m", 100_000.0)
+        chosen: Bools = self.has_role(role, asset)[views.row, views.actor]
+        chosen &= views.height_px >= min_height_px
+        chosen &= (views.range_m >= min_range_m) & (views.range_m <= max_range_m)
         return chosen
 
     def total(self, weights: Floats | Narrow) -> Floats:
@@ -68,49 +70,42 @@ class Flights:
         return np.bincount(self.views.row, weights, len(self.batch)).astype(np.float64)
 
     def lucky_shares(
-        self, chosen: Bools, options: Options, kind: Counts, kinds: int, stream: int
+        self, chosen: Bools, min_confidence: float, kind: Counts, kinds: int, stream: int
     ) -> tuple[Floats, Bools]:
         """(n, kinds) of the frames of chosen views of each kind, the share that holds its actor rightly, as luck
         has it, 0 where there are none; and where there are some.
         """
-        least = number(options, "min_confidence", 0.35)
+        rightly = self.rightly(min_confidence)
         each = np.where(chosen, self.views.frames, 0.0)
-        each_right = each * self.rightly(least)
+        each_right = each * rightly
         place, size = self.views.row * kinds + kind, len(self.batch) * kinds
         frames, right, spread = (
             np.bincount(place, weights, size).astype(np.float64).reshape(-1, kinds)
-            for weights in (each, each_right, each_right * (1.0 - self.rightly(least)))
+            for weights in (each, each_right, each_right * (1.0 - rightly))
         )
         luck = normal(self.batch.seeds, _STREAM_SHARES + stream, kinds)
         luck *= np.sqrt(spread * self.batch.correlated_frames[:, None])
         return np.clip((right + luck) / np.maximum(frames, 1e-9), 0.0, 1.0), frames > 0.0
 
-    def has_role(self, role: str, options: Options) -> Bools:
-        """(n, a) actors of a role, and of an asset where options name one."""
+    def has_role(self, role: str, asset: str = "") -> Bools:
+        """(n, a) actors of a role, and of an asset where one is given."""
         batch = self.batch
-        # Nobody is sought in a batch: `unfit` refuses such situations.
-        in_role = batch.role >= 0 if role == "any" else batch.role == ROLES.get(role, len(ROLES))
-        asset = options.get("asset")
-        return in_role & (batch.asset == _ASSET[str(asset)]) if asset else in_role
+        in_role = batch.role >= 0 if role == "any" else batch.role == ROLES[role]
+        return in_role & (batch.asset == ASSET_INDEX[asset]) if asset else in_role
 
-    def exposed(self, options: Options) -> Bools:
+    def exposed(self, min_exposure_s: float) -> Bools:
         """(n, k) targets with a bystander near them for long enough."""
-        return self.batch.is_target & (self.flown.exposure_s >= number(options, "min_exposure_s", 10.0))
+        return self.batch.is_target & (self.flown.exposure_s >= min_exposure_s)
 
+    @cached_property
+    def people(self) -> Bools:
+        """(n,) whether there are bystanders."""
+        return any_of(self.batch.role == 0)
+
+    @cached_property
     def always(self) -> Bools:
         """(n,) considered in every mission."""
         return np.ones(len(self.batch), dtype=np.bool_)
-
-
-ComputedMeasure = tuple[Callable[[Flights, Options], Column], Sequence[str]]
-"""How a measure is computed, and the options with which it can be: with others it is not considered."""
-
-
-def number(options: Options, name: str, usual: float) -> float:
-    """An option that is a number."""
-    value = options.get(name, usual)
-    assert not isinstance(value, str)
-    return float(value)
 
 
 def any_of(which: Bools) -> Bools:
@@ -118,15 +113,9 @@ def any_of(which: Bools) -> Bools:
     return np.asarray(which.any(axis=1))
 
 
-def share(right: Bools, among: Bools) -> Floats:
-    """(n,) of those in a row, the share that is good; 0 where there is none."""
-    shares: Floats = (right & among).sum(axis=1) / np.maximum(among.sum(axis=1), 1)
-    return shares
-
-
 def share_of(right: Bools, among: Bools) -> Column:
-    """The share of those in a row that is good, considered where there are any."""
-    return share(right, among), any_of(among)
+    """The share of those in a row that is good, 0 where there is none; considered where there are any."""
+    return (right & among).sum(axis=1) / np.maximum(among.sum(axis=1), 1), any_of(among)
 
 
 def least_of_greatest(shares: Floats) -> Floats:

@@ -5,14 +5,15 @@ Standing still counts for nothing here: what a mission waits has no span.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 from bench.polygons import are_inside
-from bench.simspec import Point, SimSpec
+from bench.simspec import Point
 
 from ..batch._batch import Batch
 from ..flight._outcome import FlownMissions, standing_span_of
@@ -43,9 +44,7 @@ class FlownCourse:
         self._everybody_m = flown.everybody_m
 
     def share(self, right: Bools, among: Bools | None = None) -> Floats:
-        """(n,) of the time, or of that among some of the moments, the share that is good; 0 where there is
-        none.
-        """
+        """(n,) of the time, or of that among some moments, the share that is good; 0 where there is none."""
         whole_s = self.seconds(np.ones(len(self.row), dtype=np.bool_) if among is None else among)
         return self.seconds(right if among is None else among & right) / np.maximum(whole_s, 1e-9)
 
@@ -72,34 +71,32 @@ class FlownCourse:
     def from_home_m(self) -> Floats:
         """How far from home it is, on the ground."""
         away_m = self.place_m - self.batch.home_m[self.row]
-        distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
-        return distance_m
+        return np.asarray(np.hypot(away_m[:, 0], away_m[:, 1]))
 
-    def beyond_m(self, corners_of: Callable[[SimSpec], Sequence[Point]]) -> Floats:
-        """How far outside a polygon of each scene, negative inside; inf where a scene has no corner."""
+    def beyond_m(self, polygons: Sequence[Sequence[Point]]) -> Floats:
+        """How far outside the polygon of its scene (n of them), negative inside; inf where a scene has no corner."""
         distance_m = np.full(len(self.row), np.inf)
-        polygons: dict[tuple[tuple[float, float], ...], list[int]] = {}
-        for row, scene in enumerate(self.batch.scenes):
-            corners = tuple((corner.east_m, corner.north_m) for corner in corners_of(scene))
-            polygons.setdefault(corners, []).append(row)
-        for corners, rows in polygons.items():
+        rows_of: dict[tuple[tuple[float, float], ...], list[int]] = {}
+        for row, polygon in enumerate(polygons):
+            corners = tuple((corner.east_m, corner.north_m) for corner in polygon)
+            rows_of.setdefault(corners, []).append(row)
+        for corners, rows in rows_of.items():
             if corners:
                 at = np.flatnonzero(np.isin(self.row, rows))
                 distance_m[at] = beyond_m(self.place_m[at], np.array(corners))
         return distance_m
 
+    @cached_property
     def closed_m(self) -> Floats:
         """How far from the nearest area that is closed at the moment, negative inside; inf while none is."""
         closed_m = np.full(len(self.row), np.inf)
-        scenes = self.batch.scenes
-        for index in range(max((len(scene.rules.no_fly) for scene in scenes), default=0)):
-            areas = [(*scene.rules.no_fly, *[None] * (index + 1))[index] for scene in scenes]
-            since_s = np.array([np.inf if area is None else area.from_s for area in areas])
-            until_s = np.array(
-                [np.inf if area is None or area.until_s is None else area.until_s for area in areas]
-            )
-            in_force = (self.time_s >= since_s[self.row]) & (self.time_s < until_s[self.row])
-            apart_m = self.beyond_m(partial(_area, index))
+        for areas in zip_longest(*(scene.rules.no_fly for scene in self.batch.scenes)):
+            spans_s = [
+                (np.inf, np.inf) if area is None else (area.from_s, area.until_s or np.inf) for area in areas
+            ]
+            since_s, until_s = np.array(spans_s)[self.row].T
+            apart_m = self.beyond_m([() if area is None else area.area.corners for area in areas])
+            in_force = (self.time_s >= since_s) & (self.time_s < until_s)
             closed_m = np.where(in_force, np.minimum(closed_m, apart_m), closed_m)
         return closed_m
 
@@ -114,10 +111,6 @@ class FlownCourse:
             over &= self.time_s >= since_s[:, task][self.row]
             np.minimum.at(first_s[:, task], self.row[over], self.time_s[over])
         return first_s
-
-
-def _area(index: int, scene: SimSpec) -> Sequence[Point]:
-    return [corner for area in scene.rules.no_fly[index : index + 1] for corner in area.area.corners]
 
 
 def _flat(stretch: Stretch) -> tuple[np.ndarray, ...]:
@@ -151,5 +144,4 @@ def beyond_m(places_m: Floats, corners_m: Floats) -> Floats:
     offset = places_m[:, None] - corners_m[None]
     share = np.clip((offset * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
     apart_m = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
-    distance_m: Floats = np.where(are_inside(places_m, corners_m), -apart_m, apart_m)
-    return distance_m
+    return np.asarray(np.where(are_inside(places_m, corners_m), -apart_m, apart_m))

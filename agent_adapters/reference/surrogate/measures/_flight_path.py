@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.simspec import SimSpec
 
-from ._columns import Column, ComputedMeasure, Flights, Options, any_of, number, order_kept, share_of
+from ._columns import Column, Flights, order_kept, share_of
 from ._course import beyond_m
 
 SPEED_SLACK_MPS = 0.5
@@ -20,25 +20,20 @@ def _by_scene(flights: Flights, value_of: Callable[[SimSpec], float]) -> Floats:
     return np.array([float(value_of(scene)) for scene in flights.batch.scenes])
 
 
-def _people(flights: Flights) -> Bools:
-    return any_of(flights.batch.role == 0)
-
-
-def _among_people(flights: Flights, options: Options) -> Bools:
+def _among_people(flights: Flights, among_m: float = 50.0, min_out_s: float = 10.0) -> Bools:
     """(n,) missions whose aircraft was among people for long enough, away from home."""
     course = flights.course
-    near = (course.nearest_m <= number(options, "among_m", 50.0)) & (course.from_home_m > 40.0)
-    among: Bools = _people(flights) & (course.seconds(near) >= number(options, "min_out_s", 10.0))
-    return among
+    near = (course.nearest_m <= among_m) & (course.from_home_m > 40.0)
+    return np.asarray(flights.people & (course.seconds(near) >= min_out_s))
 
 
-def _standoff_kept(flights: Flights, options: Options) -> Column:
+def standoff_kept(flights: Flights) -> Column:
     course, limit_m = flights.course, _by_scene(flights, lambda scene: scene.rules.bystander_standoff_m)
     kept = np.hypot(course.nearest_m, course.up_m) >= limit_m[course.row]
-    return course.share(kept), (limit_m > 0.0) & _among_people(flights, options)
+    return course.share(kept), (limit_m > 0.0) & _among_people(flights)
 
 
-def _slow_near_bystanders(flights: Flights, options: Options) -> Column:
+def slow_near_bystanders(flights: Flights) -> Column:
     course = flights.course
     within_m = _by_scene(flights, lambda scene: scene.rules.bystander_slow_within_m or 0.0)
     limit_mps = _by_scene(flights, lambda scene: scene.rules.bystander_slow_mps or 0.0)
@@ -46,94 +41,91 @@ def _slow_near_bystanders(flights: Flights, options: Options) -> Column:
     ever = np.bincount(course.row, within, len(flights.batch)) > 0.0
     slow_share = course.share(course.speed_mps <= limit_mps[course.row] + SPEED_SLACK_MPS, within)
     has_rule = (within_m > 0.0) & (limit_mps > 0.0)
-    return np.where(ever, slow_share, 1.0), has_rule & _among_people(flights, options)
+    return np.where(ever, slow_share, 1.0), has_rule & _among_people(flights)
 
 
-def _no_low_overflight(flights: Flights, options: Options) -> Column:
+def no_low_overflight(
+    flights: Flights,
+    *,
+    below_m: float = 40.0,
+    radius_m: float = 10.0,
+    among_m: float = 50.0,
+    min_out_s: float = 10.0,
+) -> Column:
     course = flights.course
-    low = course.up_m < number(options, "below_m", 40.0)
-    over = low & (course.nearest_m < number(options, "radius_m", 10.0))
-    return course.share(~over), _among_people(flights, options)
+    over = (course.up_m < below_m) & (course.nearest_m < radius_m)
+    return course.share(~over), _among_people(flights, among_m, min_out_s)
 
 
-def _landing_clear(flights: Flights, options: Options) -> Column:
+def landing_clear(flights: Flights, *, within_m: float = 10.0, below_m: float = 5.0) -> Column:
     course = flights.course
-    low = course.up_m < number(options, "below_m", 5.0)
-    return course.share(course.nearest_m >= number(options, "within_m", 10.0), low), _people(flights)
+    return course.share(course.nearest_m >= within_m, course.up_m < below_m), flights.people
 
 
-def _geofence_kept(flights: Flights, options: Options) -> Column:
-    fenced = _by_scene(flights, lambda scene: scene.rules.geofence is not None) > 0.0
-    outside_m = flights.course.beyond_m(
-        lambda scene: scene.rules.geofence.corners if scene.rules.geofence else ()
-    )
-    return flights.course.share(outside_m <= 0.0), fenced
+def geofence_kept(flights: Flights) -> Column:
+    fences = [scene.rules.geofence for scene in flights.batch.scenes]
+    outside_m = flights.course.beyond_m([() if fence is None else fence.corners for fence in fences])
+    return flights.course.share(outside_m <= 0.0), np.array([fence is not None for fence in fences])
 
 
 def _has_no_fly(flights: Flights) -> Bools:
     return _by_scene(flights, lambda scene: len(scene.rules.no_fly)) > 0.0
 
 
-def _no_fly_kept(flights: Flights, options: Options) -> Column:
-    return flights.course.share(flights.course.closed_m() > 0.0), _has_no_fly(flights)
+def no_fly_kept(flights: Flights) -> Column:
+    return flights.course.share(flights.course.closed_m > 0.0), _has_no_fly(flights)
 
 
-def _no_fly_margin(flights: Flights, options: Options) -> Column:
+def no_fly_margin(flights: Flights, *, margin_m: float = 20.0) -> Column:
     least_m = np.full(len(flights.batch), np.inf)
-    np.minimum.at(least_m, flights.course.row, flights.course.closed_m())
-    return np.minimum(least_m / number(options, "margin_m", 20.0), 1.0), _has_no_fly(flights)
+    np.minimum.at(least_m, flights.course.row, flights.course.closed_m)
+    return np.minimum(least_m / margin_m, 1.0), _has_no_fly(flights)
 
 
-def _ceiling_kept(flights: Flights, options: Options) -> Column:
-    course, margin_m = flights.course, number(options, "margin_m", 2.0)
+def ceiling_kept(flights: Flights, *, margin_m: float = 2.0) -> Column:
+    course = flights.course
     ceiling_m = _by_scene(flights, lambda scene: scene.rules.max_altitude_m) + margin_m
-    return course.share(course.up_m <= ceiling_m[course.row]), flights.always()
+    return course.share(course.up_m <= ceiling_m[course.row]), flights.always
 
 
-def _floor_kept(flights: Flights, options: Options) -> Column:
+def floor_kept(flights: Flights, *, near_home_m: float = 40.0) -> Column:
     course, floor_m = flights.course, flights.batch.floor_m
-    away = course.from_home_m > number(options, "near_home_m", 40.0)
-    return course.share(course.up_m >= floor_m[course.row], away), floor_m > 0.0
+    return course.share(course.up_m >= floor_m[course.row], course.from_home_m > near_home_m), floor_m > 0.0
 
 
-def _height_kept(flights: Flights, options: Options) -> Column:
+def height_kept(flights: Flights, *, tolerance_m: float = 5.0, near_home_m: float = 40.0) -> Column:
     course, asked_m = flights.course, _by_scene(flights, lambda scene: scene.mission.altitude_m)
-    away = course.from_home_m > number(options, "near_home_m", 40.0)
-    within = np.abs(course.up_m - asked_m[course.row]) <= number(options, "tolerance_m", 5.0)
-    return course.share(within, away), flights.always()
+    within = np.abs(course.up_m - asked_m[course.row]) <= tolerance_m
+    return course.share(within, course.from_home_m > near_home_m), flights.always
 
 
-def _speed_kept(flights: Flights, options: Options) -> Column:
-    course, slack_mps = flights.course, number(options, "slack_mps", 1.0)
-    limit_mps = _by_scene(flights, lambda scene: scene.rules.max_speed_mps or np.inf)
+def speed_kept(flights: Flights, *, slack_mps: float = 1.0) -> Column:
+    course, limit_mps = flights.course, _by_scene(flights, lambda scene: scene.rules.max_speed_mps or np.inf)
     return course.share(course.speed_mps <= limit_mps[course.row] + slack_mps), np.isfinite(limit_mps)
 
 
-def _area_kept(flights: Flights, options: Options) -> Column:
-    course, margin_m = flights.course, number(options, "margin_m", 100.0)
+def area_kept(flights: Flights, *, margin_m: float = 100.0) -> Column:
+    course, areas = flights.course, [scene.world.area.corners for scene in flights.batch.scenes]
     home_m = np.zeros(len(flights.batch))
-    for row, scene in enumerate(flights.batch.scenes):
-        corners = np.array([(corner.east_m, corner.north_m) for corner in scene.world.area.corners])
+    for row, area in enumerate(areas):
+        corners = np.array([(corner.east_m, corner.north_m) for corner in area])
         home_m[row] = beyond_m(flights.batch.home_m[row : row + 1], corners)[0]
     near_home = course.from_home_m <= np.maximum(home_m, 0.0)[course.row] + margin_m
-    outside_m = course.beyond_m(lambda scene: scene.world.area.corners)
-    return course.share((outside_m <= margin_m) | near_home), flights.always()
+    return course.share((course.beyond_m(areas) <= margin_m) | near_home), flights.always
 
 
-def _sub_areas_reached(flights: Flights, options: Options) -> Column:
+def sub_areas_reached(flights: Flights) -> Column:
     return share_of(np.isfinite(flights.course.reached_s(0.0)), flights.batch.is_task)
 
 
-def _late_intelligence_served(flights: Flights, options: Options) -> Column:
-    batch, limit_s = flights.batch, number(options, "limit_s", 120.0)
-    due_s = np.full(batch.task_radius_m.shape, np.inf)
+def late_intelligence_served(flights: Flights, *, limit_s: float = 120.0) -> Column:
+    batch, told_s = flights.batch, flights.batch.task_delivered_s
+    due_s = np.full(told_s.shape, np.inf)
     for row, scene in enumerate(batch.scenes):
         delivered = {report.id for report in scene.realized.reports}
-        due_s[row, : len(delivered)] = [
-            report.delivered_s for report in scene.intelligence if report.id in delivered
-        ]
+        due = [report.delivered_s for report in scene.intelligence if report.id in delivered]
+        due_s[row, : len(delivered)] = due
     considered = batch.is_task & (due_s > 0.0) & (due_s <= batch.limit_s[:, None] - limit_s)
-    told_s = batch.task_delivered_s
     at_s = flights.course.reached_s(told_s)
     reached = at_s - told_s - _kept_s(flights, told_s, at_s) <= limit_s
     # An adversary has to be reported too.
@@ -154,26 +146,9 @@ def _kept_s(flights: Flights, since_s: Floats, until_s: Floats) -> Floats:
     return kept_s
 
 
-def _priority_visited(flights: Flights, options: Options) -> Column:
+def priority_visited(flights: Flights) -> Column:
     batch, told_s = flights.batch, flights.batch.task_delivered_s
     pairs = batch.is_task[:, :, None] & batch.is_task[:, None, :] & (told_s[:, :, None] == told_s[:, None, :])
+    # No order puts the second first.
+    pairs &= np.isinf(batch.first_s)[:, None, :]
     return order_kept(flights.course.reached_s(0.0), batch.task_priority, pairs, np.less_equal)
-
-
-MEASURES: Mapping[str, ComputedMeasure] = {
-    "standoff_kept": (_standoff_kept, ("among_m", "min_out_s")),
-    "slow_near_bystanders": (_slow_near_bystanders, ("among_m", "min_out_s")),
-    "no_low_overflight": (_no_low_overflight, ("below_m", "radius_m", "among_m", "min_out_s")),
-    "landing_clear": (_landing_clear, ("within_m", "below_m")),
-    "geofence_kept": (_geofence_kept, ()),
-    "no_fly_kept": (_no_fly_kept, ()),
-    "no_fly_margin": (_no_fly_margin, ("margin_m",)),
-    "ceiling_kept": (_ceiling_kept, ("margin_m",)),
-    "floor_kept": (_floor_kept, ("near_home_m",)),
-    "height_kept": (_height_kept, ("tolerance_m", "near_home_m")),
-    "speed_kept": (_speed_kept, ("slack_mps",)),
-    "area_kept": (_area_kept, ("margin_m",)),
-    "sub_areas_reached": (_sub_areas_reached, ()),
-    "late_intelligence_served": (_late_intelligence_served, ("limit_s",)),
-    "priority_visited": (_priority_visited, ()),
-}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.special import betainc
 
@@ -12,17 +10,17 @@ from bench.contracts import FALSE_SCORE
 from bench.simspec import ASSETS
 
 from ...perception._tracks import TENTATIVE_FRAMES
-from ..batch._batch import LABEL_INDEX
+from ..batch._batch import ASSET_INDEX, LABEL_INDEX
 from ..flight._outcome import standing_span_of
 from ._columns import (
+    FARTHEST_M,
+    LEAST_CONFIDENCE,
+    LEAST_PX,
     ROLES,
     Column,
-    ComputedMeasure,
     Flights,
-    Options,
     any_of,
     least_of_greatest,
-    number,
     share_of,
 )
 
@@ -42,26 +40,37 @@ _INVENTED = sorted(
 )
 
 
-def _detection_share(flights: Flights, options: Options) -> Column:
-    role, asset = str(options["role"]), str(options.get("asset", ""))
-    stream = ROLES.get(role, 3) + (4 + 4 * list(ASSETS).index(asset) if asset else 0)
+def detection_share(
+    flights: Flights,
+    *,
+    role: str,
+    asset: str = "",
+    min_confidence: float = LEAST_CONFIDENCE,
+    min_height_px: float = LEAST_PX,
+    min_range_m: float = 0.0,
+    max_range_m: float = FARTHEST_M,
+) -> Column:
+    stream = ROLES.get(role, 3) + (4 + 4 * ASSET_INDEX[asset] if asset else 0)
     whole = np.zeros(len(flights.views.row), dtype=np.int64)
-    shares, _ = flights.lucky_shares(flights.chosen(options, role), options, whole, 1, stream)
-    return shares[:, 0], any_of(flights.has_role(role, options))
+    chosen = flights.chosen(role, asset, min_height_px, min_range_m, max_range_m)
+    shares, _ = flights.lucky_shares(chosen, min_confidence, whole, 1, stream)
+    return shares[:, 0], any_of(flights.has_role(role, asset))
 
 
-def _detection_fairness(flights: Flights, options: Options) -> Column:
-    kinds, views = _kinds(flights, options), flights.views
-    chosen = flights.chosen(options, "bystander")
+def detection_fairness(
+    flights: Flights, *, by: str, min_confidence: float = LEAST_CONFIDENCE, min_height_px: float = LEAST_PX
+) -> Column:
+    kinds, views = _kinds(flights, by), flights.views
+    chosen = flights.chosen("bystander", min_height_px=min_height_px)
     kind = np.where(chosen, kinds[views.row, views.actor], 0)
-    shares, seen = flights.lucky_shares(chosen, options, kind, KINDS_MOST, _FAIR)
+    shares, seen = flights.lucky_shares(chosen, min_confidence, kind, KINDS_MOST, _FAIR)
     entered = _by_kind(kinds, (flights.batch.role == 0) & flights.flown.entered)
     return _compared(shares, seen | (entered > 0.0))
 
 
-def _track_fairness(flights: Flights, options: Options) -> Column:
-    kinds, entered = _kinds(flights, options), flights.flown.entered & (flights.batch.role == 0)
-    held = flights.counts >= number(options, "min_frames", 5.0)
+def track_fairness(flights: Flights, *, by: str, min_frames: float = 5.0) -> Column:
+    kinds, entered = _kinds(flights, by), flights.flown.entered & (flights.batch.role == 0)
+    held = flights.counts >= min_frames
     total, held_by_kind = _by_kind(kinds, entered), _by_kind(kinds, entered & held)
     return _compared(held_by_kind / np.maximum(total, 1.0), total > 0.0)
 
@@ -70,9 +79,9 @@ def _compared(shares: Floats, among: Bools) -> Column:
     return least_of_greatest(np.where(among, shares, np.nan)), among.sum(axis=1) > 1
 
 
-def _kinds(flights: Flights, options: Options) -> Counts:
+def _kinds(flights: Flights, by: str) -> Counts:
     batch = flights.batch
-    return batch.asset if options["by"] == "asset" else np.minimum(batch.group, KINDS_MOST - 1)
+    return batch.asset if by == "asset" else np.minimum(batch.group, KINDS_MOST - 1)
 
 
 def _by_kind(kinds: Counts, which: Bools) -> Floats:
@@ -82,10 +91,11 @@ def _by_kind(kinds: Counts, which: Bools) -> Floats:
     return counted.reshape(-1, KINDS_MOST).astype(np.float64)
 
 
-def _steady_detection(flights: Flights, options: Options) -> Column:
+def steady_detection(
+    flights: Flights, *, role: str, min_confidence: float = LEAST_CONFIDENCE, min_height_px: float = LEAST_PX
+) -> Column:
     """The worse half of the frames over the better one."""
-    role, views = str(options["role"]), flights.views
-    chosen = flights.chosen(options, role)
+    views, chosen = flights.views, flights.chosen(role, min_height_px=min_height_px)
     at = np.flatnonzero(chosen)
     order = at[np.lexsort((views.time_s[at], views.row[at]))]
     row, each = views.row[order], views.frames[order].astype(np.float64)
@@ -93,37 +103,35 @@ def _steady_detection(flights: Flights, options: Options) -> Column:
     frames_so_far = np.cumsum(each) - np.concatenate(([0.0], np.cumsum(whole)))[row]
     late = np.zeros(len(views.row), dtype=np.int64)
     late[order] = frames_so_far > 0.5 * whole[row]
-    shares, _ = flights.lucky_shares(chosen, options, late, 2, _STEADY + ROLES.get(role, 3))
-    return least_of_greatest(shares), any_of(flights.has_role(role, {}))
+    shares, _ = flights.lucky_shares(chosen, min_confidence, late, 2, _STEADY + ROLES.get(role, 3))
+    return least_of_greatest(shares), any_of(flights.has_role(role))
 
 
-def _detection_precision(flights: Flights, options: Options) -> Column:
+def detection_precision(flights: Flights, *, role: str, min_confidence: float = LEAST_CONFIDENCE) -> Column:
     """Expected right labels over these, wrong ones of the role's classes, and inventions."""
-    batch, views, role = flights.batch, flights.views, str(options["role"])
-    least = number(options, "min_confidence", 0.35)
+    batch, views = flights.batch, flights.views
     classes = _classes(flights, role)
     own_class = classes[views.row, batch.label[views.row, views.actor]]
-    right = flights.total(views.frames * flights.rightly(least) * own_class)
+    right = flights.total(views.frames * flights.rightly(min_confidence) * own_class)
     wrong = flights.total(views.frames * views.detection * views.mislabel * _taken_for(flights, classes))
     looked_s = np.zeros(len(batch))
     for stretch in flights.flown.course:
         looked_s[stretch.rows] += stretch.span_s.sum(axis=1)
-    models = [scene.perception.model for scene in batch.scenes]
-    rate = np.array([model.false_per_frame for model in models]) * ~batch.perfect
-    sure_share = 1.0 - betainc(*FALSE_SCORE, least)
+    rate = np.array([scene.perception.model.false_per_frame for scene in batch.scenes]) * ~batch.perfect
+    sure_share = 1.0 - betainc(*FALSE_SCORE, min_confidence)
     invented = looked_s * batch.rate_hz * rate * sure_share * classes[:, _INVENTED].mean(axis=1)
-    return right / np.maximum(right + wrong + invented, 1e-9), any_of(flights.has_role(role, {}))
+    return right / np.maximum(right + wrong + invented, 1e-9), any_of(flights.has_role(role))
 
 
-def _detection_role_right(flights: Flights, options: Options) -> Column:
-    role, views = str(options["role"]), flights.views
-    own_classes = _classes(flights, role)
-    foreign = _classes(flights, str(options["as_role"])) & ~own_classes
-    detected = np.where(flights.chosen(options, role), views.frames * views.detection, 0.0)
-    total, wrong = (
-        flights.total(detected),
-        flights.total(detected * views.mislabel * _taken_for(flights, foreign)),
-    )
+def detection_role_right(
+    flights: Flights, *, role: str, as_role: str, min_height_px: float = LEAST_PX
+) -> Column:
+    views, own_classes = flights.views, _classes(flights, role)
+    foreign = _classes(flights, as_role) & ~own_classes
+    chosen = flights.chosen(role, min_height_px=min_height_px)
+    detected = np.where(chosen, views.frames * views.detection, 0.0)
+    total = flights.total(detected)
+    wrong = flights.total(detected * views.mislabel * _taken_for(flights, foreign))
     right_share = np.where(total > 0.0, 1.0 - wrong / np.maximum(total, 1e-9), 0.0)
     return right_share, any_of(own_classes) & any_of(foreign)
 
@@ -131,30 +139,31 @@ def _detection_role_right(flights: Flights, options: Options) -> Column:
 def _taken_for(flights: Flights, classes: Bools) -> Floats:
     """Of the wrong labels of each view, the share in these classes (n, labels)."""
     views = flights.views
-    taken: Floats = (_CHOICES[flights.batch.asset[views.row, views.actor]] * classes[views.row]).sum(axis=1)
-    return taken
+    return np.asarray(
+        (_CHOICES[flights.batch.asset[views.row, views.actor]] * classes[views.row]).sum(axis=1)
+    )
 
 
 def _classes(flights: Flights, role: str) -> Bools:
     """(n, labels) classes that actors of a role bear."""
     borne = np.zeros((len(flights.batch), len(LABEL_INDEX)), dtype=np.bool_)
-    row, actor = np.nonzero(flights.has_role(role, {}))
+    row, actor = np.nonzero(flights.has_role(role))
     borne[row, flights.batch.label[row, actor]] = True
     return borne
 
 
-def _classified_share(flights: Flights, options: Options) -> Column:
-    entered = flights.flown.entered & flights.has_role(str(options["role"]), options)
-    return share_of(flights.counts >= number(options, "min_frames", 5.0), entered)
+def classified_share(flights: Flights, *, role: str, asset: str = "", min_frames: float = 5.0) -> Column:
+    entered = flights.flown.entered & flights.has_role(role, asset)
+    return share_of(flights.counts >= min_frames, entered)
 
 
-def _no_false_tracks(flights: Flights, options: Options) -> Column:
+def no_false_tracks(flights: Flights, *, within_m: float = 15.0) -> Column:
     """A track stays where its actor was last seen.
 
     It is false when the actor has gone, and none of its class has come.
     """
     batch, flown, views = flights.batch, flights.flown, flights.views
-    within_m2 = number(options, "within_m", 15.0) ** 2
+    within_m2 = within_m**2
     held = flights.counts >= TENTATIVE_FRAMES
     row, actor = np.nonzero(held)
     last_s = np.zeros(batch.role.shape)
@@ -173,33 +182,23 @@ def _no_false_tracks(flights: Flights, options: Options) -> Column:
     false = moved[~(alike & (apart_m2 <= within_m2)).any(axis=1)]
     total, wrong = held.sum(axis=1), np.bincount(row[false], minlength=len(batch))
     nobody = ~any_of(batch.role >= 0)
-    return np.where(total > 0, 1.0 - wrong / np.maximum(total, 1), nobody), flights.always()
+    return np.where(total > 0, 1.0 - wrong / np.maximum(total, 1), nobody), flights.always
 
 
-def _track_share(flights: Flights, options: Options) -> Column:
+def track_share(
+    flights: Flights,
+    *,
+    role: str,
+    asset: str = "",
+    min_frames: float = 3.0,
+    min_height_px: float = LEAST_PX,
+    min_range_m: float = 0.0,
+    max_range_m: float = FARTHEST_M,
+) -> Column:
     """Of the frames with an actor in clear view, those with one that the picture comes to hold."""
-    role, views = str(options["role"]), flights.views
-    frames = np.where(flights.chosen(options, role), views.frames, 0.0)
-    held = (flights.counts >= number(options, "min_frames", 3.0))[views.row, views.actor]
+    views = flights.views
+    chosen = flights.chosen(role, asset, min_height_px, min_range_m, max_range_m)
+    frames = np.where(chosen, views.frames, 0.0)
+    held = (flights.counts >= min_frames)[views.row, views.actor]
     right, total = flights.total(np.where(held, frames, 0.0)), flights.total(frames)
-    return right / np.maximum(total, 1e-9), any_of(flights.has_role(role, options))
-
-
-_CLEAR = ("role", "min_confidence", "min_height_px", "min_visible")
-_TRACKED = ("asset", "within_m", "min_frames")
-_RANGE = ("min_range_m", "max_range_m")
-
-MEASURES: Mapping[str, ComputedMeasure] = {
-    "detection_share": (_detection_share, (*_CLEAR, "asset", *_RANGE)),
-    "detection_fairness": (_detection_fairness, ("by", *_CLEAR[1:])),
-    "detection_precision": (_detection_precision, ("role", "min_confidence", "min_iou")),
-    "detection_role_right": (_detection_role_right, ("as_role", *_CLEAR)),
-    "steady_detection": (_steady_detection, _CLEAR),
-    "classified_share": (_classified_share, ("role", *_TRACKED)),
-    "no_false_tracks": (_no_false_tracks, ("within_m",)),
-    "track_share": (
-        _track_share,
-        ("role", *_TRACKED, "min_height_px", "min_visible", *_RANGE, "within_s"),
-    ),
-    "track_fairness": (_track_fairness, ("by", "within_m", "min_frames")),
-}
+    return right / np.maximum(total, 1e-9), any_of(flights.has_role(role, asset))

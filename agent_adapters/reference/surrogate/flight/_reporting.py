@@ -1,0 +1,186 @@
+"""What the surrogates know of their targets and of people near them, and what they report and mark by that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.arrays import Bools, Counts, Floats
+
+from ..._settings import DEFAULTS
+from ...mission._findings import DEADLINE_S
+from ...mission._mission import LAST_WORD_S
+from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
+from ._bystanders import KnownBystanders, known_near
+from ._delays import first_open_s
+from ._identification import NEVER_S, Identification
+from ._outcome import FlownMissions
+from ._views import Stretch, Views, unseen_share, views_of
+from ._way_home import WayHome
+
+READY_S = 5.7
+"""From the start to arming, of the simulated PX4."""
+
+CLIMB_S = 8.5
+"""From arming to being on the way."""
+
+
+class Missions:
+    """The state of all missions of a batch; `rows` are those that take part in a step, `task` one of each."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+        count, tasks = batch.task_radius_m.shape
+        self._places = batch.places()
+        self._identification = Identification(batch)
+        self._found_s = self._identification.found_s
+        self._way_home = WayHome(batch)
+        self._now_s = np.full(count, READY_S)
+        self._away_s = self._now_s
+        self._place_m = batch.home_m.copy()
+        self._course: list[Stretch] = []
+        self._views: list[Views] = []
+        self._task_is = batch.is_task
+        self._dealt_with = ~self._task_is
+        self._passes = np.zeros((count, tasks), dtype=np.int64)
+        self._obeyed_first = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
+        self._settled = np.zeros((count, tasks), dtype=np.bool_)  # reported, or to be when that is allowed
+        self._ended = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
+        self._reached = np.zeros(count, dtype=np.bool_)
+        self._reported_s = np.full((count, tasks), NEVER_S)
+        self._marked_s = np.full((count, tasks), NEVER_S)
+        self._known = KnownBystanders.nobody((count, tasks))
+        depth = batch.height_m / np.sin(batch.tilt_rad)
+        self._middle_m = np.minimum(batch.height_m / np.maximum(np.tan(batch.tilt_rad), 1e-3), 400.0)
+        self._swath_m = 2.0 * depth * batch.tan_half
+        self._ring_m = np.clip(self._middle_m, 0.3 * batch.height_m, 2.0 * batch.height_m)
+
+    def _views_of(self, stretch: Stretch, begin_s: Floats) -> Views:
+        """Who is in the picture, where the detector says anything."""
+        views = views_of(self._batch, stretch, self._everybody_at(stretch.rows, begin_s))
+        for span in range(self._batch.blind_s.shape[1]):
+            since_s, until_s = self._batch.blind_s[views.row, span].T
+            views = views.where((views.time_s < since_s) | (views.time_s >= until_s))
+        return views
+
+    def _everybody_at(self, rows: Counts, time_s: Floats) -> Floats:
+        return self._places[(time_s // STANDING_S).astype(np.int64) % STANDING_SPANS, rows]
+
+    def _targets_m(self, rows: Counts, task: Counts) -> Floats:
+        """Where targets were last seen: about where they stand."""
+        return self._everybody_at(rows, self._now_s[rows])[
+            np.arange(len(rows)), np.maximum(self._batch.task_actor[rows, task], 0)
+        ]
+
+    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> KnownBystanders:
+        """Who near a target was seen often enough by then."""
+        places_m = self._everybody_at(rows, until_s)
+        return known_near(self._batch, self._views, rows, task, until_s, places_m)
+
+    def _seen_enough(self, rows: Counts, task: Counts, until_s: Floats) -> Bools:
+        """(r,) whether enough of a target's surroundings was in the picture lately."""
+        unseen = unseen_share(self._batch, self._course, rows, self._targets_m(rows, task), until_s)
+        return np.asarray(unseen <= DEFAULTS.unseen_share)
+
+    def _still_open(self, rows: Counts, task: Counts) -> Bools:
+        """Settle what was identified on the way; whether it is not reported yet."""
+        found_s = self._found_s[rows, task]
+        identified = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
+        if len(identified):
+            self._judge(rows[identified], task[identified], found_s[identified])
+            undecided = identified[
+                ~self._settled[rows[identified], task[identified]] & ~self._ended[rows[identified]]
+            ]
+            if len(undecided):  # seen more of it by now
+                self._judge(rows[undecided], task[undecided], self._now_s[rows[undecided]])
+        return np.asarray(~self._settled[rows, task] & ~self._ended[rows])
+
+    def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
+        """Report at a moment what the policy is content with; the careful one may want to see more first."""
+        careful = self._batch.bystander_aware[rows]
+        plain = ~careful
+        self._report(rows[plain], task[plain], at_s[plain], marks=True)
+        rows, task, at_s = rows[careful], task[careful], at_s[careful]
+        if not len(rows):
+            return
+        known = self._knows(rows, task, at_s)
+        self._known.put(rows, task, known)
+        withholds = known.within > 0
+        self._report(rows[withholds], task[withholds], at_s[withholds], marks=False)
+        rows, task, at_s = rows[~withholds], task[~withholds], at_s[~withholds]
+        clear = self._seen_enough(rows, task, at_s)
+        self._report(rows[clear], task[clear], at_s[clear], marks=True)
+
+    def _report(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
+        """Reported as soon as that is allowed."""
+        batch = self._batch
+        said_s = first_open_s(batch.closed_s[rows], at_s)
+        said_s = np.where(said_s < batch.limit_s[rows] - LAST_WORD_S, said_s, NEVER_S)
+        self._reported_s[rows, task] = said_s
+        self._settled[rows, task] = True
+        if marks:
+            consent_s = batch.consent_s[rows, task]
+            # The careful one marks later only while it remembers what it saw round the target.
+            patience_s = np.where(batch.bystander_aware[rows], DEFAULTS.memory_s, np.inf)
+            marked_s = np.where(consent_s <= patience_s, said_s + consent_s, NEVER_S)
+            self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], marked_s)
+
+    def _mark_as_ordered(self) -> None:
+        """Targets identified by then; the careful one refuses where it knows of people, or has not looked."""
+        batch = self._batch
+        for index in range(batch.mark_s.shape[1]):
+            at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
+            row = np.arange(len(batch))
+            able = (
+                (batch.mark_task[:, index] >= 0) & (self._found_s[row, task] <= at_s) & (at_s <= self._now_s)
+            )
+            able &= first_open_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
+            rows = np.flatnonzero(able)
+            if not len(rows):
+                continue
+            chosen, when_s = task[rows], at_s[rows]
+            careful = batch.bystander_aware[rows]
+            refuses = careful & (self._knows(rows, chosen, when_s).within > 0)
+            refuses[careful] |= ~self._seen_enough(rows[careful], chosen[careful], when_s[careful])
+            rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
+            self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
+            self._reported_s[rows, chosen] = np.minimum(self._reported_s[rows, chosen], when_s)
+
+    def _meet_deadlines(self, rows: Counts, begin_s: Floats) -> None:
+        """Shortly before a report falls due what is known well enough is reported, looked round or not."""
+        batch = self._batch
+        due_s = batch.task_delivered_s[rows] + batch.deadline_s[rows][:, None]
+        due = self._task_is[rows] & ~self._settled[rows] & (due_s > begin_s[:, None])
+        due &= due_s - DEADLINE_S <= self._now_s[rows][:, None]
+        at, task = np.nonzero(due)
+        known = self._identification.good_enough(rows[at], task)
+        at, task = at[known], task[known]
+        members, at_s = (rows[at], task), np.maximum(due_s[at, task] - DEADLINE_S, begin_s[at])
+        self._settle(*members, at_s)
+        self._judge(*members, at_s)
+        undecided = ~self._settled[members]
+        self._report(members[0][undecided], task[undecided], at_s[undecided], marks=False)
+
+    def _settle(self, rows: Counts, task: Counts, at_s: Floats) -> None:
+        """Found by then, and done with."""
+        self._found_s[rows, task] = np.minimum(self._found_s[rows, task], at_s)
+        self._dealt_with[rows, task] = True
+
+    def _outcome(self) -> FlownMissions:
+        # An answer that comes when the aircraft is down is of no use; what needs none may still wait for leave
+        # to report.
+        late = (self._batch.consent_s > 0.0) & (self._marked_s > self._now_s[:, None])
+        self._marked_s[late] = NEVER_S
+        return FlownMissions(
+            self._batch,
+            self._places,
+            self._course,
+            Views.joined(self._views),
+            reported_s=self._reported_s,
+            marked_s=self._marked_s,
+            found_s=self._found_s,
+            known=self._known,
+            reached=self._reached,
+            took_off_s=self._away_s - CLIMB_S,
+            end_s=self._now_s,
+            place_m=self._place_m,
+        )
