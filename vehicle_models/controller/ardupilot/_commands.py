@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, LandedState
@@ -12,32 +13,6 @@ from ..state._service import Command, CommandResult, Refusal
 from ..state._texts import INFO, NOTICE, WARNING
 from ._modes import knows_position
 
-# Accepted in any state, and without effect here.
-_ACCEPTED = (
-    MAV_CMD.DO_FOLLOW,
-    MAV_CMD.DO_SET_RELAY,
-    MAV_CMD.DO_DIGICAM_CONTROL,
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
-    MAV_CMD.DO_PARACHUTE,
-    MAV_CMD.DO_SPRAYER,
-    MAV_CMD.REQUEST_AUTOPILOT_CAPABILITIES,
-    MAV_CMD.IMAGE_STOP_CAPTURE,
-    MAV_CMD.FIXED_MAG_CAL_YAW,
-)
-# Refused because the vehicle has no such device.
-_FAILED = (
-    MAV_CMD.DO_FLIGHTTERMINATION,
-    MAV_CMD.DO_MOUNT_CONFIGURE,
-    MAV_CMD.DO_MOUNT_CONTROL,
-    MAV_CMD.DO_GRIPPER,
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
-    MAV_CMD.IMAGE_START_CAPTURE,
-    MAV_CMD.VIDEO_START_CAPTURE,
-    MAV_CMD.VIDEO_STOP_CAPTURE,
-    MAV_CMD.DO_WINCH,
-    MAV_CMD.START_RX_PAIR,
-)
 _RELATIVE_FRAMES = (MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 _REPOSITION_FRAMES = (MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT, *_RELATIVE_FRAMES)
 # MAV_DO_REPOSITION_FLAGS
@@ -119,14 +94,7 @@ COMMANDS = CommandPolicy(
             MAV_CMD.DO_MOUNT_CONTROL,
         }
     ),
-    fixed_results={
-        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
-        **dict.fromkeys(_FAILED, CommandResult.FAILED),
-        MAV_CMD.DO_LAND_START: CommandResult.FAILED,
-        MAV_CMD.DO_SET_MISSION_CURRENT: CommandResult.DENIED,
-        MAV_CMD.PREFLIGHT_STORAGE: CommandResult.DENIED,
-        MAV_CMD.MISSION_START: CommandResult.FAILED,
-    },
+    fixed_results=fixed_results("ardupilot_result"),
     answer=_answer,
     accepts_mode_first=False,
     any_component=True,

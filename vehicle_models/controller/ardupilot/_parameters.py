@@ -12,8 +12,7 @@ from pathlib import Path
 
 from ..policies._parameters import ParameterPolicy, ParameterPush
 from ..state._flight_limits import FlightLimits, FollowTargetLimits, PathLimits, StickLimits
-from ..state._parameter_store import ParameterStore
-from ..state._parameter_table import read_parameters
+from ..state._parameter_store import ParameterStore, read_parameters
 from ..state._shaping import AxisShaping, MotionShaping
 
 

@@ -43,7 +43,7 @@ class TelemetryPolicy:
     """Everything that may be streamed or requested."""
     stream_sets: Mapping[str, Mapping[str, float]]
     """Rates in Hz by message, by name of the set that a link asks for."""
-    stream_groups: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    stream_groups: Mapping[int, frozenset[str]] = field(default_factory=dict)
     """Messages by MAV_DATA_STREAM; empty: REQUEST_DATA_STREAM has no effect."""
     stream_parameters: Mapping[str, int] = field(default_factory=dict)
     """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for

@@ -5,38 +5,13 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD
+from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState
 from ..state._service import Command, CommandResult, Refusal
 from ..state._texts import CRITICAL
 
-# Accepted without effect, unless a service has a handler: handlers come first.
-_ACCEPTED = (
-    MAV_CMD.DO_SET_ACTUATOR,
-    MAV_CMD.DO_GO_AROUND,
-    MAV_CMD.PREFLIGHT_CALIBRATION,
-    MAV_CMD.PREFLIGHT_STORAGE,
-    MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN,
-    MAV_CMD.ACTUATOR_TEST,
-    MAV_CMD.RUN_PREARM_CHECKS,
-)
-# No module of PX4's SITL handles these: there is no answer at all.
-_UNANSWERED = (
-    MAV_CMD.DO_DIGICAM_CONFIGURE,
-    MAV_CMD.DO_DIGICAM_CONTROL,
-    MAV_CMD.DO_MOUNT_CONFIGURE,
-    MAV_CMD.DO_MOUNT_CONTROL,
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
-    MAV_CMD.START_RX_PAIR,
-    MAV_CMD.REQUEST_CAMERA_INFORMATION,
-    MAV_CMD.SET_CAMERA_MODE,
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
-    MAV_CMD.DO_TRIGGER_CONTROL,
-    MAV_CMD.DO_VTOL_TRANSITION,
-    MAV_CMD.DO_WINCH,
-)
 # MAV_DO_REPOSITION_FLAGS
 _CHANGE_MODE = 1
 
@@ -82,11 +57,7 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 COMMANDS = CommandPolicy(
     optional=frozenset({MAV_CMD.DO_CHANGE_ALTITUDE}),
-    fixed_results={
-        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
-        **dict.fromkeys(_UNANSWERED),
-        MAV_CMD.DO_LAND_START: CommandResult.CANCELLED,
-    },
+    fixed_results=fixed_results("px4_result"),
     answer=_answer,
     accepts_mode_first=True,
     any_component=False,

@@ -13,8 +13,7 @@ from pathlib import Path
 from ..policies._parameters import ParameterPolicy
 from ..state._flight_limits import FlightLimits, FollowTargetLimits, StickLimits
 from ..state._flight_state import Behaviour
-from ..state._parameter_store import ParameterStore
-from ..state._parameter_table import read_parameters
+from ..state._parameter_store import ParameterStore, read_parameters
 from ..state._shaping import UNSHAPED, AxisShaping, MotionShaping
 
 _AUTOMATIC = frozenset(
