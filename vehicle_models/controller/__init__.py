@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from ._controller import Controller as Controller
 from .ardupilot import ARDUPILOT as ARDUPILOT
-from .guidance._manoeuvres import Manoeuvres as Manoeuvres
+from .guidance._guidance import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
 from .guidance._wing import WingTarget as WingTarget
 from .links._links import Link as Link

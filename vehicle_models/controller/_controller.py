@@ -13,8 +13,7 @@ from .._geodesy import LocalFrame
 from .files._ftp import FileTransfer
 from .files._served_files import FileContent, ServedFiles
 from .guidance._fence_boundary import FenceBoundary
-from .guidance._guidance import Guidance
-from .guidance._manoeuvres import Manoeuvres
+from .guidance._guidance import Guidance, Manoeuvres
 from .links._frames import KINDS, Decoder, Packer, message_id, sender
 from .links._links import Link, link_counters
 from .links._radio import Channel, Radio

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from bench.contracts import Vector
@@ -85,60 +85,53 @@ class _Following:
     speed_mps: float | None
 
 
+@dataclass(eq=False)
 class MissionFlight:
     """Flies the mission while its mode is active; MISSION_SET_CURRENT, MISSION_START and similar commands.
 
     `arm` arms the vehicle and returns whether that was allowed.
     """
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: MissionPolicy,
-        mode: FlightMode,
-        modes: Modes,
-        guidance: Guidance,
-        fence: FenceBoundary,
-        plans: StoredPlans,
-        arm: Callable[[], bool],
-        home: HomeKeeper,
-        gimbal: Gimbal | None,
-        camera: CameraComponent | None,
-        own_commands: OwnCommands | None,
-    ) -> None:
-        self._own_commands = own_commands
-        self._context, self._modes, self._guidance = context, modes, guidance
-        self._policy = policy
-        self._mode = mode
-        self._fence = fence
-        self._plan = plans.mission
-        self._plans = plans
-        self._arm = arm
-        self._home = home
-        self._gimbal, self._camera = gimbal, camera
-        self._index = 0  # of the item that is flown
-        self._leg: MissionLeg | None = None
-        self._from: NorthEast | None = None  # where the present leg begins; None: where the vehicle was
-        self._passed: WaypointPath | None = None  # the path of the leg that is just over
-        self._lands_next = False  # the present leg leads to a place to land on
-        self._actions: deque[tuple[int, MissionItem]] = deque()  # DO and CONDITION items that are due
-        self._wait_ns = 0
-        self._within_m: float | None = None  # of the item that is flown, before the actions go on
-        self._jumps: dict[int, int] = {}
-        self._reached: int | None = None
-        self._repeat_ns = 0
-        self._complete = False
-        self._far = False  # an item is too far away to be flown
-        self._started = False
-        self._may_lift_off = False
-        self._announced = -1  # item whose text was sent last
-        self._ended = False  # disarmed in the mode: nothing begins until it is entered again
-        self._was_armed = False
-        self._speed_mps: float | None = None
-        self._roi: NorthEast | None = None
-        self._yaw_rad: float | None = None
+    _context: ServiceContext
+    _policy: MissionPolicy
+    _mode: FlightMode
+    _modes: Modes
+    _guidance: Guidance
+    _fence: FenceBoundary
+    _plans: StoredPlans
+    _arm: Callable[[], bool]
+    _home: HomeKeeper
+    _gimbal: Gimbal | None
+    _camera: CameraComponent | None
+    _own_commands: OwnCommands | None
+    _index: int = 0  # of the item that is flown
+    _leg: MissionLeg | None = None
+    _from: NorthEast | None = None  # where the present leg begins; None: where the vehicle was
+    _passed: WaypointPath | None = None  # the path of the leg that is just over
+    _lands_next: bool = False  # the present leg leads to a place to land on
+    _actions: deque[tuple[int, MissionItem]] = field(
+        default_factory=deque
+    )  # DO and CONDITION items that are due
+    _wait_ns: int = 0
+    _within_m: float | None = None  # of the item that is flown, before the actions go on
+    _jumps: dict[int, int] = field(default_factory=dict)
+    _reached: int | None = None
+    _repeat_ns: int = 0
+    _complete: bool = False
+    _far: bool = False  # an item is too far away to be flown
+    _started: bool = False
+    _may_lift_off: bool = False
+    _announced: int = -1  # item whose text was sent last
+    _ended: bool = False  # disarmed in the mode: nothing begins until it is entered again
+    _was_armed: bool = False
+    _speed_mps: float | None = None
+    _roi: NorthEast | None = None
+    _yaw_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        self._plan = self._plans.mission
         self._plan.on_change.append(self._changed)
-        plans.fence.on_change.append(self._judge)
+        self._plans.fence.on_change.append(self._judge)
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"MISSION_SET_CURRENT": self._set_current}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from ..guidance._guidance import Guidance
 from ..guidance._manoeuvres import Takeoff
@@ -23,25 +24,17 @@ _FORCE = 21196.0
 _KEPT = (Behaviour.OFFBOARD, Behaviour.PILOT)
 
 
+@dataclass(eq=False)
 class Arming:
     """COMPONENT_ARM_DISARM, and the disarming that follows a landing or idling on the ground."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: ModePolicy,
-        modes: Modes,
-        guidance: Guidance,
-        home: HomeKeeper,
-        has_setpoints: Callable[[], bool],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._modes = modes
-        self._guidance = guidance
-        self._home = home
-        self._has_setpoints = has_setpoints
-        self._landed_ns: int | None = None
+    _context: ServiceContext
+    _policy: ModePolicy
+    _modes: Modes
+    _guidance: Guidance
+    _home: HomeKeeper
+    _has_setpoints: Callable[[], bool]
+    _landed_ns: int | None = None
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {MAV_CMD.COMPONENT_ARM_DISARM: self._arm_or_disarm}

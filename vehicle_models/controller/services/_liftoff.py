@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..guidance._guidance import Guidance
 from ..guidance._land_detector import LandDetector
-from ..guidance._manoeuvres import Return, Takeoff
+from ..guidance._manoeuvres import Takeoff
+from ..guidance._return import Return
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightTarget, LandedState
 from ..state._service_context import ServiceContext

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import Land, Return, Takeoff
+from ..guidance._manoeuvres import Land, Takeoff
+from ..guidance._return import Return
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightMode
@@ -23,27 +25,23 @@ _EVENTS = {Behaviour.LAND: FlightEvent.LANDING, Behaviour.RETURN: FlightEvent.RE
 _SWITCH_HIGH = 2.0
 
 
+@dataclass(eq=False)
 class Modes:
     """DO_SET_MODE and the old SET_MODE message. Every change of mode goes through `switch`."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: ModePolicy,
-        guidance: Guidance,
-        has_setpoints: Callable[[], bool],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._guidance = guidance
-        self._has_setpoints = has_setpoints
+    _context: ServiceContext
+    _policy: ModePolicy
+    _guidance: Guidance
+    _has_setpoints: Callable[[], bool]
+    on_change: list[Callable[[], None]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
         self._by_behaviour = {
-            Behaviour.HOLD: policy.hold,
-            Behaviour.LAND: policy.land,
-            Behaviour.RETURN: policy.return_home,
-            Behaviour.OFFBOARD: policy.offboard,
+            Behaviour.HOLD: self._policy.hold,
+            Behaviour.LAND: self._policy.land,
+            Behaviour.RETURN: self._policy.return_home,
+            Behaviour.OFFBOARD: self._policy.offboard,
         }
-        self.on_change: list[Callable[[], None]] = []
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"SET_MODE": self._set_mode_message}

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ..guidance._fence_boundary import FenceBoundary
-from ..guidance._guidance import FixedHeading, Guidance, HeadingToPlace
-from ..guidance._manoeuvres import Circle, Hold, Manoeuvre
+from ..guidance._guidance import Guidance, HeadingCommand
+from ..guidance._manoeuvres import Hold, Manoeuvre
+from ..guidance._sticks import Circle
 from ..links._enums import MAV_CMD
 from ..policies._commands import CommandPolicy
 from ..policies._missions import MissionResult
@@ -40,30 +41,21 @@ _FRONT_TANGENT_TO_CIRCLE = 3.0
 _TO_CENTRE = 0.0
 
 
+@dataclass(eq=False)
 class Navigator:
     """Carries out commands that fly somewhere; the policies define which of them exist, and when they are
     refused.
     """
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: CommandPolicy,
-        mode_policy: ModePolicy,
-        modes: Modes,
-        guidance: Guidance,
-        fence: FenceBoundary,
-        guided_items: bool,
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._mode_policy = mode_policy
-        self._modes = modes
-        self._guidance = guidance
-        self._fence = fence
-        self._guided_items = guided_items
-        self._paused: Manoeuvre | None = None
-        self._pausing: Manoeuvre | None = None
+    _context: ServiceContext
+    _policy: CommandPolicy
+    _mode_policy: ModePolicy
+    _modes: Modes
+    _guidance: Guidance
+    _fence: FenceBoundary
+    _guided_items: bool
+    _paused: Manoeuvre | None = None
+    _pausing: Manoeuvre | None = None
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"MISSION_ITEM": self._take_guided_item} if self._guided_items else {}
@@ -278,7 +270,7 @@ class Navigator:
         if relative == 1.0:
             yaw = self._context.flight.yaw_rad + math.copysign(yaw, direction)
         rate = math.radians(speed) if math.isfinite(speed) and speed > 0.0 else 1.0
-        self._guidance.heading = FixedHeading(yaw, rate)
+        self._guidance.heading = HeadingCommand(yaw, turn_max_radps=rate)
         return CommandResult.ACCEPTED
 
     def _pause_or_continue(self, command: Command) -> CommandResult:
@@ -317,12 +309,13 @@ class Navigator:
         # 0, 0 means that the command gives no place.
         valid = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
         if valid and self._policy.roi_names_place(command):
-            self._guidance.heading = HeadingToPlace(self._context.frame.to_local_m(latitude, longitude))
+            place = self._context.frame.to_local_m(latitude, longitude)
+            self._guidance.heading = HeadingCommand(place=place)
             return CommandResult.ACCEPTED
         return self._look_ahead(command)
 
     def _look_ahead(self, command: Command) -> CommandResult:
-        if isinstance(self._guidance.heading, HeadingToPlace):
+        if self._guidance.heading and self._guidance.heading.place:
             self._guidance.heading = None
         return CommandResult.ACCEPTED
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
 
@@ -39,6 +40,7 @@ class FlightEvent(Enum):
     CRASHED = auto()
 
 
+@dataclass(eq=False)
 class Texts:
     """Sends texts; long ones in chunks with one id, as the specification asks.
 
@@ -47,24 +49,16 @@ class Texts:
     of a ground station was heard within that time; None over all.
     """
 
-    def __init__(
-        self,
-        radio: Radio,
-        flight: FlightState,
-        by_event: Mapping[FlightEvent, StatusText],
-        ending: str,
-        for_stations_s: float | None = None,
-    ) -> None:
-        self._radio = radio
-        self._flight = flight
-        self._for_stations_s = for_stations_s
-        self._stations_s: dict[str, float] = {}  # when a channel's station was heard last
-        self._by_event = by_event
-        self._ending = ending
-        self._id = 0
-        self._kept: list[StatusText] | None = None  # while they are kept back
-        self.listeners: list[Callable[[int, str], None]] = []
-        self.text_listeners: list[Callable[[int, str], None]] = []  # of texts alone
+    _radio: Radio
+    _flight: FlightState
+    _by_event: Mapping[FlightEvent, StatusText]
+    _ending: str
+    _for_stations_s: float | None = None
+    _stations_s: dict[str, float] = field(default_factory=dict)  # when a channel's station was heard last
+    _id: int = 0
+    _kept: list[StatusText] | None = None  # while they are kept back
+    listeners: list[Callable[[int, str], None]] = field(default_factory=list)
+    text_listeners: list[Callable[[int, str], None]] = field(default_factory=list)  # of texts alone
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {} if self._for_stations_s is None else {"HEARTBEAT": self._take_heartbeat}
