@@ -16,7 +16,7 @@ from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, read
 # ArduCopter 4.6 streams these (source) for devices and procedures that do not exist here. It accepts intervals for them,
 # and requests: the messages never come.
 _SILENT = messages_with("ardupilot", "silent")
-_GROUPS = {group: messages_with("ardupilot", group.name) for group in MAV_DATA_STREAM if group.value}
+_GROUPS = {int(group): messages_with("ardupilot", group.name) for group in MAV_DATA_STREAM if group.value}
 _RATE_PARAMETERS = {
     "RAW_SENS": MAV_DATA_STREAM.RAW_SENSORS,
     "EXT_STAT": MAV_DATA_STREAM.EXTENDED_STATUS,

@@ -58,6 +58,10 @@ class Channel:
         """Queue a message given by field names."""
         self.send(*wire_values(name, **fields))
 
+    def send_text(self, severity: int, text: str) -> None:
+        """Queue a short STATUSTEXT for the clients of this channel alone."""
+        self.send_message("STATUSTEXT", severity=severity, text=text.encode(), id=0, chunk_seq=0)
+
     def admits(self, frame: bytes) -> bool:
         """Whether a received frame may be handled. The channel learns from it which systems are there, and
         which MAVLink they speak: 2, unless every frame so far was MAVLink 1.
@@ -122,11 +126,15 @@ class Radio:
         """Queue a message on every channel, or those that `goes_over` admits; where the autopilot waits for clients, only
         where one has sent something.
         """
-        number, values = wire_values(name, **fields)
+        self.broadcast_values(*wire_values(name, **fields), goes_over)
+
+    def broadcast_values(
+        self, number: int, values: Iterable[Any], goes_over: Callable[[Channel], bool] | None = None
+    ) -> None:
+        """The same, with the values in wire order."""
         for channel in self.channels:
-            if (channel.has_client or not self._waits_for_client) and (
-                goes_over is None or goes_over(channel)
-            ):
+            heard = channel.has_client or not self._waits_for_client
+            if heard and (goes_over is None or goes_over(channel)):
                 channel.send(number, values)
 
     def begin(self) -> None:

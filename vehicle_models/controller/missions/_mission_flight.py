@@ -12,10 +12,11 @@ from bench.contracts import Vector
 
 from ..guidance._fence_boundary import FenceBoundary
 from ..guidance._guidance import Guidance
-from ..guidance._legs import ClimbLeg, DescendLeg, GotoLeg, MissionLeg, TurnsLeg, bearing
+from ..guidance._legs import ClimbLeg, DescendLeg, GotoLeg, HeadingFunction, MissionLeg, TurnsLeg, bearing
 from ..guidance._manoeuvres import Hold, Land, stopping_m, stopping_place
 from ..guidance._waypoints import PathSegment, WaypointApproach, WaypointPath
 from ..links._enums import MAV_CMD
+from ..links._frames import KINDS
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import Gimbal
 from ..policies._missions import MissionPolicy
@@ -26,7 +27,7 @@ from ..state._flight_state import Behaviour, FlightMode, FlightState, NorthEast
 from ..state._plan_store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
 from ..state._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
 from ..state._service_context import ServiceContext
-from ..state._texts import INFO, FlightEvent, StatusText
+from ..state._texts import INFO, FlightEvent
 from ._payload_items import PAYLOAD_ITEMS, use_payload
 
 _TAKEOFFS = (MAV_CMD.NAV_TAKEOFF, MAV_CMD.NAV_VTOL_TAKEOFF)
@@ -221,8 +222,7 @@ class MissionFlight:
                 and self._policy.outside_fence_text
                 and not self._fence.allows(*place, self._down_m(item))
             ):
-                severity, text = self._policy.outside_fence_text
-                self._context.texts.send(severity, text.format(number + 1))
+                self._context.texts.report(self._policy.outside_fence_text, number + 1)
                 ready = False
                 break
         self._context.flight.mission_ready = ready
@@ -260,17 +260,7 @@ class MissionFlight:
     def _enter(self, flight: FlightState) -> None:
         """Begin or resume the mission: the mode was entered, or a client chose another item."""
         if not flight.mission_ready:
-            self._fly(
-                GotoLeg(
-                    flight,
-                    (flight.north_m, flight.east_m),
-                    flight.down_m,
-                    self._heading_towards,
-                    1.0,
-                    1.0,
-                    math.inf,
-                )
-            )
+            self._stay(flight, (flight.north_m, flight.east_m))
             return
         if self._complete:
             self._reset(self._first)
@@ -278,7 +268,7 @@ class MissionFlight:
         self._index = max(self._index, self._first)
         self._guidance.speed_mps = self._speed_mps
         if not self._started and flight.armed:
-            self._send(self._policy.begin_text)
+            self._context.texts.report(self._policy.begin_text)
         self._begin(self._index)
 
     def _leg_over(self, flight: FlightState, leg: MissionLeg) -> None:
@@ -349,12 +339,11 @@ class MissionFlight:
 
     def _finish(self, flight: FlightState) -> None:
         self._end("loitering" if flight.flying else "landed")
-        self._fly(GotoLeg(flight, self._here(flight), flight.down_m, lambda *_: None, 1.0, 1.0, math.inf))
+        self._stay(flight, self._here(flight), lambda *_: None)
 
     def _end(self, outcome: str) -> None:
         self._complete = True
-        if self._policy.end_text:
-            self._context.texts.send(self._policy.end_text[0], self._policy.end_text[1].format(outcome))
+        self._context.texts.report(self._policy.end_text, outcome)
 
     def _here(self, flight: FlightState) -> NorthEast:
         """Where the vehicle was last sent to, which is where it stays."""
@@ -366,30 +355,26 @@ class MissionFlight:
             return target
         return flight.north_m, flight.east_m
 
+    def _stay(
+        self, flight: FlightState, place: NorthEast, heading_towards: HeadingFunction | None = None
+    ) -> None:
+        """Stay at a place until something else begins."""
+        towards = heading_towards or self._heading_towards
+        self._fly(GotoLeg(flight, place, flight.down_m, towards, 1.0, 1.0, math.inf))
+
     def _fly(self, leg: MissionLeg) -> None:
         self._leg = leg
         self._guidance.manoeuvre = leg.manoeuvre
 
     def _fly_item(self, flight: FlightState, item: MissionItem) -> None:
         policy = self._policy
-        text = policy.item_text(item)
         self._lands_next = False
-        if text and self._announced != self._index:
+        if self._announced != self._index:
             self._announced = self._index
-            self._context.texts.send(text[0], text[1].format(self._index))
+            self._context.texts.report(policy.item_text(item), self._index)
         waiting = policy.waits_for_start and not flight.flying and not self._may_lift_off
         if waiting:
-            self._fly(
-                GotoLeg(
-                    flight,
-                    (flight.north_m, flight.east_m),
-                    flight.down_m,
-                    self._heading_towards,
-                    1.0,
-                    1.0,
-                    math.inf,
-                )
-            )
+            self._stay(flight, (flight.north_m, flight.east_m))
             return
         self._started = True
         if item.command == MAV_CMD.NAV_RETURN_TO_LAUNCH and policy.return_changes_mode:
@@ -416,10 +401,8 @@ class MissionFlight:
         self._fly_item(self._context.flight, self._plan.items[self._index])
 
     def _announce_climb(self, flight: FlightState, down_m: float) -> None:
-        if self._policy.climb_text:
-            severity, text = self._policy.climb_text
-            home_down = flight.home.down_m if flight.home else 0.0
-            self._context.texts.send(severity, text.format(home_down - down_m))
+        home_down = flight.home.down_m if flight.home else 0.0
+        self._context.texts.report(self._policy.climb_text, home_down - down_m)
 
     def _leg_of(self, flight: FlightState, item: MissionItem, down: float) -> MissionLeg:
         first, _, third, _ = (param if math.isfinite(param) else 0.0 for param in item.params)
@@ -566,9 +549,7 @@ class MissionFlight:
         while self._actions and remaining and not self._waits(flight):
             remaining -= 1
             number, item = self._actions.popleft()
-            text = self._policy.item_text(item)
-            if text:
-                self._context.texts.send(text[0], text[1].format(number))
+            self._context.texts.report(self._policy.item_text(item), number)
             self._run_action(flight, item)
             if flight.mode.behaviour is not _MISSION:
                 return
@@ -590,7 +571,7 @@ class MissionFlight:
         elif item.command in self._policy.actions:
             self._run_own_action(flight, item)
         elif text := self._policy.idle_text(item):
-            self._context.texts.send(*text)
+            self._context.texts.report(text)
         else:
             use_payload(self._gimbal, self._camera, item)
 
@@ -667,10 +648,6 @@ class MissionFlight:
             self._repeat_ns += round(repeat_s * 1e9)
             self._context.radio.broadcast("MISSION_ITEM_REACHED", seq=self._reached)
 
-    def _send(self, text: StatusText | None) -> None:
-        if text:
-            self._context.texts.send(*text)
-
     # Requests of clients.
 
     def _choose(self, number: int) -> bool:
@@ -685,18 +662,9 @@ class MissionFlight:
 
     def _set_current(self, m: Any, sender: MessageSender) -> None:
         if m.seq < len(self._plan.items) and self._choose(m.seq):
-            names = (
-                "seq",
-                "total",
-                "mission_state",
-                "mission_mode",
-                "mission_id",
-                "fence_id",
-                "rally_points_id",
-            )
-            sender.channel.send_message("MISSION_CURRENT", **dict(zip(names, self._current(), strict=True)))
+            sender.channel.send(KINDS["MISSION_CURRENT"].id, self._current())
         else:
-            self._send(self._policy.no_such_item_text)
+            self._context.texts.report(self._policy.no_such_item_text)
 
     def _set_current_command(self, command: Command) -> CommandResult | None:
         number, reset_jumps = command.params[:2]
@@ -710,7 +678,7 @@ class MissionFlight:
     def _start(self, command: Command) -> CommandResult | None:
         flight, policy = self._context.flight, self._policy
         if not flight.mission_ready and not (policy.starts_without_mission and not flight.armed):
-            self._send(policy.start_refused_text)
+            self._context.texts.report(policy.start_refused_text)
             if policy.start_refused_text is None:
                 # The request is refused, which sends ArduPilot's text with the reason.
                 self._modes.request(self._mode.custom)
@@ -732,8 +700,7 @@ class MissionFlight:
             number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START
         ]
         if not starts or not self._context.flight.mission_ready:
-            for text in self._policy.no_landing_texts:
-                self._context.texts.send(*text)
+            self._context.texts.send_all(self._policy.no_landing_texts)
             return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
         self._choose(starts[0])
         if refusal := self._modes.enter(self._mode):

@@ -34,21 +34,9 @@ class ClockService:
     def _answer_timesync(self, message: Any, sender: MessageSender) -> None:
         # Any other is an answer, and answering answers would never end.
         if message.tc1 == 0:
-            sender.channel.send_message(
-                "TIMESYNC",
-                tc1=self._flight.time_ns,
-                ts1=message.ts1,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("TIMESYNC", tc1=self._flight.time_ns, ts1=message.ts1)
 
     def _answer_ping(self, message: Any, sender: MessageSender) -> None:
         # Any other is an answer, and answering answers would never end.
         if message.target_system == 0 and message.target_component == 0:
-            sender.channel.send_message(
-                "PING",
-                time_usec=message.time_usec,
-                seq=message.seq,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("PING", time_usec=message.time_usec, seq=message.seq)

@@ -101,7 +101,7 @@ class Modes:
                 self._context.texts.announce(event)
             self.switch(mode)
         else:
-            self._send(refusal)
+            self._context.texts.refuse(refusal)
         return refusal
 
     def enter_for(self, behaviour: Behaviour) -> Refusal | None:
@@ -127,7 +127,7 @@ class Modes:
                 self.switch(mode)
             return None
         refusal = refusal or Refusal(CommandResult.DENIED)
-        self._send(refusal)
+        self._context.texts.refuse(refusal)
         return refusal
 
     def _refusal_without_position(self, mode: FlightMode) -> Refusal | None:
@@ -135,10 +135,6 @@ class Modes:
         if flight.armed and mode.needs_position and not flight.position_ok:
             return self._policy.refuse_without_position(mode)
         return None
-
-    def _send(self, refusal: Refusal) -> None:
-        for text in refusal.texts:
-            self._context.texts.send(*text)
 
     def _set_mode(self, command: Command) -> CommandResult | None:
         number = self._policy.number_of_command(command.params)
@@ -157,9 +153,8 @@ class Modes:
         """The same for a mission."""
         mode = self._policy.auxiliary_modes.get(function)
         if mode is None:
-            severity, text = self._policy.no_auxiliary_text
             shown = f"{function:.0f}" if math.isfinite(function) else "0"
-            self._context.texts.send(severity, text.format(shown))
+            self._context.texts.report(self._policy.no_auxiliary_text, shown)
             return CommandResult.FAILED
         if position not in (0.0, 1.0, 2.0):
             return CommandResult.DENIED
@@ -172,10 +167,4 @@ class Modes:
         refusal = self.request(message.custom_mode)
         result = refusal.result if refusal else CommandResult.ACCEPTED
         if self._policy.acknowledges_set_mode and result is not None:
-            sender.channel.send_message(
-                "COMMAND_ACK",
-                command=MAV_CMD.DO_SET_MODE,
-                result=result,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("COMMAND_ACK", command=MAV_CMD.DO_SET_MODE, result=result)

@@ -22,7 +22,6 @@ from ..state._service import (
     CommandResult,
     MessageHandler,
     MessageSender,
-    Refusal,
     Stream,
     Values,
 )
@@ -71,11 +70,9 @@ class Navigator:
             and m.command == MAV_CMD.NAV_WAYPOINT
             and self._reposition(command) is CommandResult.ACCEPTED
         )
-        sender.channel.send_message(
+        sender.answer(
             "MISSION_ACK",
             type=MissionResult.ACCEPTED if accepted else MissionResult.ERROR,
-            target_system=sender.system,
-            target_component=sender.component,
             mission_type=m.mission_type,
         )
 
@@ -116,7 +113,7 @@ class Navigator:
         context, flight, guidance = self._context, self._context.flight, self._guidance
         refusal = self._policy.refuse_takeoff(flight, command)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         altitude = self._policy.takeoff_altitude_m(flight, command, guidance.limits)
         if altitude is None:
             context.texts.announce(FlightEvent.TAKEOFF_DEFAULT, guidance.limits.takeoff_height_m)
@@ -158,7 +155,7 @@ class Navigator:
         flight, guidance = self._context.flight, self._guidance
         refusal = self._policy.refuse_reposition(flight, command)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         speed, _, radius, yaw, latitude, longitude, altitude = command.params
         place = None
         if math.isfinite(latitude) and math.isfinite(longitude):
@@ -169,7 +166,7 @@ class Navigator:
         if not self._fence.allows(
             *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down
         ):
-            return self._send_refusal(self._fence.policy.outside)
+            return self._context.texts.refuse(self._fence.policy.outside)
         # Entering the mode resets the speed.
         previous_speed = guidance.speed_mps
         if refusal := self._modes.enter(self._mode_policy.reposition):
@@ -231,8 +228,7 @@ class Navigator:
                 return CommandResult.DENIED
             centre = context.frame.to_local_m(latitude, longitude)
         if not 1.0 <= abs(radius) <= limits.orbit_radius_max_m:
-            if self._policy.bad_orbit_text:
-                context.texts.send(*self._policy.bad_orbit_text)
+            context.texts.report(self._policy.bad_orbit_text)
             return CommandResult.ACCEPTED
         down = self._down_m(command, altitude)
         assert self._mode_policy.orbit
@@ -318,8 +314,3 @@ class Navigator:
         if self._guidance.heading and self._guidance.heading.place:
             self._guidance.heading = None
         return CommandResult.ACCEPTED
-
-    def _send_refusal(self, refusal: Refusal) -> CommandResult | None:
-        for text in refusal.texts:
-            self._context.texts.send(*text)
-        return refusal.result

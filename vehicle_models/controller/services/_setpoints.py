@@ -147,9 +147,8 @@ class Setpoints:
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:
-                severity, text = self._policy.bad_global_frame
                 self._stop()
-                context.texts.send(severity, text.format(m.coordinate_frame))
+                context.texts.report(self._policy.bad_global_frame, m.coordinate_frame)
                 return
             if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
                 self._stop()

@@ -44,6 +44,10 @@ class MessageSender:
     component: int
     channel: Channel
 
+    def answer(self, name: str, **fields: Any) -> None:
+        """Queue a message that is addressed to the sender; the other fields by name."""
+        self.channel.send_message(name, target_system=self.system, target_component=self.component, **fields)
+
 
 @dataclass(frozen=True, slots=True)
 class Command:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 from ..links._enums import MAV_TYPE
 from ..links._radio import Channel, Radio
 from ._flight_state import FlightState
-from ._service import MessageHandler, MessageSender
+from ._service import CommandResult, MessageHandler, MessageSender, Refusal
 
 StatusText = tuple[int, str]
 """A text with its MAV_SEVERITY."""
@@ -83,9 +83,22 @@ class Texts:
         """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
         it.
         """
-        if event in self._by_event:
-            severity, text = self._by_event[event]
+        self.report(self._by_event.get(event), *values)
+
+    def report(self, status_text: StatusText | None, *values: float | str) -> None:
+        """Send a text with `values` in its braces; nothing where the autopilot has no such text."""
+        if status_text:
+            severity, text = status_text
             self.send(severity, text.format(*values) if values else text)
+
+    def send_all(self, texts: Iterable[StatusText]) -> None:
+        for severity, text in texts:
+            self.send(severity, text)
+
+    def refuse(self, refusal: Refusal) -> CommandResult | None:
+        """Send the texts of a refusal; returns its result."""
+        self.send_all(refusal.texts)
+        return refusal.result
 
     def send(self, severity: int, text: str) -> None:
         self.notify(severity, text)

@@ -64,11 +64,6 @@ class EventService:
             sender.channel.send_message("EVENT", **event)
         if not requested or requested[0]["sequence"] != first:
             oldest = self._stored[0]["sequence"] if self._stored else self._next
-            sender.channel.send_message(
-                "RESPONSE_EVENT_ERROR",
-                target_system=sender.system,
-                target_component=sender.component,
-                sequence=first,
-                sequence_oldest_available=oldest,
-                reason=_UNAVAILABLE,
+            sender.answer(
+                "RESPONSE_EVENT_ERROR", sequence=first, sequence_oldest_available=oldest, reason=_UNAVAILABLE
             )

@@ -214,9 +214,7 @@ class Streams:
         return CommandResult.ACCEPTED
 
     def _refuse_interval(self, number: int) -> CommandResult:
-        if self._policy.unknown_interval_text:
-            severity, text = self._policy.unknown_interval_text
-            self._context.texts.send(severity, text.format(number))
+        self._context.texts.report(self._policy.unknown_interval_text, number)
         return self._policy.unknown_interval
 
     def _get_interval(self, command: Command) -> CommandResult | None:
