@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -72,8 +72,7 @@ class JsbsimPlant:
     """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a
     time.
 
-    `written` are the properties under `ap/` that the flight controller may set. Raises SetupError when the
-    step is not a whole number of physics steps.
+    Raises SetupError when the step is not a whole number of physics steps.
     """
 
     def __init__(
@@ -81,7 +80,6 @@ class JsbsimPlant:
         name: str,
         place: StartPose,
         feet_m: float,
-        written: Iterable[str],
         step_s: float,
         physics_hz: int = 200,
     ) -> None:
@@ -100,13 +98,11 @@ class JsbsimPlant:
         self._run: Callable[[], bool] = self._fdm.run
         self._getters = [self.node(read).get_double_value for read in _READ]
         self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
-        self._setters = {target: self.node(f"ap/{target}").set_double_value for target in written}
-        self._wind = [
-            self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")
-        ]
-        self._gust = [
-            self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")
-        ]
+        self._setters: dict[str, Callable[[float], None]] = {}  # of what has been written
+        self._wind, self._gust = (
+            [self.node(f"atmosphere/{air}-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
+            for air in ("wind", "gust")
+        )
         self._turns = self._getters[6:12]
         self.motion = VehicleMotion()
         # Roll, pitch, yaw and body rates in the middle of the last step; empty where a step is one of physics.
@@ -114,8 +110,11 @@ class JsbsimPlant:
         self._read()
 
     def write(self, name: str, value: float) -> None:
-        """Set one of the properties that the aircraft file lists under "target"."""
-        self._setters[name](value)
+        """Set one of the properties under `ap/` that the aircraft file lists under "target"; KeyError for any other."""
+        put = self._setters.get(name)
+        if put is None:
+            put = self._setters[name] = self.node(f"ap/{name}", create=False).set_double_value
+        put(value)
 
     def set_wind_ned_mps(self, wind: Vector) -> None:
         for put, value in zip(self._wind, wind, strict=True):
@@ -148,10 +147,11 @@ class JsbsimPlant:
             raise VehicleFault(f"the flight dynamics stopped: {error}") from error
         self._read()
 
-    def node(self, name: str) -> jsbsim.FGPropertyNode:
-        """A property of JSBSim; created when it is missing."""
-        node = self._fdm.get_property_manager().get_node(name, True)
-        assert node is not None
+    def node(self, name: str, create: bool = True) -> jsbsim.FGPropertyNode:
+        """A property of JSBSim. Raises KeyError for one that is missing and not to be created."""
+        node = self._fdm.get_property_manager().get_node(name, create)
+        if node is None:
+            raise KeyError(name)
         return node
 
     def _read(self) -> None:
