@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
 from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
 from ..state._flight_limits import FlightLimits
@@ -86,6 +87,7 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 
 COMMANDS = CommandPolicy(
+    **choices(CommandPolicy, "ardupilot"),
     optional=frozenset(
         {
             MAV_CMD.CONDITION_YAW,
@@ -96,22 +98,11 @@ COMMANDS = CommandPolicy(
     ),
     fixed_results=fixed_results("ardupilot_result"),
     answer=_answer,
-    accepts_mode_first=False,
-    any_component=True,
-    answers_ping=False,
     refuse_takeoff=_refuse_takeoff,
     takeoff_altitude_m=_takeoff_altitude_m,
-    raises_low_takeoffs=False,
     refuse_reposition=_refuse_reposition,
     refuse_home=_refuse_home,
-    home_has_heading=False,
-    confirms_origin=False,
-    origin_with_home=True,
-    bad_home=CommandResult.FAILED,
-    home_at_zero_is_here=True,
     altitude_amsl_m=_altitude_amsl_m,
-    result_without_speed=CommandResult.FAILED,
     roi_names_place=roi_by_coordinates,
-    gimbal_needs_control=False,
     motor_test_order=(0, 3, 1, 2),  # clockwise from the front right
 )

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
 from ..policies._command_table import cells_by_command, commands_with, parameter_indices
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..state._parameter_store import ParameterStore
@@ -173,52 +174,23 @@ def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
 
 
 MISSIONS = MissionPolicy(
+    **choices(MissionPolicy, "ardupilot"),
     transfer=TransferPolicy(
-        request="MISSION_REQUEST",
-        repeat_s=1.0,
-        timeout_s=8.0,
-        timeout_result=MissionResult.OPERATION_CANCELLED,
+        **choices(TransferPolicy, "ardupilot"),
         timeout_texts={
             kind: (WARNING, f"{name} upload timeout")
             for kind, name in ((MISSION, "Mission"), (FENCE, "Fence"), (RALLY, "Rally"))
         },
-        clears_at_start=True,
         max_items={MISSION: 650, FENCE: 256, RALLY: 64},
-        too_many_text=(WARNING, "Only {} items are supported"),
         uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: _FENCE_INDEXED},
-        bad_item_text=None,
-        wrong_sequence_ends=True,
-        no_upload_text=None,
-        bad_type=MissionResult.UNSUPPORTED,
-        clears_all_types=False,
-        clears_flown_mission=False,
         cleared_texts={FENCE: _FENCE_INDEXED},
-        one_at_a_time=False,
-        client_cancels=False,
-        partial_lists=True,
-        partial_refused_text=(WARNING, "Flight plan update rejected"),
         past_the_end=_past_the_end,
-        item_float_text=(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"),
-        request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
         refuse_item=_refuse_item,
-        checks_jumps=True,
         refuse_plan=_refuse_plan,
         stored=_stored,
         has_degrees=_has_degrees,
         shown_frame=_shown_frame,
     ),
-    home_first=True,
-    guided_items=True,
-    total_without_mission=0,
-    waits_for_start=True,
-    restarts_when_disarmed=True,
-    reached_repeat_s=None,
-    reached_counts_next=True,
-    begin_text=None,
-    climb_text=None,
-    end_text=None,
-    no_such_item_text=None,
-    outside_fence_text=None,
     actions=frozenset(
         {
             MAV_CMD.CONDITION_DELAY,
@@ -231,13 +203,6 @@ MISSIONS = MissionPolicy(
     idle_text=_idle_text,
     item_text=_item_text,
     acceptance_radius_m=_acceptance_radius_m,
-    acceptance_height_m=2.0,
-    items_have_heading=False,
-    return_changes_mode=False,
-    arms_at_start=False,
-    set_current_command=True,
-    starts_without_mission=True,
-    start_refused_text=None,
     no_landing_texts=(
         (WARNING, "No landing sequence found"),
         (WARNING, "Mode change to AUTO RTL failed: init failed"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
+from ..policies._choices import choices
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
 from ..state._parameter_store import ParameterStore
@@ -194,6 +195,7 @@ def _number_of_command(params: tuple[float, ...]) -> int | None:
 
 
 MODES = ModePolicy(
+    **choices(ModePolicy, "ardupilot"),
     modes=_MODES,
     initial=_NAMED["STABILIZE"],
     hold=_NAMED["BRAKE"],
@@ -203,21 +205,15 @@ MODES = ModePolicy(
     reposition=_NAMED["GUIDED"],
     mission=_NAMED["AUTO"],
     loiter=_NAMED["LOITER"],
-    acknowledges_set_mode=False,
-    heartbeat_on_change=True,
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     refuse_without_position=_requires_position,
     number_of_command=_number_of_command,
-    result_without_mode=CommandResult.DENIED,
     auxiliary_modes=_AUXILIARY_MODES,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,
     refuse_arm_value=_refuse_arm_value,
     prearm_failures=_prearm_failures,
-    checks_when_armed=CommandResult.TEMPORARILY_REJECTED,
-    manual_landing_disarms=False,
-    spools_up_armed=True,
     booted_s=_BOOTED_S,
 )

@@ -6,11 +6,10 @@ import math
 
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..links._frames import KINDS
+from ..policies._choices import choices
 from ..policies._message_table import messages_with
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import Behaviour, FlightState, GpsQuality
-from ..state._service import CommandResult
-from ..state._texts import INFO
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
 
 # ArduCopter 4.6 streams these (source) for devices and procedures that do not exist here. It accepts intervals for them,
@@ -75,6 +74,7 @@ def _wind(flight: FlightState) -> tuple[float, float, float] | None:
 
 
 TELEMETRY = TelemetryPolicy(
+    **choices(TelemetryPolicy, "ardupilot"),
     messages=messages_with("ardupilot", "request").union(*_GROUPS.values()),
     silent_messages=_SILENT,
     # ArduPilot streams nothing until a client asks, except its TIMESYNC every 10 s.
@@ -82,17 +82,8 @@ TELEMETRY = TelemetryPolicy(
     stream_groups=_GROUPS,
     stream_parameters=_RATE_PARAMETERS,
     max_rates_hz={"TERRAIN_REQUEST": 0.5},
-    waits_for_client=True,
     promised_messages=frozenset(KINDS[name].id for name in _SILENT),
-    unknown_interval=CommandResult.DENIED,
-    unknown_interval_text=(INFO, "No ap_message for mavlink id ({})"),
-    unknown_get_interval=CommandResult.FAILED,
-    unknown_request=CommandResult.FAILED,
-    min_interval_us=2500,
-    answers_after_acknowledgement=True,
-    load_permille=0,
     battery_type=0,
-    vtol_state=3,
     gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.RTK_FIXED, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300),
     lost_fix_type=GPS_FIX_TYPE.NO_FIX,
     sensors=_sensors,

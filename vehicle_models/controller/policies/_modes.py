@@ -44,9 +44,7 @@ class ModePolicy:
     standard_modes: Mapping[str, int] = field(default_factory=dict)
     """MAV_STANDARD_MODE by name of the mode; empty: the autopilot does not list its modes."""
     acknowledges_set_mode: bool
-    """Whether the SET_MODE message is acknowledged like a command."""
     heartbeat_on_change: bool
-    """Whether a change of mode sends a heartbeat at once."""
     heartbeat: Callable[[FlightState, bool], tuple[int, int]]
     """base_mode and system_status, given the flight and `has_setpoints`."""
     refuse_mode: Callable[[FlightState, FlightMode | None, int, bool], Refusal | None]
@@ -59,7 +57,6 @@ class ModePolicy:
     number_of_command: Callable[[tuple[float, ...]], int | None]
     """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
     result_without_mode: CommandResult
-    """Result of a DO_SET_MODE that asks for none."""
     auxiliary_modes: Mapping[float, int] = field(default_factory=dict)
     """Custom modes by function of DO_AUX_FUNCTION; empty: there is no such command."""
     no_auxiliary_text: StatusText = (WARNING, "Invalid channel option ({})")
@@ -74,11 +71,8 @@ class ModePolicy:
     prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = no_prearm_failures
     """Failing checks that the autopilot reports without being asked; none for one that does not report."""
     checks_when_armed: CommandResult
-    """Result of RUN_PREARM_CHECKS while armed."""
     manual_landing_disarms: bool
-    """Whether the vehicle is disarmed after a landing by sticks as after any other."""
-    spools_up_armed: bool = False
-    """Whether a takeoff that has begun on the ground is flown though the idle time ends meanwhile."""
+    spools_up_armed: bool
     booted_s: float = 0.0
     """For so long the autopilot has run when the session begins; after a restart it begins anew."""
 

@@ -55,7 +55,6 @@ class TelemetryPolicy:
     gimbal_rates_hz: Mapping[str, float] = field(default_factory=dict)
     """Rates of the gimbal's messages on a vehicle that has one."""
     waits_for_client: bool
-    """Whether a channel stays silent, but for streams and answers, until a client has sent something."""
     silent_messages: frozenset[str] = frozenset()
     """Streams that the real autopilot has and that nothing here fills: an interval is accepted, nothing is sent."""
     promised_messages: frozenset[int] = frozenset()
@@ -65,9 +64,7 @@ class TelemetryPolicy:
     unknown_get_interval: CommandResult
     unknown_request: CommandResult
     min_interval_us: int
-    """Shorter intervals are denied; 0 denies none."""
-    answers_after_acknowledgement: bool = False
-    """Whether a requested message comes behind the acknowledgement of REQUEST_MESSAGE."""
+    answers_after_acknowledgement: bool
     load_permille: int
     battery_type: int
     vtol_state: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD
+from ..policies._choices import choices
 from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..state._flight_limits import FlightLimits
@@ -56,26 +57,14 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 
 COMMANDS = CommandPolicy(
+    **choices(CommandPolicy, "px4"),
     optional=frozenset({MAV_CMD.DO_CHANGE_ALTITUDE}),
     fixed_results=fixed_results("px4_result"),
     answer=_answer,
-    accepts_mode_first=True,
-    any_component=False,
-    answers_ping=True,
     refuse_takeoff=lambda flight, command: None,
     takeoff_altitude_m=_takeoff_altitude_m,
-    raises_low_takeoffs=True,
     refuse_reposition=_refuse_reposition,
     refuse_home=lambda flight, command: None,
-    home_has_heading=True,
-    confirms_origin=True,
-    origin_with_home=False,
-    bad_home=CommandResult.DENIED,
-    home_at_zero_is_here=False,
     altitude_amsl_m=_altitude_amsl_m,
-    result_without_speed=CommandResult.ACCEPTED,
-    bad_orbit_text=(CRITICAL, "Orbit radius limit exceeded"),
     roi_names_place=roi_by_kind,
-    gimbal_needs_control=True,
-    commands_devices=True,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..files._metadata import Metadata
 from ..links._enums import MAV_AUTOPILOT
+from ..policies._choices import choices
 from ..policies._identity import CalibrationProtocol, IdentityPolicy
 from ..state._event_names import EventName
 from ..state._texts import CRITICAL, INFO, FlightEvent
@@ -51,13 +52,10 @@ EVENTS = tuple(
 )
 
 IDENTITY = IdentityPolicy(
+    **choices(IdentityPolicy, "px4"),
     name="px4",
     autopilot=MAV_AUTOPILOT.PX4,
-    capabilities=59647,
-    flight_sw_version=0x01110080,
     flight_custom_version=b"\0" * 8,
-    board_version=1,
-    uid=5283920058631409231,
     protocol_versions=(200, 100, 203),
     texts={
         FlightEvent.ARMED: (INFO, "Armed by external command"),
@@ -79,14 +77,8 @@ IDENTITY = IdentityPolicy(
         FlightEvent.CRASHED: (CRITICAL, "Disarmed by failure detector"),
     },
     text_ending="\t",
-    # Observed; how long a station counts is HEARTBEAT_TIMEOUT_US of the source.
-    texts_for_stations_s=2.5,
     event_names=EVENTS,
     metadata=Metadata(PARAMETERS.definitions, EVENTS),
     folders=("log",),
-    memory_card="fs/microsd",
-    has_shell=True,
-    reports_flight=True,
     calibration=CalibrationProtocol.TEXTS,
-    files_writable=True,
 )

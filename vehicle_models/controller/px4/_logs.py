@@ -6,6 +6,7 @@ import functools
 from datetime import UTC, datetime
 
 from ..logs._ulog import UlogEncoder, UlogIdentity
+from ..policies._choices import choices
 from ..policies._logs import LogPolicy
 from ..state._flight_state import FlightState
 from ..state._log_records import LogOpening
@@ -76,12 +77,10 @@ def _streams(parameters: ParameterStore) -> bool:
 
 
 LOGS = LogPolicy(
+    **choices(LogPolicy, "px4"),
     encoder=functools.partial(UlogEncoder, _ULOG),
     path=_path,
-    first_number=0,
     records=_records,
     new_for_each_flight=lambda parameters: True,
-    new_after_erase=False,
-    needs_list=True,
     streams=_streams,
 )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
 from ..policies._command_table import commands_with
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
-from ..state._texts import CRITICAL, ERROR, INFO
+from ..state._texts import CRITICAL
 
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
 _FENCE_AREAS = (*_POLYGONS, MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION)
@@ -56,49 +57,16 @@ def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
 
 
 MISSIONS = MissionPolicy(
+    **choices(MissionPolicy, "px4"),
     transfer=TransferPolicy(
-        request="MISSION_REQUEST_INT",
-        repeat_s=0.26,
-        timeout_s=5.1,
-        timeout_result=None,
+        **choices(TransferPolicy, "px4"),
         timeout_texts=dict.fromkeys((MISSION, FENCE, RALLY), (CRITICAL, "Operation timeout")),
-        clears_at_start=False,
         max_items={MISSION: 65534, FENCE: 64, RALLY: 32},
-        too_many_text=None,
         uploaded_texts={},
-        bad_item_text=(CRITICAL, "IGN MISSION_ITEM: Invalid item"),
-        wrong_sequence_ends=False,
-        no_upload_text=(CRITICAL, "IGN MISSION_ITEM: No transfer"),
-        bad_type=MissionResult.NO_SPACE,
-        clears_all_types=True,
-        one_at_a_time=True,
-        client_cancels=True,
-        partial_lists=False,
         past_the_end=lambda kind, number, length: None,
-        item_float_text=None,
-        request_float_text=None,
         refuse_item=_refuse_item,
         shown_frame=_shown_frame,
     ),
-    home_first=False,
-    total_without_mission=65535,
-    waits_for_start=False,
-    restarts_when_disarmed=False,
-    reached_repeat_s=1.0,
-    reached_counts_next=False,
-    begin_text=(INFO, "Executing Mission"),
-    climb_text=(INFO, "Climb to {:.1f} meters above home"),
-    end_text=(INFO, "Mission finished, {}"),
-    no_such_item_text=(CRITICAL, "WPM: WP CURR CMD: Not in list"),
-    outside_fence_text=(CRITICAL, "Geofence violation for waypoint {}"),
-    far_event=(ERROR, "First waypoint too far away"),
     acceptance_radius_m=_acceptance_radius_m,
-    acceptance_height_m=0.8,
-    items_have_heading=True,
-    return_changes_mode=True,
-    arms_at_start=True,
-    set_current_command=False,
-    starts_without_mission=False,
-    start_refused_text=(CRITICAL, "Mission start denied! No valid mission"),
     no_landing_texts=(),
 )

@@ -6,6 +6,7 @@ A mode that cannot be armed shows system_status 0 on the ground.
 from __future__ import annotations
 
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
+from ..policies._choices import choices
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
 from ..state._parameter_store import ParameterStore
@@ -165,6 +166,7 @@ def _number_of_command(params: tuple[float, ...]) -> int | None:
 
 
 MODES = ModePolicy(
+    **choices(ModePolicy, "px4"),
     modes=_MODES,
     initial=_NAMED["AUTO_LOITER"],
     hold=_NAMED["AUTO_LOITER"],
@@ -187,17 +189,12 @@ MODES = ModePolicy(
         "AUTO_LAND": 7,
         "AUTO_TAKEOFF": 8,
     },
-    acknowledges_set_mode=True,
-    heartbeat_on_change=False,
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     refuse_without_position=_not_available,
     number_of_command=_number_of_command,
-    result_without_mode=CommandResult.TEMPORARILY_REJECTED,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,
     refuse_arm_value=_refuse_arm_value,
-    checks_when_armed=CommandResult.ACCEPTED,
-    manual_landing_disarms=True,
 )

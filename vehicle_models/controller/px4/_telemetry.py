@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ..links._enums import GPS_FIX_TYPE
+from ..policies._choices import choices
 from ..policies._message_table import messages_with, rates_hz
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import FlightState, GpsQuality
-from ..state._service import CommandResult
 from ._modes import knows_position, ready
 
 _PREARM = 0x10000000
@@ -26,21 +26,14 @@ def _sensors(flight: FlightState) -> SensorBits:
 
 
 TELEMETRY = TelemetryPolicy(
+    **choices(TelemetryPolicy, "px4"),
     # Every message of a stream set may also be requested. RAW_IMU is no silent one (source): FAILED.
     messages=messages_with("px4", "stream", "request"),
     silent_messages=messages_with("px4", "silent"),
     stream_sets={"onboard": _ONBOARD_RATES_HZ, "gcs": _GCS_RATES_HZ, "none": {}},
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
-    waits_for_client=False,
-    unknown_interval=CommandResult.FAILED,
-    unknown_interval_text=None,
-    unknown_get_interval=CommandResult.ACCEPTED,
-    unknown_request=CommandResult.DENIED,
-    min_interval_us=0,
-    load_permille=130,
     # MAV_BATTERY_TYPE_LION
     battery_type=3,
-    vtol_state=0,
     gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.FIX_3D, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
     lost_fix_type=GPS_FIX_TYPE.NO_GPS,
     sensors=_sensors,

@@ -15,7 +15,8 @@ from ._service import CommandResult, MessageHandler, MessageSender, Refusal
 StatusText = tuple[int, str]
 """A text with its MAV_SEVERITY."""
 
-EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)
+SEVERITIES = ("EMERGENCY", "ALERT", "CRITICAL", "ERROR", "WARNING", "NOTICE", "INFO", "DEBUG")
+EMERGENCY, _ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(len(SEVERITIES))
 _CHUNK_BYTES = 50
 
 
