@@ -98,7 +98,7 @@ class JsbsimPlant:
         self._run: Callable[[], bool] = self._fdm.run
         self._getters = [self.node(read).get_double_value for read in _READ]
         self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
-        self._setters: dict[str, Callable[[float], None]] = {}  # of what has been written
+        self._setters: dict[str, Callable[[float], object]] = {}  # of what has been written
         self._wind, self._gust = (
             [self.node(f"atmosphere/{air}-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
             for air in ("wind", "gust")

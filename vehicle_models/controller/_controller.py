@@ -38,7 +38,7 @@ from .safety._rally import Rally
 from .services._accelerometer_calibration import AccelerometerCalibration
 from .services._arming import Arming
 from .services._calibration import Calibration
-from .services._clock import ClockService
+from .services._clock import ClockService, SigningKeys
 from .services._commands import Commands
 from .services._compass_calibration import CompassCalibration
 from .services._follow_target import FollowTargetService
@@ -54,7 +54,6 @@ from .services._parameters import Parameters
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
 from .services._shell import Shell
-from .services._signing_keys import SigningKeys
 from .state._flight_state import Airframe, Behaviour, FlightState, FlightTarget
 from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
@@ -66,6 +65,7 @@ from .state._service import (
     MessageAnswer,
     MessageHandler,
     MessageSender,
+    Stream,
     StreamsMessages,
     Ticks,
 )
@@ -83,7 +83,6 @@ from .telemetry._streams import Streams
 from .telemetry._system import SystemTelemetry
 from .telemetry._targets import TargetTelemetry
 from .telemetry._terrain import Terrain
-from .telemetry._truth import TruthStream
 
 R = TypeVar("R")
 
@@ -140,7 +139,8 @@ class Controller:
         self._failure_injection: FailureInjection | None = None
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
-        self._join(self._build_services(equipment or Equipment()))
+        equipment = equipment or Equipment()
+        self._join(self._build_services(equipment), equipment.truth)
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -228,9 +228,6 @@ class Controller:
         ]
         services += self._build_calibration()
         services += [service for service in (gimbal, own_commands) if service]
-        # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
-        if equipment.truth:
-            services.append(TruthStream(equipment.truth))
         if equipment.break_part:
             failure_parameter = autopilot.safety.failure_parameter
             self._failure_injection = FailureInjection(
@@ -340,9 +337,16 @@ class Controller:
             Terrain(context),
         ]
 
-    def _join(self, services: Sequence[object]) -> None:
+    def _join(self, services: Sequence[object], truth: Stream | None) -> None:
         """Collect what the services tick, take, carry out, stream and answer."""
-        self._streams = self._collect_streams(services)
+        # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
+        streams: dict[str, AnyStream] = {"HIL_STATE_QUATERNION": truth} if truth else {}
+        answers: dict[str, MessageAnswer] = {}
+        for service_streams in _methods(services, StreamsMessages.streams):
+            streams.update(service_streams())
+        for service_answers in _methods(services, AnswersRequests.answers):
+            answers.update(service_answers())
+        self._streams = Streams(self._context, self._autopilot.telemetry, streams, answers)
         services = [*services, self._streams]
         for method in _methods(services, HandlesCommands.commands):
             self._commands.add(method())
@@ -350,15 +354,6 @@ class Controller:
         self._handlers = _handlers_by_id(services)
         if self._autopilot.modes.heartbeat_on_change:
             self._modes.on_change.append(self._streams.send_heartbeat)
-
-    def _collect_streams(self, services: Sequence[object]) -> Streams:
-        streams: dict[str, AnyStream] = {}
-        answers: dict[str, MessageAnswer] = {}
-        for service_streams in _methods(services, StreamsMessages.streams):
-            streams.update(service_streams())
-        for service_answers in _methods(services, AnswersRequests.answers):
-            answers.update(service_answers())
-        return Streams(self._context, self._autopilot.telemetry, streams, answers)
 
     def record_exposure(self, frame: int) -> None:
         """The scene has exposed a frame of the vehicle's camera."""

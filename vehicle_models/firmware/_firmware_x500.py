@@ -32,9 +32,8 @@ from ._ardupilot import ArduPilotKind
 from ._body import Body
 from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware, SimulatesParts
 from ._gate import Gate
-from ._keeper import Keeper
 from ._line_budget import SAMPLE_RATES_HZ
-from ._pace import held_on
+from ._pace import Keeper, held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
 from ._px4_board import Px4BoardKind

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from .._jsbsim import JsbsimPlant, StartPose
+from .._jsbsim import JsbsimPlant, StartPose, VehicleMotion
 
 _FT = 0.3048
 # Execrate of the outer channel in x500.xml.
@@ -22,6 +23,12 @@ ROTORS = ("front-right", "rear-left", "front-left", "rear-right")
 
 _FROM_START = ("position/from-start-neu-n-ft", "position/from-start-neu-e-ft")
 _WANTED = ("target-roll-rad", "target-pitch-rad", "target-yaw-rad", "thrust-n")
+
+
+_CRASH_MPS = 3.0
+_CRASH_TILT_RAD = math.radians(70.0)
+_NEAR_GROUND_M = 0.5
+_TOUCH_M = 0.02
 
 
 class X500Plant(JsbsimPlant):
@@ -85,3 +92,14 @@ class X500Plant(JsbsimPlant):
 
     def _shift(self) -> tuple[float, float]:
         return self._start_north() * _FT - self.motion.north_m, self._start_east() * _FT - self.motion.east_m
+
+
+def has_crashed(motion: VehicleMotion, speed_before_mps: float) -> bool:
+    """Whether it hits the ground at more than 3 m/s, or lies on its side near it; `speed_before_mps` is that of one step
+    before.
+    """
+    if motion.up_m > _NEAR_GROUND_M:
+        return False
+    # The angle between the body's down axis and the vertical, from roll and pitch.
+    tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
+    return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)

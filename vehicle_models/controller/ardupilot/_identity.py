@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from ..files._packed_parameters import packed_parameters
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT
-from ..policies._choices import choices
+from ..policies._choices import announcements, choices
 from ..policies._identity import BootText, CalibrationProtocol, IdentityPolicy
 from ..state._flight_state import FlightState
 from ..state._parameter_store import ParameterStore
-from ..state._texts import CRITICAL, INFO, FlightEvent
+from ..state._texts import INFO
 from ._modes import ALIGNED_S, ESTIMATOR_S, POSITION_S, RECEIVER_S, USES_GPS_S
 
 
@@ -49,13 +49,7 @@ IDENTITY = IdentityPolicy(
     autopilot=MAV_AUTOPILOT.ARDUPILOTMEGA,
     flight_custom_version=b"92b0cd78",
     uid2=b"3a5c0f7e91d24b68a",  # the real one has its machine's id here
-    texts={
-        FlightEvent.ARMED: (INFO, "Arming motors"),
-        FlightEvent.DISARMED: (INFO, "Disarming motors"),
-        FlightEvent.DISARMED_BY_LANDING: (INFO, "Disarming motors"),
-        FlightEvent.DISARMED_IDLE: (INFO, "Disarming motors"),
-        FlightEvent.CRASHED: (CRITICAL, "Crash: Disarming"),
-    },
+    texts=announcements("ardupilot"),
     text_ending="",
     boot_texts=_boot_texts,
     climbed_clear_texts=tuple(

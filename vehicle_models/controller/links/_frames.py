@@ -1,7 +1,10 @@
-"""MAVLink frames: reading them from bytes that may hold anything, and packing them from plain values."""
+"""MAVLink frames: reading them from bytes that may hold anything, packing them from plain values, and numbers as integer
+fields hold them.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from collections.abc import Callable, Iterable, Sequence
@@ -281,3 +284,17 @@ def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
 def _types(kind: Any) -> list[str]:
     by_name = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
     return [by_name[name] for name in kind.ordered_fieldnames]
+
+
+def heading_cdeg(yaw_rad: float) -> int:
+    """0 to 35999 hundredths of a degree."""
+    return round(math.degrees(yaw_rad) * 100.0) % 36000
+
+
+def int16(value: float) -> int:
+    """The nearest integer, within the bounds of 16 bits."""
+    return round(value) if -32768.0 <= value <= 32767.0 else round(min(max(value, -32768.0), 32767.0))
+
+
+def hundredths(value: float) -> int:
+    return int16(value * 100.0)

@@ -15,11 +15,11 @@ import socket
 import sys
 import termios
 import tty
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
@@ -58,34 +58,6 @@ _SO_MEMINFO, _MEMINFO_DROPS = 55, 8
 _SERIAL_BACKLOG_BYTES = 16 * 1024
 # A datagram holds several whole messages, never a part of one.
 _DATAGRAM_BYTES = 1200
-
-
-class Link(Protocol):
-    """One opened link."""
-
-    spec: LinkSpec
-    endpoint: str
-    inbox: Inbox
-    received: int
-    sent: int
-    silenced: bool
-    """Whether nothing passes, in either direction."""
-    garbage_bytes: int
-
-    @property
-    def dropped(self) -> int:
-        """Lost messages; of datagrams that were discarded unread, the number of datagrams."""
-
-    def poll(self) -> None:
-        """Move the data that waits in the sockets to the inbox, as whole frames."""
-
-    def connected(self) -> bool:
-        """Whether there is a receiver for what is sent now."""
-
-    def send(self, frames: list[bytes]) -> None:
-        """Send whole frames to every client of the link."""
-
-    def close(self) -> None: ...
 
 
 class Inbox:
@@ -153,8 +125,10 @@ class Inbox:
         self._waiting = 0
 
 
-class _LinkCounters:
-    """What the kinds of link share: the inbox and the counts."""
+class Link(ABC):
+    """One opened link; clients open the other end at `endpoint`."""
+
+    endpoint: str
 
     def __init__(self, spec: LinkSpec) -> None:
         self.spec = spec
@@ -162,11 +136,28 @@ class _LinkCounters:
         self.received = 0
         self.sent = 0
         self.silenced = False
+        """Whether nothing passes, in either direction."""
         self.garbage_bytes = 0
         self._dropped = 0
 
+    @abstractmethod
+    def poll(self) -> None:
+        """Move the data that waits in the sockets to the inbox, as whole frames."""
+
+    @abstractmethod
+    def send(self, frames: list[bytes]) -> None:
+        """Send whole frames to every client of the link."""
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+    def connected(self) -> bool:
+        """Whether there is a receiver for what is sent now; a line has one always, and what it does not take is lost."""
+        return True
+
     @property
     def dropped(self) -> int:
+        """Lost messages; of datagrams that were discarded unread, the number of datagrams."""
         return self._dropped
 
     def _put_frames(
@@ -205,7 +196,7 @@ class _LinkCounters:
 Address = tuple[str, int]
 
 
-class UdpLink(_LinkCounters):
+class UdpLink(Link):
     """`udp_out` sends to one address; `udp_in` to every peer that has sent something.
 
     A peer that has sent twice gets a connected socket at the same port, so that the kernel keeps one client's flood apart
@@ -378,7 +369,7 @@ class _TcpClient:
         return len(self.backlog) <= BACKLOG_BYTES
 
 
-class TcpLink(_LinkCounters):
+class TcpLink(Link):
     """`tcp_in`: listens, and serves several clients the same messages."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -433,7 +424,7 @@ class TcpLink(_LinkCounters):
         self._socket.close()
 
 
-class TerminalLink(_LinkCounters):
+class TerminalLink(Link):
     """`serial`: a pseudo terminal whose other end a companion opens as its serial device.
 
     With the path `auto` the system names the device; any other path becomes a symbolic link to it. The line is raw, without flow control and speed: as on a UART, data that is not read is lost.
@@ -472,9 +463,6 @@ class TerminalLink(_LinkCounters):
         with contextlib.suppress(OSError, EOFError):
             self._read_stream(None, self._reader, lambda size: os.read(self._terminal, size))
 
-    def connected(self) -> bool:
-        return True
-
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:
             if len(self._backlog) < _SERIAL_BACKLOG_BYTES:
@@ -492,7 +480,7 @@ class TerminalLink(_LinkCounters):
             os.close(end)
 
 
-class DeviceLink(_LinkCounters):
+class DeviceLink(Link):
     """`serial` on a device of this machine, with a companion at the other end of the cable."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -507,10 +495,6 @@ class DeviceLink(_LinkCounters):
             self._read_stream(None, self.reader, self.device.read)
         if self.device.resets > resets:
             self.reader.forget()
-
-    def connected(self) -> bool:
-        # Also while the device is away: what is sent then is lost, and counted.
-        return True
 
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:

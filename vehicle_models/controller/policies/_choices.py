@@ -12,7 +12,7 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from ..._read_table import read_table
-from ..state._texts import SEVERITIES, StatusText
+from ..state._texts import SEVERITIES, FlightEvent, StatusText
 
 _ROWS = read_table(Path(__file__).with_name("choices.csv"))
 
@@ -27,14 +27,24 @@ def choices(policy: type[Any], autopilot: str) -> dict[str, Any]:
     }
 
 
+def announcements(autopilot: str) -> dict[FlightEvent, StatusText]:
+    """Texts for moments of the flight: `texts.csv`. The two of PX4 about low takeoffs are its source's, not observed."""
+    rows = read_table(Path(__file__).with_name("texts.csv"))
+    return {FlightEvent[row["event"]]: _status_text(row[autopilot]) for row in rows if row[autopilot]}
+
+
+def _status_text(cell: str) -> StatusText:
+    severity, _, text = cell.partition(" ")
+    return SEVERITIES.index(severity), text
+
+
 def _value(hint: Any, cell: str) -> Any:
     if NoneType in get_args(hint):
         (hint,) = (kind for kind in get_args(hint) if kind is not NoneType)
         if not cell:
             return None
     if hint == StatusText:
-        severity, _, text = cell.partition(" ")
-        return SEVERITIES.index(severity), text
+        return _status_text(cell)
     if hint is bool:
         return {"yes": True, "no": False}[cell]
     if hint is int:

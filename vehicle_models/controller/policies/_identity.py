@@ -9,10 +9,9 @@ from enum import Enum, auto
 from ..files._metadata import Metadata
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT, MAV_TYPE
-from ..state._event_names import EventName
 from ..state._flight_state import FlightState
 from ..state._parameter_store import ParameterStore
-from ..state._texts import FlightEvent, StatusText
+from ..state._texts import EventName, FlightEvent, StatusText
 
 Seconds = float
 

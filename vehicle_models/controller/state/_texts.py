@@ -1,4 +1,4 @@
-"""STATUSTEXT: what the autopilot reports in words."""
+"""STATUSTEXT: what the autopilot reports in words, and the events of PX4 that go with the words."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ StatusText = tuple[int, str]
 SEVERITIES = ("EMERGENCY", "ALERT", "CRITICAL", "ERROR", "WARNING", "NOTICE", "INFO", "DEBUG")
 EMERGENCY, _ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(len(SEVERITIES))
 _CHUNK_BYTES = 50
+# In the numbers of PX4's events.
+_EVENT_COMPONENT = 1
 
 
 class FlightEvent(Enum):
@@ -39,6 +41,22 @@ class FlightEvent(Enum):
     TERMINATED = auto()
     PILOT_TOOK_OVER = auto()
     CRASHED = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class EventName:
+    """An event that goes with every text beginning with `text`."""
+
+    text: str
+    name: str
+
+    @property
+    def number(self) -> int:
+        """The component, and the low 24 bits of the FNV-1a hash of the name."""
+        digest = 0x811C9DC5
+        for byte in self.name.encode():
+            digest = (digest ^ byte) * 0x01000193 & 0xFFFFFFFF
+        return _EVENT_COMPONENT << 24 | digest & 0xFFFFFF
 
 
 @dataclass(eq=False)

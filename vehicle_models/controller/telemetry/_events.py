@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from ..state._event_names import EventName
 from ..state._service import Fields, MessageAnswer, MessageHandler, MessageSender, Stream
 from ..state._service_context import ServiceContext
+from ..state._texts import EventName
 
 _STORED = 64
 # MAV_EVENT_ERROR_REASON

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from ..links._frames import hundredths
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import Stream, Values
 from ..state._service_context import ServiceContext
 from ._battery_monitor import BatteryMonitor
-from ._units import hundredths
 
 # Chosen, not measured.
 _MAX_ROTOR_RPM = 8000.0
