@@ -21,7 +21,7 @@ from .controller.links._enums import MAV_FRAME
 from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
-from .controller.missions._mission_flight import effect_of
+from .controller.missions._item_actions import effect_of
 from .controller.policies._command_table import COMMAND_NAMES
 from .controller.state._parameter_store import Parameter
 from .controller.state._plan_store import MISSION, MissionItem

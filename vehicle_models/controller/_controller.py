@@ -23,7 +23,9 @@ from .logs._recorder import FlightRecorder
 from .logs._storage import FlightLog, LogStorage
 from .logs._streaming import LogStreaming
 from .logs._transfer import LogTransfer
+from .missions._item_actions import ItemActions
 from .missions._mission_flight import MissionFlight
+from .missions._mission_plan import MissionPlan
 from .missions._protocol import MissionProtocol
 from .payload._camera import CameraComponent
 from .payload._equipment import Equipment
@@ -293,20 +295,23 @@ class Controller:
         )
 
     def _build_mission_flight(self, gimbal: Gimbal | None, own_commands: OwnCommands | None) -> MissionFlight:
-        return MissionFlight(
-            self._context,
-            self._autopilot.missions,
-            self._autopilot.modes.mission,
-            self._modes,
-            self._guidance,
-            self._boundary,
-            self._plans,
-            self._arming.arm,
+        context, policy, boundary = self._context, self._autopilot.missions, self._boundary
+        modes, guidance = self._modes, self._guidance
+        plan = MissionPlan(context, policy, boundary, self._plans)
+        actions = ItemActions(
+            context,
+            policy,
+            plan,
+            modes,
+            guidance,
+            boundary,
             self._home,
             gimbal,
             self._camera,
             own_commands,
         )
+        mission_mode = self._autopilot.modes.mission
+        return MissionFlight(context, policy, mission_mode, modes, guidance, plan, actions, self._arming.arm)
 
     def _build_camera(self, equipment: Equipment) -> Gimbal | None:
         """Add the camera where it is on the links; return its gimbal where it has one."""

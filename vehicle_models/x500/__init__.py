@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ._plant import FULL_THRUST_N as FULL_THRUST_N
+from ._airframe import X500Airframe as X500Airframe
 from ._plant import HOVER_THRUST as HOVER_THRUST
 from ._plant import ROTOR_ARM_M as ROTOR_ARM_M
 from ._plant import ROTOR_TORQUE_M as ROTOR_TORQUE_M

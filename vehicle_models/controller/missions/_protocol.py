@@ -145,20 +145,7 @@ class MissionProtocol:
         if upload is None:
             self._take_item_without_upload(m, sender)
             return
-        if not upload.is_with(sender):
-            if not policy.one_at_a_time:
-                other = m.seq != upload.index
-                self._acknowledge(
-                    sender, upload.kind, MissionResult.INVALID_SEQUENCE if other else MissionResult.DENIED
-                )
-            return
-        if m.mission_type != upload.kind:
-            self._acknowledge(sender, upload.kind, MissionResult.ERROR)
-            return
-        if m.seq != upload.index:
-            upload.received_ns = self._context.flight.time_ns
-            if policy.wrong_sequence_ends:
-                self._refuse(upload, MissionResult.INVALID_SEQUENCE)
+        if not self._is_expected(upload, m, sender):
             return
         if as_float and policy.item_float_text and not upload.had_float:
             upload.had_float = True
@@ -168,7 +155,7 @@ class MissionProtocol:
         is_home = self._home_first and m.seq == 0 and upload.kind == MISSION
         fault = None if is_home else self._fault(upload, item, as_float)
         if fault is not None:
-            if policy.bad_item_text and fault is not MissionResult.ERROR:
+            if fault is not MissionResult.ERROR:
                 self._context.texts.report(policy.bad_item_text)
             self._refuse(upload, fault)
             return
@@ -179,6 +166,23 @@ class MissionProtocol:
             self._finish(upload)
         else:
             self._request_item(upload)
+
+    def _is_expected(self, upload: _Transfer, m: Any, sender: MessageSender) -> bool:
+        """Whether an item is the next of an upload, from its client; answers where it is not."""
+        if not upload.is_with(sender):
+            if not self._policy.one_at_a_time:
+                other = m.seq != upload.index
+                result = MissionResult.INVALID_SEQUENCE if other else MissionResult.DENIED
+                self._acknowledge(sender, upload.kind, result)
+        elif m.mission_type != upload.kind:
+            self._acknowledge(sender, upload.kind, MissionResult.ERROR)
+        elif m.seq != upload.index:
+            upload.received_ns = self._context.flight.time_ns
+            if self._policy.wrong_sequence_ends:
+                self._refuse(upload, MissionResult.INVALID_SEQUENCE)
+        else:
+            return True
+        return False
 
     def _fault(self, upload: _Transfer, item: MissionItem, as_float: bool) -> MissionResult | None:
         fault = self._policy.refuse_item(upload.kind, item, as_float)
@@ -294,25 +298,16 @@ class MissionProtocol:
         )
 
     def _clear(self, m: Any, sender: MessageSender) -> None:
-        policy, flight = self._policy, self._context.flight
+        policy = self._policy
         if policy.one_at_a_time and (self._uploads or self._download):
-            self._context.texts.report((CRITICAL, "WPM: IGN CLEAR CMD: Busy"))
+            self._context.texts.send(CRITICAL, "WPM: IGN CLEAR CMD: Busy")
             return
+        kinds = [m.mission_type]
         if m.mission_type == _ALL and policy.clears_all_types:
             kinds = [MISSION, FENCE, RALLY]
-        elif m.mission_type in self._plans.by_type:
-            kinds = [m.mission_type]
-        else:
-            self._acknowledge(sender, m.mission_type, policy.bad_type)
-            return
-        upload = self._upload_of(m.mission_type)
-        if upload and not upload.is_with(sender):
-            self._acknowledge(sender, m.mission_type, MissionResult.DENIED)
-            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
-            return
-        flown = MISSION in kinds and flight.armed and flight.mode.behaviour is Behaviour.MISSION
-        if flown and not policy.clears_flown_mission:
-            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+        for result in (refusals := self._refuse_clearing(m, sender, kinds)):
+            self._acknowledge(sender, m.mission_type, result)
+        if refusals:
             return
         for kind in kinds:
             self._uploads.pop(kind, None)
@@ -320,6 +315,16 @@ class MissionProtocol:
         self._acknowledge(sender, m.mission_type, MissionResult.ACCEPTED)
         for kind in kinds:
             self._context.texts.report(policy.cleared_texts.get(kind))
+
+    def _refuse_clearing(self, m: Any, sender: MessageSender, kinds: list[int]) -> tuple[MissionResult, ...]:
+        """How it is answered that plans of these kinds are not cleared; empty where they are."""
+        flight, upload = self._context.flight, self._upload_of(m.mission_type)
+        if not set(kinds) <= set(self._plans.by_type):
+            return (self._policy.bad_type,)
+        if upload and not upload.is_with(sender):
+            return (MissionResult.DENIED, MissionResult.ERROR)
+        flown = MISSION in kinds and flight.armed and flight.mode.behaviour is Behaviour.MISSION
+        return (MissionResult.ERROR,) if flown and not self._policy.clears_flown_mission else ()
 
     def _take_acknowledgement(self, m: Any, sender: MessageSender) -> None:
         if self._download and self._download.is_with(sender):
