@@ -31,7 +31,7 @@ from .ardupilot import ARDUPILOT as ARDUPILOT
 from .guidance._guidance import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
 from .guidance._wing import WingTarget as WingTarget
-from .links._links import Link as Link
+from .links._link import Link as Link
 from .links._links import link_counters as link_counters
 from .links._links import open_links as open_links
 from .payload._equipment import Equipment as Equipment

@@ -10,17 +10,19 @@ from typing import Any, TypeVar
 from bench.contracts import MavlinkTap
 
 from .._geodesy import LocalFrame
+from ._message_router import COMPONENT, MessageRouter
 from .files._ftp import FileTransfer
-from .files._served_files import FileContent, ServedFiles
+from .files._served_files import ServedFiles
 from .guidance._fence_boundary import FenceBoundary
 from .guidance._guidance import Guidance, Manoeuvres
-from .links._frames import KINDS, Decoder, Packer, message_id, sender
-from .links._links import Link, link_counters
+from .links._frames import Packer
+from .links._link import Link
+from .links._links import link_counters
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
 from .logs._blocks import LogBlocks
 from .logs._recorder import FlightRecorder
-from .logs._storage import FlightLog, LogStorage
+from .logs._storage import LogStorage
 from .logs._streaming import LogStreaming
 from .logs._transfer import LogTransfer
 from .missions._item_actions import ItemActions
@@ -56,7 +58,7 @@ from .services._parameters import Parameters
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
 from .services._shell import Shell
-from .state._flight_state import Airframe, Behaviour, FlightState, FlightTarget
+from .state._flight_state import Airframe, Behaviour, FlightState
 from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
 from .state._service import (
@@ -65,8 +67,6 @@ from .state._service import (
     HandlesCommands,
     HandlesMessages,
     MessageAnswer,
-    MessageHandler,
-    MessageSender,
     Stream,
     StreamsMessages,
     Ticks,
@@ -88,8 +88,6 @@ from .telemetry._terrain import Terrain
 
 R = TypeVar("R")
 
-# MAV_COMP_ID_AUTOPILOT1
-COMPONENT = 1
 # Looked up once, because every step compares with it.
 _TERMINATE = Behaviour.TERMINATE
 
@@ -117,7 +115,6 @@ class Controller:
     ) -> None:
         self._autopilot = autopilot
         self._flight = flight
-        self._tap = tap
         parameters = ParameterStore(
             autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters
         )
@@ -151,8 +148,6 @@ class Controller:
             text for text in autopilot.identity.boot_texts(flight) if text.at_s >= flight.time_s
         ]
         self._home.tick()
-        self._decoder = Decoder()
-        self._unhandled = 0
         self._previous_counts = persistent.counts if persistent else {}
 
     def _build_flight_services(self, manoeuvres: Manoeuvres | None) -> None:
@@ -177,16 +172,11 @@ class Controller:
     def _build_safety_services(self) -> None:
         context, autopilot, modes = self._context, self._autopilot, self._modes
         self._battery = battery = BatteryMonitor(context, autopilot.safety)
-        self._failsafe = failsafe = Failsafe(
-            context,
-            autopilot.safety,
-            modes,
-            self._setpoints,
-            battery,
-            autopilot.modes.termination,
-            self._disarm,
+        termination = autopilot.modes.termination
+        self._failsafe = Failsafe(
+            context, autopilot.safety, modes, self._setpoints, battery, termination, self._disarm
         )
-        self._fence = Fence(context, self._boundary, modes, failsafe)
+        self._fence = Fence(context, self._boundary, modes, self._failsafe)
 
     def _build_services(self, equipment: Equipment) -> list[object]:
         """Every service, in the order in which they tick."""
@@ -218,7 +208,15 @@ class Controller:
                 context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station
             ),
             FollowTargetService(context, guidance),
-            self._build_navigator(),
+            Navigator(
+                context,
+                autopilot.commands,
+                autopilot.modes,
+                modes,
+                guidance,
+                self._boundary,
+                autopilot.missions.guided_items,
+            ),
             modes,
             self._build_mission_flight(gimbal, own_commands),
             self._fence,
@@ -246,29 +244,15 @@ class Controller:
             {**metadata, **identity.files(self._context.parameters)},
             identity.files_writable,
             identity.folders,
-            self._log_files,
+            functools.partial(self._logs.files, self._autopilot.logs),
             identity.memory_card,
         )
         return FileTransfer(self._context, files, identity.file_sessions)
 
-    def _log_files(self) -> Mapping[str, FileContent]:
-        """The logs as files, by path."""
-        policy, logs = self._autopilot.logs, self._logs
-        return {
-            policy.path(number, log.opening, log.namesakes): functools.partial(_log_content, logs, log)
-            for number, log in enumerate(logs.logs, start=policy.first_number)
-        }
-
     def _build_logs(self) -> list[object]:
         context, policy, storage = self._context, self._autopilot.logs, self._logs
-        recorder = FlightRecorder(
-            context,
-            policy,
-            self._autopilot.identity,
-            self._autopilot.telemetry.gps_quality,
-            self._battery,
-            storage,
-        )
+        identity, gps = self._autopilot.identity, self._autopilot.telemetry.gps_quality
+        recorder = FlightRecorder(context, policy, identity, gps, self._battery, storage)
         return [
             recorder,
             LogTransfer(context, policy, recorder, storage),
@@ -281,18 +265,6 @@ class Controller:
         if self._autopilot.identity.calibration is CalibrationProtocol.TEXTS:
             return [Calibration(context)]
         return [AccelerometerCalibration(context, self._commands), CompassCalibration(context)]
-
-    def _build_navigator(self) -> Navigator:
-        autopilot = self._autopilot
-        return Navigator(
-            self._context,
-            autopilot.commands,
-            autopilot.modes,
-            self._modes,
-            self._guidance,
-            self._boundary,
-            autopilot.missions.guided_items,
-        )
 
     def _build_mission_flight(self, gimbal: Gimbal | None, own_commands: OwnCommands | None) -> MissionFlight:
         context, policy, boundary = self._context, self._autopilot.missions, self._boundary
@@ -356,7 +328,9 @@ class Controller:
         for method in _methods(services, HandlesCommands.commands):
             self._commands.add(method())
         self._ticks = _methods(services, Ticks.tick)
-        self._handlers = _handlers_by_id(services)
+        handlers = [method() for method in _methods(services, HandlesMessages.handlers)]
+        any_component = self._autopilot.commands.any_component
+        self._router = MessageRouter(self._context.radio, self._system, any_component, handlers, self._camera)
         if self._autopilot.modes.heartbeat_on_change:
             self._modes.on_change.append(self._streams.send_heartbeat)
 
@@ -370,15 +344,13 @@ class Controller:
         for channel in self.channels:
             channel.link.poll()
 
-    def control(self) -> FlightTarget | None:
-        """Run messages, services and guidance of one step; the target flown, or None on the ground."""
+    def control(self) -> None:
+        """Run messages, services and guidance of one step, and steer."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
         self._context.radio.begin()
         if self._autopilot.identity.texts_follow_answers:
             self._context.texts.keep()
-        for channel in self.channels:
-            if channel.link.inbox:
-                self._handle_messages(channel)
+        self._router.handle()
         self._context.texts.release()
         for tick in self._ticks:
             tick()
@@ -387,7 +359,7 @@ class Controller:
         while self._boot_texts and self._boot_texts[0].at_s <= self._flight.time_s:
             boot_text = self._boot_texts.pop(0)
             self._context.texts.send(boot_text.severity, boot_text.text)
-        return self._fly()
+        self._fly()
 
     def report(self) -> None:
         """Send everything that is due at the present moment, and everything that was queued during the
@@ -435,8 +407,8 @@ class Controller:
 
     def _counts(self) -> dict[str, int]:
         counts = {
-            "mavlink_malformed": self._decoder.malformed,
-            "mavlink_unheard": self._unhandled,
+            "mavlink_malformed": self._router.malformed,
+            "mavlink_unheard": self._router.unheard,
             "setpoints_ignored": self._setpoints.ignored,
             "simulation_refused": self._parameters.refused
             + (self._failure_injection.refused if self._failure_injection else 0),
@@ -452,64 +424,19 @@ class Controller:
     def _disarm(self) -> None:
         self._arming.disarm(FlightEvent.DISARMED)
 
-    def _handle_messages(self, channel: Channel) -> None:
-        frames = channel.take()
-        if self._tap and frames:
-            self._tap(channel.name, "from_agent", b"".join(frames))
-        for frame in frames:
-            if channel.admits(frame):
-                self._handle_frame(channel, frame)
-
-    def _handle_frame(self, channel: Channel, frame: bytes) -> None:
-        handlers = self._handlers.get(message_id(frame))
-        message = self._decoder.decode(frame) if handlers else None
-        if self._camera and message is not None and self._camera.is_addressed(message, self._system):
-            self._camera.handle(message, MessageSender(*sender(frame), channel))
-            return
-        for_us = message is None or _is_addressed(
-            message, self._system, self._autopilot.commands.any_component
-        )
-        for_us_alone = message is not None and for_us and message_target(message) == self._system
-        # Like an autopilot with several links, the controller routes messages between its clients.
-        if not for_us_alone:
-            for other in self.channels:
-                if other is not channel:
-                    other.forward(frame)
-        if message is None or not handlers:
-            self._unhandled += 1
-            return
-        if for_us:
-            message_sender = MessageSender(*sender(frame), channel)
-            for handler in handlers:
-                handler(message, message_sender)
-
-    def _fly(self) -> FlightTarget | None:
+    def _fly(self) -> None:
         flight, airframe = self._flight, self._context.airframe
         if not flight.armed:
             self._liftoff.rest_disarmed()
-            return None
-        if flight.mode.behaviour is _TERMINATE:
+        elif flight.mode.behaviour is _TERMINATE:
             airframe.disarm()
-            return None
-        target = self._fence.constrained(flight, self._guidance.target(flight))
-        if not self._liftoff.update(target):
-            airframe.rest()
-            return None
-        flight.target = target
-        airframe.fly(target)
-        return target
-
-
-def _log_content(logs: LogStorage, log: FlightLog, query: str) -> bytes:
-    return bytes(logs.read(log))
-
-
-def _handlers_by_id(services: Sequence[object]) -> dict[int, list[MessageHandler]]:
-    handlers: dict[int, list[MessageHandler]] = {}
-    for method in _methods(services, HandlesMessages.handlers):
-        for name, handler in method().items():
-            handlers.setdefault(KINDS[name].id, []).append(handler)
-    return handlers
+        else:
+            target = self._fence.constrained(flight, self._guidance.target(flight))
+            if self._liftoff.update(target):
+                flight.target = target
+                airframe.fly(target)
+            else:
+                airframe.rest()
 
 
 def _methods(services: Sequence[object], method: Callable[[Any], R]) -> list[Callable[[], R]]:
@@ -517,18 +444,3 @@ def _methods(services: Sequence[object], method: Callable[[Any], R]) -> list[Cal
     # By its name: Python 3.11 takes 0.1 ms to tell whether a service fulfils a protocol, in 180 questions.
     bound_methods = (getattr(service, method.__name__, None) for service in services)
     return [bound_method for bound_method in bound_methods if bound_method is not None]
-
-
-def message_target(message: Any) -> int:
-    """The system that a message is for; 0 for every system, also where the message names none."""
-    system: int = getattr(message, "target_system", 0) or getattr(message, "target", 0)
-    return system
-
-
-def _is_addressed(message: Any, system_id: int, any_component: bool) -> bool:
-    """Whether a message is for this vehicle: its system, or every system; its autopilot, or every
-    component.
-    """
-    system = message_target(message)
-    component = getattr(message, "target_component", 0)
-    return system in (0, system_id) and (system == 0 or any_component or component in (0, COMPONENT))

@@ -21,35 +21,47 @@ _CHANGE_MODE = 1
 _REBOOT, _REBOOT_TO_BOOTLOADER = 1.0, 3.0
 BANNER = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
 
+_ACCEPTED, _FAILED, _DENIED, _UNSUPPORTED = (
+    CommandAnswer((result,))
+    for result in (
+        CommandResult.ACCEPTED,
+        CommandResult.FAILED,
+        CommandResult.DENIED,
+        CommandResult.UNSUPPORTED,
+    )
+)
+
 
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
     first = command.params[0]
-    accepted, failed = CommandAnswer((CommandResult.ACCEPTED,)), CommandAnswer((CommandResult.FAILED,))
+    accepted, failed = _ACCEPTED, _FAILED
     match command.number:
         case MAV_CMD.DO_FENCE_ENABLE:
             return accepted if first in (0.0, 1.0, 2.0) else failed
-        case MAV_CMD.DO_SET_SERVO if first in (1.0, 2.0, 3.0, 4.0):
-            text = f"ServoRelayEvent: Channel {first:.0f} is already in use"
-            return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
         case MAV_CMD.DO_SET_SERVO:
-            return accepted if 5.0 <= first <= 16.0 else failed
+            return _set_servo(first)
         case MAV_CMD.DO_LAND_START:
             texts = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
             return CommandAnswer((CommandResult.FAILED,), texts)
         case MAV_CMD.SET_EKF_SOURCE_SET:
             # Sets 1 to 3 exist (source); they change nothing, since there is one source of position here.
-            return accepted if first in (1.0, 2.0, 3.0) else CommandAnswer((CommandResult.DENIED,))
+            return accepted if first in (1.0, 2.0, 3.0) else _DENIED
         case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN:
-            if flight.armed or flight.tests_motors:
-                return failed
-            known = first in (_REBOOT, _REBOOT_TO_BOOTLOADER)
-            return accepted if known else CommandAnswer((CommandResult.UNSUPPORTED,))
+            known = accepted if first in (_REBOOT, _REBOOT_TO_BOOTLOADER) else _UNSUPPORTED
+            return failed if flight.armed or flight.tests_motors else known
         case MAV_CMD.CONTROL_HIGH_LATENCY:
             text = f"Control high latency {'en' if first else 'dis'}abled"
             return CommandAnswer((CommandResult.ACCEPTED,), ((NOTICE, text),))
         case MAV_CMD.DO_SEND_BANNER:
             return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in BANNER))
     return None
+
+
+def _set_servo(channel: float) -> CommandAnswer:
+    if channel in (1.0, 2.0, 3.0, 4.0):
+        text = f"ServoRelayEvent: Channel {channel:.0f} is already in use"
+        return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
+    return _ACCEPTED if 5.0 <= channel <= 16.0 else _FAILED
 
 
 def _refuse_takeoff(flight: FlightState, command: Command) -> Refusal | None:

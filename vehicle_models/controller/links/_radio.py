@@ -8,7 +8,7 @@ from typing import Any
 from bench.contracts import MavlinkTap
 
 from ._frames import Packer, message_id, sender, target_system, wire_values
-from ._links import Link
+from ._link import Link
 from ._signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
@@ -95,10 +95,6 @@ class Channel:
         if self.link.silenced:
             self.link.inbox.clear()
 
-    def take(self) -> list[bytes]:
-        """The frames that are handled in this step."""
-        return self.link.inbox.take(MESSAGES_PER_STEP)
-
     def flush(self, tap: MavlinkTap | None) -> None:
         """Send the queue."""
         if self._queue:
@@ -136,6 +132,13 @@ class Radio:
             heard = channel.has_client or not self._waits_for_client
             if heard and (goes_over is None or goes_over(channel)):
                 channel.send(number, values)
+
+    def take(self, channel: Channel) -> list[bytes]:
+        """The frames of a channel that are handled in this step."""
+        frames = channel.link.inbox.take(MESSAGES_PER_STEP)
+        if self._tap and frames:
+            self._tap(channel.name, "from_agent", b"".join(frames))
+        return frames
 
     def begin(self) -> None:
         for channel in self.channels:

@@ -102,6 +102,10 @@ class Failsafe:
         self._send(reaction.texts)
         if reaction.action is None or (settings.strongest and _strength(reaction) <= active_strength):
             return
+        self._react(cause, reaction, active_strength)
+
+    def _react(self, cause: Cause, reaction: Reaction, active_strength: int) -> None:
+        flight, settings = self._context.flight, self._settings
         if reaction.action is Behaviour.TERMINATE:
             self._hold = None  # a termination does not wait for the Hold of another cause
         # The Hold that runs already ends for this cause.
@@ -134,8 +138,10 @@ class Failsafe:
             # The Hold goes on for the cause that is left with the strongest action, or it would end for none.
             strongest = max(remaining, key=lambda other: _strength(self._active[other]))
             self._hold = (self._hold[0], strongest)
-        if not (held or reaction.resumes) or remaining:
-            return
+        if (held or reaction.resumes) and not remaining:
+            self._resume(flight)
+
+    def _resume(self, flight: FlightState) -> None:
         previous, self._previous_mode, self._hold = self._previous_mode, None, None
         if previous is not None and flight.flying:
             self._acting = True

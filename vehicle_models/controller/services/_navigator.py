@@ -15,7 +15,7 @@ from ..links._enums import MAV_CMD
 from ..policies._commands import CommandPolicy
 from ..policies._missions import MissionResult
 from ..policies._modes import ModePolicy
-from ..state._flight_state import Behaviour
+from ..state._flight_state import Behaviour, NorthEast
 from ..state._service import (
     Command,
     CommandHandler,
@@ -157,12 +157,9 @@ class Navigator:
         if refusal:
             return self._context.texts.refuse(refusal)
         speed, _, radius, yaw, latitude, longitude, altitude = command.params
-        place = None
-        if math.isfinite(latitude) and math.isfinite(longitude):
-            if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-                return CommandResult.DENIED
-            place = self._context.frame.to_local_m(latitude, longitude)
-        down = self._down_m(command, altitude)
+        if _is_off_earth(latitude, longitude):
+            return CommandResult.DENIED
+        place, down = self._place(latitude, longitude), self._down_m(command, altitude)
         if not self._fence.allows(
             *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down
         ):
@@ -185,6 +182,11 @@ class Navigator:
             if guidance.limits.reposition_delay_s:
                 guidance.manoeuvre.delay(flight, guidance.limits.reposition_delay_s)
         return CommandResult.ACCEPTED
+
+    def _place(self, latitude: float, longitude: float) -> NorthEast | None:
+        """The place of a command in the local frame; None where it gives none."""
+        given = math.isfinite(latitude) and math.isfinite(longitude)
+        return self._context.frame.to_local_m(latitude, longitude) if given else None
 
     def _down_m(self, command: Command, altitude_m: float) -> float | None:
         """The height of a command in the local frame; None where it gives none."""
@@ -222,11 +224,9 @@ class Navigator:
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m
         speed = speed if math.isfinite(speed) else 1.0
-        centre = (flight.north_m, flight.east_m)
-        if math.isfinite(latitude) and math.isfinite(longitude):
-            if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-                return CommandResult.DENIED
-            centre = context.frame.to_local_m(latitude, longitude)
+        if _is_off_earth(latitude, longitude):
+            return CommandResult.DENIED
+        centre = self._place(latitude, longitude) or (flight.north_m, flight.east_m)
         if not 1.0 <= abs(radius) <= limits.orbit_radius_max_m:
             context.texts.report(self._policy.bad_orbit_text)
             return CommandResult.ACCEPTED
@@ -237,14 +237,8 @@ class Navigator:
         # The centripetal acceleration bounds the speed on a small circle.
         max_speed = min(limits.speed_max_mps, math.sqrt(_MAX_ORBIT_MPS2 * abs(radius)))
         speed = math.copysign(min(abs(speed), max_speed), radius * (speed or 1.0))
-        heading: Literal["in", "ahead", "kept"] = "kept"
-        if not math.isfinite(yaw_behaviour) or yaw_behaviour == _TO_CENTRE:
-            heading = "in"
-        elif yaw_behaviour == _FRONT_TANGENT_TO_CIRCLE:
-            heading = "ahead"
-        self._guidance.manoeuvre = Circle(
-            centre, flight.down_m if down is None else down, abs(radius), speed, heading
-        )
+        down = flight.down_m if down is None else down
+        self._guidance.manoeuvre = Circle(centre, down, abs(radius), speed, _facing(yaw_behaviour))
         return CommandResult.ACCEPTED
 
     def _orbit_status(self) -> Values | None:
@@ -314,3 +308,15 @@ class Navigator:
         if self._guidance.heading and self._guidance.heading.place:
             self._guidance.heading = None
         return CommandResult.ACCEPTED
+
+
+def _is_off_earth(latitude: float, longitude: float) -> bool:
+    """Whether a command gives a place that is not on Earth; NaN gives none."""
+    given = math.isfinite(latitude) and math.isfinite(longitude)
+    return given and (abs(latitude) > 90.0 or abs(longitude) > 180.0)
+
+
+def _facing(yaw_behaviour: float) -> Literal["in", "ahead", "kept"]:
+    if not math.isfinite(yaw_behaviour) or yaw_behaviour == _TO_CENTRE:
+        return "in"
+    return "ahead" if yaw_behaviour == _FRONT_TANGENT_TO_CIRCLE else "kept"
