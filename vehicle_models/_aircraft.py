@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
 from bench.contracts import (
-    START,
     MavlinkTap,
     SimTime,
     Vector,
@@ -22,10 +21,10 @@ from bench.errors import Fault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
 from ._battery import BatteryModel
-from ._failures import Failures
 from ._geodesy import LocalFrame, TangentPlane
-from ._gusts import Gusts, mean_wind_ned_mps
+from ._gusts import mean_wind_ned_mps
 from ._jsbsim import StartPose, VehicleMotion
+from ._linked_vehicle import LinkedVehicle
 from ._navigation import Navigation
 from .controller import (
     AUTOPILOTS,
@@ -90,7 +89,7 @@ class SteeredAirframe(Airframe, Protocol):
     error_enu_m: Vector
 
 
-class Aircraft(ABC):
+class Aircraft(LinkedVehicle, ABC):
     """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks MAVLink.
 
     Each kind of aircraft defines its plant, what steers it, which autopilots it can carry, and what it does
@@ -103,60 +102,29 @@ class Aircraft(ABC):
     rotors: ClassVar[int]
 
     def __init__(self, plan: VehiclePlan, links: list[Link], tap: MavlinkTap | None = None) -> None:
+        super().__init__(plan, links, tap)
         simspec = plan.simspec
-        self.step_s = 1.0 / plan.controller_hz
-        self._step_ns = round(1e9 / plan.controller_hz)
-        self.time = START
         origin, home = simspec.world.origin, simspec.vehicle.home
         self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
         self._frame = LocalFrame(self._plane, home.east_m, home.north_m)
         self._ground_m = origin.altitude_m
-        place = StartPose(
-            origin.latitude_deg,
-            origin.longitude_deg,
-            origin.altitude_m,
-            home.east_m,
-            home.north_m,
-            math.radians(home.heading_deg),
-        )
+        place = StartPose.of(simspec)
         self._plant, self._airframe = self._build(place)
-        wind = simspec.environment.wind
-        self._plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
-        self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
+        self._plant.set_wind_ned_mps(mean_wind_ned_mps(self._wind))
         self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
-        self._battery = BatteryModel(simspec.vehicle.battery)
         self._autopilot = self._find_autopilot(simspec.vehicle.autopilot)
         # Simulated time at the flight controller's last start, which may lie before the session.
         self._booted_ns = -round(self._autopilot.modes.booted_s * 1e9)
         self._start_us = round(simspec.environment.start_utc.timestamp() * 1e6)
-        self._links, self._tap = links, tap
         self._parameters = simspec.vehicle.parameters
         self._flight = self._cold_flight()
         self._sense()
-        self._failures = Failures(
-            simspec.vehicle.failures,
-            self._navigation,
-            self._battery,
-            self.rotors,
-            self._plant.set_works,
-            [link.spec.name for link in links],
-            self._silence,
-        )
+        self._failures = self._failures_of(plan, self._navigation, self.rotors, self._plant.set_works)
         truth = self._hil_state if simspec.vehicle.ground_truth else None
         self._equipment = Equipment(
             simspec.vehicle.camera, truth, self._failures.break_part, simspec.vehicle.simulation_control
         )
         self._controller = self._boot(None)
-
-    def endpoints(self) -> Mapping[str, str]:
-        return {link.spec.name: link.endpoint for link in self._links}
-
-    def receive(self) -> Mapping[str, int]:
-        self._controller.receive()
-        return {link.spec.name: link.received for link in self._links}
-
-    def sent(self) -> Mapping[str, int]:
-        return {link.spec.name: link.sent for link in self._links}
 
     def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of this vehicle's camera."""
@@ -256,11 +224,6 @@ class Aircraft(ABC):
         if not self._gusts.calm:
             motion = self._plant.motion
             self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
-
-    def _silence(self, name: str, lost: bool) -> None:
-        for candidate in self._links:
-            if candidate.spec.name == name:
-                candidate.silenced = lost
 
     def _hil_state(self) -> tuple[float, ...]:
         """HIL_STATE_QUATERNION in wire order: the true motion."""

@@ -7,11 +7,13 @@ import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Self
 
 import jsbsim
 
 from bench.contracts import Vector
 from bench.errors import Fault, SetupError, VehicleFault
+from bench.simspec import SimSpec
 
 from ._geodesy import TangentPlane
 
@@ -43,6 +45,14 @@ class StartPose:
     east_m: float = 0.0
     north_m: float = 0.0
     heading_rad: float = 0.0
+
+    @classmethod
+    def of(cls, simspec: SimSpec) -> Self:
+        """At the home of the SimSpec's vehicle."""
+        origin, home = simspec.world.origin, simspec.vehicle.home
+        heading_rad = math.radians(home.heading_deg)
+        place = (origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+        return cls(*place, home.east_m, home.north_m, heading_rad)
 
 
 @dataclass(slots=True)

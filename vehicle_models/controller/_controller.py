@@ -339,11 +339,6 @@ class Controller:
         if self._camera:
             self._camera.record_exposure(frame)
 
-    def receive(self) -> None:
-        """Move what waits in the sockets to the inboxes."""
-        for channel in self.channels:
-            channel.link.poll()
-
     def control(self) -> None:
         """Run messages, services and guidance of one step, and steer."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from ..files._served_files import FileContent
 from ..policies._logs import LogPolicy
@@ -138,9 +139,12 @@ class LogStorage:
     def files(self, policy: LogPolicy) -> dict[str, FileContent]:
         """The logs as files, by the path at which the autopilot has them."""
         return {
-            policy.path(number, log.opening, log.namesakes): lambda query, log=log: bytes(self.read(log))
+            policy.path(number, log.opening, log.namesakes): partial(self._content, log)
             for number, log in enumerate(self._logs, start=policy.first_number)
         }
+
+    def _content(self, log: FlightLog, query: str) -> bytes:
+        return bytes(self.read(log))
 
     def erase(self) -> None:
         self._logs.clear()

@@ -25,14 +25,6 @@ class BootText:
     text: str
 
 
-def no_boot_texts(flight: FlightState) -> Sequence[BootText]:
-    return ()
-
-
-def no_files(parameters: ParameterStore) -> Mapping[str, FileContent]:
-    return {}
-
-
 class CalibrationProtocol(Enum):
     """How a client follows a calibration of sensors."""
 
@@ -66,13 +58,13 @@ class IdentityPolicy:
     """Put behind every text: PX4 ends a text that is an event as well with a tab."""
     texts_for_stations_s: float | None
     texts_follow_answers: bool
-    boot_texts: Callable[[FlightState], Sequence[BootText]] = no_boot_texts
+    boot_texts: Callable[[FlightState], Sequence[BootText]] = lambda flight: ()
     climbed_clear_texts: tuple[StatusText, ...] = ()
     """Sent when the vehicle has risen clear of the ground."""
     ground_contact_text: StatusText | None
     event_names: tuple[EventName, ...] = ()
     metadata: Metadata | None = None
-    files: Callable[[ParameterStore], Mapping[str, FileContent]] = no_files
+    files: Callable[[ParameterStore], Mapping[str, FileContent]] = lambda parameters: {}
     """What MAVLink FTP serves beside the metadata."""
     folders: tuple[str, ...] = ()
     """Empty folders that MAVLink FTP lists from the start."""

@@ -33,24 +33,6 @@ class MissionResult(IntEnum):
     OPERATION_CANCELLED = 15
 
 
-def accept_plan(
-    kind: int, items: tuple[MissionItem, ...]
-) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
-    return None
-
-
-def stored_as_it_came(item: MissionItem) -> MissionItem:
-    return item
-
-
-def has_degrees_by_frame(command: int, frame: int) -> bool:
-    return frame not in PLACELESS
-
-
-def no_item_text(item: MissionItem) -> StatusText | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransferPolicy:
     """The mission protocol: uploads, downloads and clearing of missions, fences and rally points."""
@@ -90,11 +72,11 @@ class TransferPolicy:
     checks_jumps: bool
     refuse_plan: Callable[
         [int, tuple[MissionItem, ...]], tuple[MissionResult, tuple[StatusText, ...]] | None
-    ] = accept_plan
+    ] = lambda kind, items: None
     """Why a whole plan is not taken."""
-    stored: Callable[[MissionItem], MissionItem] = stored_as_it_came
+    stored: Callable[[MissionItem], MissionItem] = lambda item: item
     """An item of a mission as it is kept."""
-    has_degrees: Callable[[int, int], bool] = has_degrees_by_frame
+    has_degrees: Callable[[int, int], bool] = lambda command, frame: frame not in PLACELESS
     """Whether x and y of a MISSION_ITEM are degrees, by its command and frame; else they are plain numbers."""
     shown_frame: Callable[[MissionItem, bool], int]
     """The frame of an item in a download, and in one with floats."""
@@ -120,9 +102,9 @@ class MissionPolicy:
     far_event: StatusText | None
     actions: frozenset[int] = frozenset()
     """Items that are carried out beside those of every autopilot: conditions and commands of its own."""
-    idle_text: Callable[[MissionItem], StatusText | None] = no_item_text
+    idle_text: Callable[[MissionItem], StatusText | None] = lambda item: None
     """Sent in place of an effect, when the turn of an item comes."""
-    item_text: Callable[[MissionItem], StatusText | None] = no_item_text
+    item_text: Callable[[MissionItem], StatusText | None] = lambda item: None
     """Sent as an item begins; {} stands for its number."""
     acceptance_radius_m: Callable[[MissionItem, ParameterStore], float]
     """How close to a waypoint the vehicle has reached it."""

@@ -11,10 +11,6 @@ from ..state._service import CommandResult, Refusal
 from ..state._texts import WARNING, StatusText
 
 
-def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple[str, ...]:
-    return ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModePolicy:
     """Modes and arming.
@@ -68,7 +64,7 @@ class ModePolicy:
     """Why the vehicle may not be disarmed: flight, whether it is forced."""
     refuse_arm_value: Callable[[float], Refusal | None]
     """Why the first parameter of COMPONENT_ARM_DISARM makes no sense."""
-    prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = no_prearm_failures
+    prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = lambda flight, parameters: ()
     """Failing checks that the autopilot reports without being asked; none for one that does not report."""
     checks_when_armed: CommandResult
     manual_landing_disarms: bool

@@ -147,10 +147,6 @@ class SimulatedDischarge:
     min_fraction: float
 
 
-def no_simulated_discharge(parameters: ParameterStore) -> SimulatedDischarge | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyPolicy:
     """Failsafes, fence and battery of an autopilot."""
@@ -163,7 +159,7 @@ class SafetyPolicy:
     """For so long without fixes the estimate of position is continued."""
     battery_volts: Callable[[FlightState, ParameterStore], float]
     """The voltage that the autopilot measures."""
-    simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = no_simulated_discharge
+    simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = lambda parameters: None
     """The battery of the autopilot's own simulation, when its parameters ask for one."""
     counts_charge: bool
     failure_parameter: str | None

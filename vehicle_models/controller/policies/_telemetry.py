@@ -19,22 +19,6 @@ class SensorBits:
     health: int
 
 
-def no_estimator_flags(flight: FlightState) -> int:
-    return 0
-
-
-def knows_home(flight: FlightState) -> bool:
-    return flight.home is not None
-
-
-def no_airspeed(flight: FlightState) -> float:
-    return 0.0
-
-
-def no_wind(flight: FlightState) -> tuple[float, float, float] | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetryPolicy:
     """Streams and contents of an autopilot's messages."""
@@ -72,13 +56,13 @@ class TelemetryPolicy:
     lost_fix_type: int
     """GPS_RAW_INT.fix_type without fixes."""
     sensors: Callable[[FlightState], SensorBits]
-    estimator_flags: Callable[[FlightState], int] = no_estimator_flags
+    estimator_flags: Callable[[FlightState], int] = lambda flight: 0
     """EKF_STATUS_REPORT.flags."""
-    knows_local_position: Callable[[FlightState], bool] = knows_home
+    knows_local_position: Callable[[FlightState], bool] = lambda flight: flight.home is not None
     """Whether LOCAL_POSITION_NED is sent."""
-    airspeed_mps: Callable[[FlightState], float] = no_airspeed
+    airspeed_mps: Callable[[FlightState], float] = lambda flight: 0.0
     """VFR_HUD.airspeed; a multicopter has no sensor for it, and the true one would tell agents the wind."""
-    wind: Callable[[FlightState], tuple[float, float, float] | None] = no_wind
+    wind: Callable[[FlightState], tuple[float, float, float] | None] = lambda flight: None
     """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an
     estimate.
     """
