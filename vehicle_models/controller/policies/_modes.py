@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from ..state._flight_state import Behaviour, FlightMode, FlightState
+from ..._read_table import read_table
+from ..links._enums import MAV_MODE_FLAG
+from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
 from ..state._parameter_store import ParameterStore
 from ..state._service import CommandResult, Refusal
 from ..state._texts import WARNING, StatusText
@@ -80,3 +83,27 @@ class ModePolicy:
     def numbered(self, custom: int) -> FlightMode | None:
         """The mode with this custom number, if there is one."""
         return next((mode for mode in self.modes if mode.custom == custom), None)
+
+
+def read_modes(table: Path) -> tuple[FlightMode, ...]:
+    """The modes of a CSV table: name, custom number, flags of HEARTBEAT.base_mode without ARMED, and the other fields of a
+    FlightMode; further columns are the autopilot's own.
+    """
+    return tuple(
+        FlightMode(
+            row["name"],
+            int(row["custom"], 0),
+            sum(MAV_MODE_FLAG[flag] for flag in row["base"].split()),
+            Behaviour[row["behaviour"]],
+            row["armable"] == "yes",
+            row["label"],
+            StickControl[row["stick"]] if row["stick"] else None,
+            row["needs_position"] == "yes",
+        )
+        for row in read_table(table)
+    )
+
+
+def numbers_by_mode(table: Path, column: str) -> dict[str, int]:
+    """A column of such a table, of the modes that have a number there."""
+    return {row["name"]: int(row[column]) for row in read_table(table) if row[column]}
