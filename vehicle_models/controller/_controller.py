@@ -61,16 +61,7 @@ from .services._shell import Shell
 from .state._flight_state import Airframe, Behaviour, FlightState
 from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
-from .state._service import (
-    AnswersRequests,
-    AnyStream,
-    HandlesCommands,
-    HandlesMessages,
-    MessageAnswer,
-    Stream,
-    StreamsMessages,
-    Ticks,
-)
+from .state._service import AnyStream, MessageAnswer, Service, Stream
 from .state._service_context import ServiceContext
 from .state._texts import FlightEvent, Texts
 from .telemetry._attitude import AttitudeCache
@@ -319,16 +310,16 @@ class Controller:
         # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
         streams: dict[str, AnyStream] = {"HIL_STATE_QUATERNION": truth} if truth else {}
         answers: dict[str, MessageAnswer] = {}
-        for service_streams in _methods(services, StreamsMessages.streams):
+        for service_streams in _methods(services, Service.streams):
             streams.update(service_streams())
-        for service_answers in _methods(services, AnswersRequests.answers):
+        for service_answers in _methods(services, Service.answers):
             answers.update(service_answers())
         self._streams = Streams(self._context, self._autopilot.telemetry, streams, answers)
         services = [*services, self._streams]
-        for method in _methods(services, HandlesCommands.commands):
+        for method in _methods(services, Service.commands):
             self._commands.add(method())
-        self._ticks = _methods(services, Ticks.tick)
-        handlers = [method() for method in _methods(services, HandlesMessages.handlers)]
+        self._ticks = _methods(services, Service.tick)
+        handlers = [method() for method in _methods(services, Service.handlers)]
         any_component = self._autopilot.commands.any_component
         self._router = MessageRouter(self._context.radio, self._system, any_component, handlers, self._camera)
         if self._autopilot.modes.heartbeat_on_change:
@@ -435,7 +426,7 @@ class Controller:
 
 
 def _methods(services: Sequence[object], method: Callable[[Any], R]) -> list[Callable[[], R]]:
-    """A protocol's method, of those services that have it."""
+    """A method of those services that have it."""
     # By its name: Python 3.11 takes 0.1 ms to tell whether a service fulfils a protocol, in 180 questions.
     bound_methods = (getattr(service, method.__name__, None) for service in services)
     return [bound_method for bound_method in bound_methods if bound_method is not None]
