@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import importlib.resources
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Self
 
 import jsbsim
 
 from bench.contracts import Vector
 from bench.errors import Fault, SetupError, VehicleFault
+from bench.simspec import SimSpec
 
 from ._geodesy import TangentPlane
 
@@ -44,6 +46,14 @@ class StartPose:
     north_m: float = 0.0
     heading_rad: float = 0.0
 
+    @classmethod
+    def of(cls, simspec: SimSpec) -> Self:
+        """At the home of the SimSpec's vehicle."""
+        origin, home = simspec.world.origin, simspec.vehicle.home
+        heading_rad = math.radians(home.heading_deg)
+        place = (origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+        return cls(*place, home.east_m, home.north_m, heading_rad)
+
 
 @dataclass(slots=True)
 class VehicleMotion:
@@ -72,8 +82,7 @@ class JsbsimPlant:
     """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a
     time.
 
-    `written` are the properties under `ap/` that the flight controller may set. Raises SetupError when the
-    step is not a whole number of physics steps.
+    Raises SetupError when the step is not a whole number of physics steps.
     """
 
     def __init__(
@@ -81,7 +90,6 @@ class JsbsimPlant:
         name: str,
         place: StartPose,
         feet_m: float,
-        written: Iterable[str],
         step_s: float,
         physics_hz: int = 200,
     ) -> None:
@@ -100,13 +108,11 @@ class JsbsimPlant:
         self._run: Callable[[], bool] = self._fdm.run
         self._getters = [self.node(read).get_double_value for read in _READ]
         self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
-        self._setters = {target: self.node(f"ap/{target}").set_double_value for target in written}
-        self._wind = [
-            self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")
-        ]
-        self._gust = [
-            self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")
-        ]
+        self._setters: dict[str, Callable[[float], object]] = {}  # of what has been written
+        self._wind, self._gust = (
+            [self.node(f"atmosphere/{air}-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
+            for air in ("wind", "gust")
+        )
         self._turns = self._getters[6:12]
         self.motion = VehicleMotion()
         # Roll, pitch, yaw and body rates in the middle of the last step; empty where a step is one of physics.
@@ -114,8 +120,11 @@ class JsbsimPlant:
         self._read()
 
     def write(self, name: str, value: float) -> None:
-        """Set one of the properties that the aircraft file lists under "target"."""
-        self._setters[name](value)
+        """Set one of the properties under `ap/` that the aircraft file lists under "target"; KeyError for any other."""
+        put = self._setters.get(name)
+        if put is None:
+            put = self._setters[name] = self.node(f"ap/{name}", create=False).set_double_value
+        put(value)
 
     def set_wind_ned_mps(self, wind: Vector) -> None:
         for put, value in zip(self._wind, wind, strict=True):
@@ -148,10 +157,11 @@ class JsbsimPlant:
             raise VehicleFault(f"the flight dynamics stopped: {error}") from error
         self._read()
 
-    def node(self, name: str) -> jsbsim.FGPropertyNode:
-        """A property of JSBSim; created when it is missing."""
-        node = self._fdm.get_property_manager().get_node(name, True)
-        assert node is not None
+    def node(self, name: str, create: bool = True) -> jsbsim.FGPropertyNode:
+        """A property of JSBSim. Raises KeyError for one that is missing and not to be created."""
+        node = self._fdm.get_property_manager().get_node(name, create)
+        if node is None:
+            raise KeyError(name)
         return node
 
     def _read(self) -> None:

@@ -6,7 +6,6 @@ Each function gives rows of cells, the header first.
 from __future__ import annotations
 
 import ast
-import csv
 import itertools
 from collections.abc import Mapping
 from functools import cache
@@ -16,12 +15,14 @@ from bench.contracts import LinkSpec, VehiclePlan
 from bench.simspec import SimSpec
 
 from ._aircraft import X500, open_x500
+from ._read_table import read_table
 from .controller import AUTOPILOTS, WING_AUTOPILOTS, Autopilot, FlightState, ReferencePoint, open_links
-from .controller.links._enums import MAV_CMD, MAV_FRAME
+from .controller.links._enums import MAV_FRAME
 from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
-from .controller.missions._mission_flight import effect_of
+from .controller.missions._item_actions import effect_of
+from .controller.policies._command_table import COMMAND_NAMES
 from .controller.state._parameter_store import Parameter
 from .controller.state._plan_store import MISSION, MissionItem
 from .controller.state._service import Command, CommandResult, MessageSender
@@ -69,7 +70,7 @@ def command_table() -> Rows:
     rows: Rows = [("number", "MAV_CMD", *AUTOPILOTS)]
     for number in sorted(set().union(*columns)):
         cells = (column.get(number, "not known") for column in columns)
-        rows.append((str(number), MAV_CMD(number).name, *cells))
+        rows.append((str(number), COMMAND_NAMES[number], *cells))
     return rows
 
 
@@ -97,18 +98,18 @@ def _command_cells(
     autopilot: Autopilot, without: frozenset[int], with_gimbal: frozenset[int], sender: MessageSender
 ) -> dict[int, str]:
     cells = {}
-    for number in MAV_CMD:
+    for number in COMMAND_NAMES:
         result = _result_without_effect(autopilot, number, sender)
         if number in without:
-            cells[int(number)] = "carried out"
+            cells[number] = "carried out"
         elif number in with_gimbal:
-            cells[int(number)] = f"carried out with a gimbal, else {result or 'not known'}"
+            cells[number] = f"carried out with a gimbal, else {result or 'not known'}"
         elif result:
-            cells[int(number)] = result
+            cells[number] = result
     return cells
 
 
-def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: MessageSender) -> str | None:
+def _result_without_effect(autopilot: Autopilot, number: int, sender: MessageSender) -> str | None:
     """What the policy answers to a command that no service carries out; None when it does not know the
     command.
     """
@@ -135,14 +136,14 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
 def mission_table() -> Rows:
     """Items of a mission that an autopilot takes, and what each does when its turn comes."""
     rows: Rows = [("number", "MAV_CMD", *AUTOPILOTS)]
-    for number in MAV_CMD:
+    for number, name in COMMAND_NAMES.items():
         cells = [_item_cell(autopilot, number) for autopilot in AUTOPILOTS.values()]
         if set(cells) != {REFUSED_ITEM}:
-            rows.append((str(int(number)), number.name, *cells))
+            rows.append((str(number), name, *cells))
     return rows
 
 
-def _item_cell(autopilot: Autopilot, number: MAV_CMD) -> str:
+def _item_cell(autopilot: Autopilot, number: int) -> str:
     frames = (MAV_FRAME.MISSION, MAV_FRAME.GLOBAL_RELATIVE_ALT)
     items = [MissionItem(number, frame, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0) for frame in frames]
     policy = autopilot.missions
@@ -178,9 +179,8 @@ def simulation_table() -> Rows:
 
 def conformance_table() -> Rows:
     """What was observed of the real autopilots, and whether it is the same here, different or missing."""
-    with CONFORMANCE.open(newline="", encoding="ascii") as file:
-        columns = ("autopilot", "subject", "observation", "verdict", "note")
-        return [columns, *(tuple(row[column] for column in columns) for row in csv.DictReader(file))]
+    columns = ("autopilot", "subject", "observation", "verdict", "note")
+    return [columns, *(tuple(row[column] for column in columns) for row in read_table(CONFORMANCE))]
 
 
 def parameter_table() -> Rows:

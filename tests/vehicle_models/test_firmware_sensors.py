@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vehicle_models.firmware._magnetic_field import magnetic_field_ned_gauss
 from vehicle_models.firmware._sensors import (
     ACCELEROMETER,
     BAROMETER,
     GYRO,
     MAGNETOMETER,
     Sensors,
+    magnetic_field_ned_gauss,
     turned_to_body,
 )
 

@@ -13,7 +13,8 @@ from vehicle_client import simspec
 from bench.contracts import LinkSpec, Vehicle, VehiclePlan
 from bench.errors import SetupError
 from vehicle_models import open_x500
-from vehicle_models.controller.links._links import BACKLOG_BYTES, INBOX_FRAMES
+from vehicle_models.controller.links._link import INBOX_FRAMES
+from vehicle_models.controller.links._links import BACKLOG_BYTES
 from vehicle_models.controller.links._radio import MESSAGES_PER_STEP
 
 

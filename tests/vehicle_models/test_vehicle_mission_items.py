@@ -14,7 +14,7 @@ from vehicle_client import NAN, Client, simspec
 
 from vehicle_models.controller.ardupilot._missions import MISSIONS as ARDUPILOT
 from vehicle_models.controller.links._enums import MAV_CMD
-from vehicle_models.controller.missions._mission_flight import effect_of
+from vehicle_models.controller.missions._item_actions import effect_of
 from vehicle_models.controller.px4._missions import MISSIONS as PX4
 from vehicle_models.controller.state._plan_store import MISSION, MissionItem
 from vehicle_models.tables import mission_table

@@ -10,11 +10,22 @@ from vehicle_client import Client, mavlink, simspec
 
 from bench.cli._app import run
 from bench.contracts import load_plugin
-from vehicle_models.controller.links._enums import MAV_CMD
+from vehicle_models.controller.policies._command_table import COMMAND_NAMES
+from vehicle_models.controller.policies._message_table import SENDING_ORDER
 from vehicle_models.tables import CONFORMANCE, VERDICTS, command_table, parameter_table, parameters_read
 
 Make = Callable[..., Client]
-CELLS_BY_COMMAND = {MAV_CMD[name]: (px4, ardupilot) for _, name, px4, ardupilot in command_table()[1:]}
+CELLS_BY_COMMAND = {int(number): (px4, ardupilot) for number, _, px4, ardupilot in command_table()[1:]}
+
+
+def test_the_autopilots_tables_name_what_mavlink_has() -> None:
+    """Numbers and names of commands, and the names of messages, each once."""
+    commands = mavlink.enums["MAV_CMD"]
+    assert {
+        number: commands[number].name.removeprefix("MAV_CMD_") for number in COMMAND_NAMES
+    } == COMMAND_NAMES
+    assert set(SENDING_ORDER) <= {kind.msgname for kind in mavlink.mavlink_map.values()}
+    assert len(set(SENDING_ORDER)) == len(SENDING_ORDER)
 
 
 def printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -77,9 +88,9 @@ def test_the_autopilot_answers_as_the_table_says(make: Make, autopilot: str) -> 
         # A second result comes a second later.
         expected = {"not known": "UNSUPPORTED", "IN_PROGRESS then ACCEPTED": "IN_PROGRESS"}.get(cell, cell)
         if expected == "no answer":
-            assert results == [], number.name
+            assert results == [], number
         else:
             assert mavlink.enums["MAV_RESULT"][results[0]].name.removeprefix("MAV_RESULT_") in expected, (
-                number.name
+                number
             )
-            assert len(results) == 1, number.name
+            assert len(results) == 1, number

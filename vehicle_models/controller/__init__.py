@@ -10,28 +10,28 @@ of the autopilots.
 - `missions/`: the transfer of plans, stored plans, missions in the air, items for gimbal and camera
 - `safety/`: failsafes, fence, rally points, battery monitor, checks before arming, injected failures
 - `telemetry/`: streams (which client gets which message at which rate), contents of messages, texts, events
-- `parameters/`: the store, its MAVLink service, the CSV tables
 - `payload/`: camera and gimbal
 - `logs/`: flight logs, their formats, their transfer and streaming
 - `files/`: MAVLink FTP, component metadata, packed parameters
 - `policies/`: what an autopilot must define: identity, parameters, modes (with arming), commands, setpoints,
-  telemetry, missions, safety
+  telemetry, missions, safety; with tables of what is plain data
 - `px4/`, `ardupilot/`: the nine policies of each autopilot, under the same file names
 - `px4_wing/`: the identity and the parameters of PX4 on a fixed wing
 
 `_service.py` says which methods a service may have. `_controller.py` lists the services in the order in which
 they tick: to add one, write a module and a line there. A service never asks which autopilot it serves: it asks
-its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of nine files.
+its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of nine files, and a
+column in the tables of `policies/`.
 """
 
 from __future__ import annotations
 
 from ._controller import Controller as Controller
 from .ardupilot import ARDUPILOT as ARDUPILOT
-from .guidance._manoeuvres import Manoeuvres as Manoeuvres
+from .guidance._guidance import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
 from .guidance._wing import WingTarget as WingTarget
-from .links._links import Link as Link
+from .links._link import Link as Link
 from .links._links import link_counters as link_counters
 from .links._links import open_links as open_links
 from .payload._equipment import Equipment as Equipment

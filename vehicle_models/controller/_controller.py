@@ -10,21 +10,24 @@ from typing import Any, TypeVar
 from bench.contracts import MavlinkTap
 
 from .._geodesy import LocalFrame
+from ._message_router import COMPONENT, MessageRouter
 from .files._ftp import FileTransfer
-from .files._served_files import FileContent, ServedFiles
+from .files._served_files import ServedFiles
 from .guidance._fence_boundary import FenceBoundary
-from .guidance._guidance import Guidance
-from .guidance._manoeuvres import Manoeuvres
-from .links._frames import KINDS, Decoder, Packer, message_id, sender
-from .links._links import Link, link_counters
+from .guidance._guidance import Guidance, Manoeuvres
+from .links._frames import Packer
+from .links._link import Link
+from .links._links import link_counters
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
 from .logs._blocks import LogBlocks
 from .logs._recorder import FlightRecorder
-from .logs._storage import FlightLog, LogStorage
+from .logs._storage import LogStorage
 from .logs._streaming import LogStreaming
 from .logs._transfer import LogTransfer
+from .missions._item_actions import ItemActions
 from .missions._mission_flight import MissionFlight
+from .missions._mission_plan import MissionPlan
 from .missions._protocol import MissionProtocol
 from .payload._camera import CameraComponent
 from .payload._equipment import Equipment
@@ -39,7 +42,7 @@ from .safety._rally import Rally
 from .services._accelerometer_calibration import AccelerometerCalibration
 from .services._arming import Arming
 from .services._calibration import Calibration
-from .services._clock import ClockService
+from .services._clock import ClockService, SigningKeys
 from .services._commands import Commands
 from .services._compass_calibration import CompassCalibration
 from .services._follow_target import FollowTargetService
@@ -55,21 +58,10 @@ from .services._parameters import Parameters
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
 from .services._shell import Shell
-from .services._signing_keys import SigningKeys
-from .state._flight_state import Airframe, Behaviour, FlightState, FlightTarget
+from .state._flight_state import Airframe, Behaviour, FlightState
 from .state._parameter_store import ParameterStore
 from .state._plan_store import StoredPlans
-from .state._service import (
-    AnswersRequests,
-    AnyStream,
-    HandlesCommands,
-    HandlesMessages,
-    MessageAnswer,
-    MessageHandler,
-    MessageSender,
-    StreamsMessages,
-    Ticks,
-)
+from .state._service import AnyStream, MessageAnswer, Service, Stream
 from .state._service_context import ServiceContext
 from .state._texts import FlightEvent, Texts
 from .telemetry._attitude import AttitudeCache
@@ -84,12 +76,9 @@ from .telemetry._streams import Streams
 from .telemetry._system import SystemTelemetry
 from .telemetry._targets import TargetTelemetry
 from .telemetry._terrain import Terrain
-from .telemetry._truth import TruthStream
 
 R = TypeVar("R")
 
-# MAV_COMP_ID_AUTOPILOT1
-COMPONENT = 1
 # Looked up once, because every step compares with it.
 _TERMINATE = Behaviour.TERMINATE
 
@@ -117,7 +106,6 @@ class Controller:
     ) -> None:
         self._autopilot = autopilot
         self._flight = flight
-        self._tap = tap
         parameters = ParameterStore(
             autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters
         )
@@ -141,7 +129,8 @@ class Controller:
         self._failure_injection: FailureInjection | None = None
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
-        self._join(self._build_services(equipment or Equipment()))
+        equipment = equipment or Equipment()
+        self._join(self._build_services(equipment), equipment.truth)
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -150,8 +139,6 @@ class Controller:
             text for text in autopilot.identity.boot_texts(flight) if text.at_s >= flight.time_s
         ]
         self._home.tick()
-        self._decoder = Decoder()
-        self._unhandled = 0
         self._previous_counts = persistent.counts if persistent else {}
 
     def _build_flight_services(self, manoeuvres: Manoeuvres | None) -> None:
@@ -176,16 +163,11 @@ class Controller:
     def _build_safety_services(self) -> None:
         context, autopilot, modes = self._context, self._autopilot, self._modes
         self._battery = battery = BatteryMonitor(context, autopilot.safety)
-        self._failsafe = failsafe = Failsafe(
-            context,
-            autopilot.safety,
-            modes,
-            self._setpoints,
-            battery,
-            autopilot.modes.termination,
-            self._disarm,
+        termination = autopilot.modes.termination
+        self._failsafe = Failsafe(
+            context, autopilot.safety, modes, self._setpoints, battery, termination, self._disarm
         )
-        self._fence = Fence(context, self._boundary, modes, failsafe)
+        self._fence = Fence(context, self._boundary, modes, self._failsafe)
 
     def _build_services(self, equipment: Equipment) -> list[object]:
         """Every service, in the order in which they tick."""
@@ -217,7 +199,15 @@ class Controller:
                 context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station
             ),
             FollowTargetService(context, guidance),
-            self._build_navigator(),
+            Navigator(
+                context,
+                autopilot.commands,
+                autopilot.modes,
+                modes,
+                guidance,
+                self._boundary,
+                autopilot.missions.guided_items,
+            ),
             modes,
             self._build_mission_flight(gimbal, own_commands),
             self._fence,
@@ -229,9 +219,6 @@ class Controller:
         ]
         services += self._build_calibration()
         services += [service for service in (gimbal, own_commands) if service]
-        # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
-        if equipment.truth:
-            services.append(TruthStream(equipment.truth))
         if equipment.break_part:
             failure_parameter = autopilot.safety.failure_parameter
             self._failure_injection = FailureInjection(
@@ -248,29 +235,15 @@ class Controller:
             {**metadata, **identity.files(self._context.parameters)},
             identity.files_writable,
             identity.folders,
-            self._log_files,
+            functools.partial(self._logs.files, self._autopilot.logs),
             identity.memory_card,
         )
         return FileTransfer(self._context, files, identity.file_sessions)
 
-    def _log_files(self) -> Mapping[str, FileContent]:
-        """The logs as files, by path."""
-        policy, logs = self._autopilot.logs, self._logs
-        return {
-            policy.path(number, log.opening, log.namesakes): functools.partial(_log_content, logs, log)
-            for number, log in enumerate(logs.logs, start=policy.first_number)
-        }
-
     def _build_logs(self) -> list[object]:
         context, policy, storage = self._context, self._autopilot.logs, self._logs
-        recorder = FlightRecorder(
-            context,
-            policy,
-            self._autopilot.identity,
-            self._autopilot.telemetry.gps_quality,
-            self._battery,
-            storage,
-        )
+        identity, gps = self._autopilot.identity, self._autopilot.telemetry.gps_quality
+        recorder = FlightRecorder(context, policy, identity, gps, self._battery, storage)
         return [
             recorder,
             LogTransfer(context, policy, recorder, storage),
@@ -284,33 +257,24 @@ class Controller:
             return [Calibration(context)]
         return [AccelerometerCalibration(context, self._commands), CompassCalibration(context)]
 
-    def _build_navigator(self) -> Navigator:
-        autopilot = self._autopilot
-        return Navigator(
-            self._context,
-            autopilot.commands,
-            autopilot.modes,
-            self._modes,
-            self._guidance,
-            self._boundary,
-            autopilot.missions.guided_items,
-        )
-
     def _build_mission_flight(self, gimbal: Gimbal | None, own_commands: OwnCommands | None) -> MissionFlight:
-        return MissionFlight(
-            self._context,
-            self._autopilot.missions,
-            self._autopilot.modes.mission,
-            self._modes,
-            self._guidance,
-            self._boundary,
-            self._plans,
-            self._arming.arm,
+        context, policy, boundary = self._context, self._autopilot.missions, self._boundary
+        modes, guidance = self._modes, self._guidance
+        plan = MissionPlan(context, policy, boundary, self._plans)
+        actions = ItemActions(
+            context,
+            policy,
+            plan,
+            modes,
+            guidance,
+            boundary,
             self._home,
             gimbal,
             self._camera,
             own_commands,
         )
+        mission_mode = self._autopilot.modes.mission
+        return MissionFlight(context, policy, mission_mode, modes, guidance, plan, actions, self._arming.arm)
 
     def _build_camera(self, equipment: Equipment) -> Gimbal | None:
         """Add the camera where it is on the links; return its gimbal where it has one."""
@@ -341,45 +305,38 @@ class Controller:
             Terrain(context),
         ]
 
-    def _join(self, services: Sequence[object]) -> None:
+    def _join(self, services: Sequence[object], truth: Stream | None) -> None:
         """Collect what the services tick, take, carry out, stream and answer."""
-        self._streams = self._collect_streams(services)
+        # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
+        streams: dict[str, AnyStream] = {"HIL_STATE_QUATERNION": truth} if truth else {}
+        answers: dict[str, MessageAnswer] = {}
+        for service_streams in _methods(services, Service.streams):
+            streams.update(service_streams())
+        for service_answers in _methods(services, Service.answers):
+            answers.update(service_answers())
+        self._streams = Streams(self._context, self._autopilot.telemetry, streams, answers)
         services = [*services, self._streams]
-        for method in _methods(services, HandlesCommands.commands):
+        for method in _methods(services, Service.commands):
             self._commands.add(method())
-        self._ticks = _methods(services, Ticks.tick)
-        self._handlers = _handlers_by_id(services)
+        self._ticks = _methods(services, Service.tick)
+        handlers = [method() for method in _methods(services, Service.handlers)]
+        any_component = self._autopilot.commands.any_component
+        self._router = MessageRouter(self._context.radio, self._system, any_component, handlers, self._camera)
         if self._autopilot.modes.heartbeat_on_change:
             self._modes.on_change.append(self._streams.send_heartbeat)
-
-    def _collect_streams(self, services: Sequence[object]) -> Streams:
-        streams: dict[str, AnyStream] = {}
-        answers: dict[str, MessageAnswer] = {}
-        for service_streams in _methods(services, StreamsMessages.streams):
-            streams.update(service_streams())
-        for service_answers in _methods(services, AnswersRequests.answers):
-            answers.update(service_answers())
-        return Streams(self._context, self._autopilot.telemetry, streams, answers)
 
     def record_exposure(self, frame: int) -> None:
         """The scene has exposed a frame of the vehicle's camera."""
         if self._camera:
             self._camera.record_exposure(frame)
 
-    def receive(self) -> None:
-        """Move what waits in the sockets to the inboxes."""
-        for channel in self.channels:
-            channel.link.poll()
-
-    def control(self) -> FlightTarget | None:
-        """Run messages, services and guidance of one step; the target flown, or None on the ground."""
+    def control(self) -> None:
+        """Run messages, services and guidance of one step, and steer."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
         self._context.radio.begin()
         if self._autopilot.identity.texts_follow_answers:
             self._context.texts.keep()
-        for channel in self.channels:
-            if channel.link.inbox:
-                self._handle_messages(channel)
+        self._router.handle()
         self._context.texts.release()
         for tick in self._ticks:
             tick()
@@ -388,7 +345,7 @@ class Controller:
         while self._boot_texts and self._boot_texts[0].at_s <= self._flight.time_s:
             boot_text = self._boot_texts.pop(0)
             self._context.texts.send(boot_text.severity, boot_text.text)
-        return self._fly()
+        self._fly()
 
     def report(self) -> None:
         """Send everything that is due at the present moment, and everything that was queued during the
@@ -436,8 +393,8 @@ class Controller:
 
     def _counts(self) -> dict[str, int]:
         counts = {
-            "mavlink_malformed": self._decoder.malformed,
-            "mavlink_unheard": self._unhandled,
+            "mavlink_malformed": self._router.malformed,
+            "mavlink_unheard": self._router.unheard,
             "setpoints_ignored": self._setpoints.ignored,
             "simulation_refused": self._parameters.refused
             + (self._failure_injection.refused if self._failure_injection else 0),
@@ -453,83 +410,23 @@ class Controller:
     def _disarm(self) -> None:
         self._arming.disarm(FlightEvent.DISARMED)
 
-    def _handle_messages(self, channel: Channel) -> None:
-        frames = channel.take()
-        if self._tap and frames:
-            self._tap(channel.name, "from_agent", b"".join(frames))
-        for frame in frames:
-            if channel.admits(frame):
-                self._handle_frame(channel, frame)
-
-    def _handle_frame(self, channel: Channel, frame: bytes) -> None:
-        handlers = self._handlers.get(message_id(frame))
-        message = self._decoder.decode(frame) if handlers else None
-        if self._camera and message is not None and self._camera.is_addressed(message, self._system):
-            self._camera.handle(message, MessageSender(*sender(frame), channel))
-            return
-        for_us = message is None or _is_addressed(
-            message, self._system, self._autopilot.commands.any_component
-        )
-        for_us_alone = message is not None and for_us and message_target(message) == self._system
-        # Like an autopilot with several links, the controller routes messages between its clients.
-        if not for_us_alone:
-            for other in self.channels:
-                if other is not channel:
-                    other.forward(frame)
-        if message is None or not handlers:
-            self._unhandled += 1
-            return
-        if for_us:
-            message_sender = MessageSender(*sender(frame), channel)
-            for handler in handlers:
-                handler(message, message_sender)
-
-    def _fly(self) -> FlightTarget | None:
+    def _fly(self) -> None:
         flight, airframe = self._flight, self._context.airframe
         if not flight.armed:
             self._liftoff.rest_disarmed()
-            return None
-        if flight.mode.behaviour is _TERMINATE:
+        elif flight.mode.behaviour is _TERMINATE:
             airframe.disarm()
-            return None
-        target = self._fence.constrained(flight, self._guidance.target(flight))
-        if not self._liftoff.update(target):
-            airframe.rest()
-            return None
-        flight.target = target
-        airframe.fly(target)
-        return target
-
-
-def _log_content(logs: LogStorage, log: FlightLog, query: str) -> bytes:
-    return bytes(logs.read(log))
-
-
-def _handlers_by_id(services: Sequence[object]) -> dict[int, list[MessageHandler]]:
-    handlers: dict[int, list[MessageHandler]] = {}
-    for method in _methods(services, HandlesMessages.handlers):
-        for name, handler in method().items():
-            handlers.setdefault(KINDS[name].id, []).append(handler)
-    return handlers
+        else:
+            target = self._fence.constrained(flight, self._guidance.target(flight))
+            if self._liftoff.update(target):
+                flight.target = target
+                airframe.fly(target)
+            else:
+                airframe.rest()
 
 
 def _methods(services: Sequence[object], method: Callable[[Any], R]) -> list[Callable[[], R]]:
-    """A protocol's method, of those services that have it."""
+    """A method of those services that have it."""
     # By its name: Python 3.11 takes 0.1 ms to tell whether a service fulfils a protocol, in 180 questions.
     bound_methods = (getattr(service, method.__name__, None) for service in services)
     return [bound_method for bound_method in bound_methods if bound_method is not None]
-
-
-def message_target(message: Any) -> int:
-    """The system that a message is for; 0 for every system, also where the message names none."""
-    system: int = getattr(message, "target_system", 0) or getattr(message, "target", 0)
-    return system
-
-
-def _is_addressed(message: Any, system_id: int, any_component: bool) -> bool:
-    """Whether a message is for this vehicle: its system, or every system; its autopilot, or every
-    component.
-    """
-    system = message_target(message)
-    component = getattr(message, "target_component", 0)
-    return system in (0, system_id) and (system == 0 or any_component or component in (0, COMPONENT))

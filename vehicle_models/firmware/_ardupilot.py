@@ -16,9 +16,9 @@ from ..x500 import ROTORS
 from ._airframe import BATTERY_NOMINAL_V, ardupilot_parameters, charge_percent, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, encoded_state, rotor_share
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
+from ._firmware import Budgets, FirmwarePlan, RunningFirmware, program_faults, program_identity
 from ._instances import claimed_instance
-from ._mavlink_ports import MavlinkPort, TcpPort
+from ._mavlink_ports import TcpPort
 from ._pace import core_of
 from ._program import FirmwareProgram, open_program
 
@@ -159,14 +159,8 @@ def _is_free(port: int) -> bool:
     return True
 
 
-class RunningArduPilot:
+class RunningArduPilot(RunningFirmware):
     """ArduPilot on its links. It makes its sensors from the truth, which carries the error of the receiver's position."""
-
-    estimate_port: MavlinkPort
-    ports: Mapping[str, MavlinkPort]
-    connections: Sequence[MavlinkPort]
-
-    silent_s = 0.0
 
     def __init__(
         self,

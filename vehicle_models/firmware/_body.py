@@ -30,15 +30,7 @@ class Body:
         self.ground_m = origin.altitude_m
         self.heading_deg = home.heading_deg
         self.samples_hz = samples_hz
-        pose = StartPose(
-            origin.latitude_deg,
-            origin.longitude_deg,
-            origin.altitude_m,
-            home.east_m,
-            home.north_m,
-            math.radians(home.heading_deg),
-        )
-        self.plant = X500Plant(pose, 1.0 / samples_hz, samples_hz, cascade=False)
+        self.plant = X500Plant(StartPose.of(simspec), 1.0 / samples_hz, samples_hz, cascade=False)
         # The legs give by 3 mm in the first tenth of a second, and until then nothing carries the aircraft: an
         # accelerometer would show free fall to an autopilot that takes its first samples for those of a still vehicle.
         for _ in range(round(_SETTLING_S * samples_hz)):

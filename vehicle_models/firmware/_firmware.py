@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -45,10 +46,10 @@ class FirmwarePlan:
     controller_hz: int
 
 
-class RunningFirmware(Protocol):
+class RunningFirmware(ABC):
     """A started autopilot on its links."""
 
-    cores: frozenset[int]
+    cores: frozenset[int] = frozenset()
     """The cores that it is kept on; empty where it is not."""
     estimate_port: MavlinkPort
     """The connection on which the autopilot tells its estimate."""
@@ -58,18 +59,21 @@ class RunningFirmware(Protocol):
     """Every connection: the autopilot may wait for one that nobody reads."""
     armed: bool | None
     """Whether it is armed by what the physics link says; None where only its heartbeat does."""
-    silent_s: float
+    silent_s = 0.0
     """Simulated seconds without outputs for the rotors, which keep the last ones; 0 where they come."""
 
+    @abstractmethod
     def fly_sample(self, *, new_fix: bool) -> None:
         """Make one step of the physics and get the autopilot's outputs for it. `new_fix`: the receiver has a new fix."""
 
-    def settle(self) -> None:
+    def settle(self) -> None:  # noqa: B027  (a board's threads cannot be seen)
         """Wait until the autopilot has done all that the last sample made it do, at paces that promise it."""
 
+    @abstractmethod
     def last_words(self) -> str:
         """What it wrote last, for an error."""
 
+    @abstractmethod
     def counters(self) -> Mapping[str, int]:
         """What was unusual on the physics link, by name."""
 

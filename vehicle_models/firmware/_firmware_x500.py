@@ -10,7 +10,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bench.contracts import (
-    START,
     MavlinkTap,
     SimTime,
     VehicleCondition,
@@ -18,12 +17,11 @@ from bench.contracts import (
     VehicleState,
 )
 from bench.errors import Fault, FirmwareFault, SetupError
-from bench.simspec import BoardAutopilot, RealAutopilot, generator
+from bench.simspec import BoardAutopilot, RealAutopilot
 from bench.temporary_folders import temporary_folder
 
-from .._battery import BatteryModel
-from .._failures import Failures
-from .._gusts import Gusts, mean_wind_ned_mps
+from .._gusts import mean_wind_ned_mps
+from .._linked_vehicle import LinkedVehicle
 from ..controller import AUTOPILOTS, Link, link_counters, open_links
 from ..controller.links._frames import message_id, message_name
 from ..controller.links._radio import MESSAGES_PER_STEP
@@ -32,12 +30,12 @@ from ._ardupilot import ArduPilotKind
 from ._body import Body
 from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware, SimulatesParts
 from ._gate import Gate
-from ._keeper import Keeper
 from ._line_budget import SAMPLE_RATES_HZ
-from ._pace import held_on
+from ._pace import Keeper, held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
 from ._px4_board import Px4BoardKind
+from ._simulated_parts import SimulatedParts, parts_fault
 from ._telemetry import Telemetry
 
 KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
@@ -54,8 +52,6 @@ _TOUCH_M, _STANDING_MPS = 0.02, 0.2
 _REQUEST_S, _REQUEST_EVERY_S = 3.0, 5.0
 # Until the first heartbeat: PX4's came after 4.5 to 5.1 s.
 _HELLO_S = 30.0
-# Until it says that a parameter of its simulation is set. Chosen: fifty steps.
-_CONFIRMATION_NS = 1_000_000_000
 # Of a firmware without outputs: when it is asked for its clock, again and again, and how far that may stay behind.
 _ASK_CLOCK_S, _ASK_CLOCK_EVERY_S, _CLOCK_LAG_S = 0.1, 1.0, 5.0
 # Messages of clients that stand in the reason when the firmware fails.
@@ -75,7 +71,7 @@ def open_firmware_x500(
         yield FirmwareX500(plan, links, stack, tap, budgets or Budgets())
 
 
-class FirmwareX500:
+class FirmwareX500(LinkedVehicle):
     """The quadrotor under a real autopilot."""
 
     def __init__(
@@ -92,48 +88,21 @@ class FirmwareX500:
         self._plan, self._autopilot, self._budgets = plan, autopilot, budgets
         self._kind = kind_of(autopilot)
         self._check()
-        self.step_s = 1.0 / plan.controller_hz
-        self._step_ns = round(1e9 / plan.controller_hz)
+        super().__init__(plan, links, tap)
+        self._stack = stack
         self._samples_per_step = self._kind.samples_hz // plan.controller_hz
-        self.time = START
         self._body = Body(simspec, self._kind.samples_hz, plan.controller_hz)
-        wind = simspec.environment.wind
-        self._body.plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
-        self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
-        self._battery = BatteryModel(simspec.vehicle.battery)
-        self._links, self._stack, self._tap = links, stack, tap
-        self._failures = Failures(
-            simspec.vehicle.failures,
-            self._body.navigation,
-            self._battery,
-            len(ROTORS),
-            self._body.plant.set_works,
-            [link.spec.name for link in links],
-            self._silence,
-        )
+        self._body.plant.set_wind_ned_mps(mean_wind_ned_mps(self._wind))
+        body = self._body
+        self._failures = self._failures_of(plan, body.navigation, len(ROTORS), body.plant.set_works)
         self._telemetry = Telemetry()
         self._gate = Gate(simspec.vehicle.simulation_control)
         self._modes = AUTOPILOTS[autopilot.kind].modes
         self._running: RunningFirmware | None = None
-        self._parts: SimulatesParts | None = None
+        self._parts: SimulatedParts | None = None
         self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
-        # Parameters of the autopilot's own simulation, as they were set last.
-        self._simulated: dict[str, float] = {}
-        self._confirm_by_ns = -1
-        # When its charge falls at once. A battery that is not full at the start fell before it.
-        battery = simspec.vehicle.battery
-        self._drops_ns = [
-            round(failure.at_s * 1e9)
-            for failure in simspec.vehicle.failures
-            if failure.kind == "battery_drop"
-        ]
-        if battery.initial_fraction < 1.0:
-            self._drops_ns.append(0)
-        # What of them it has to confirm: parameters, and commands.
-        self._told: dict[str, float] = {}
-        self._commanded: set[int] = set()
         self._ask_clock_s = _ASK_CLOCK_S
         self._last_heard: deque[tuple[SimTime, int]] = deque(maxlen=_LAST_HEARD)
         self._flown_steps = 0
@@ -160,17 +129,6 @@ class FirmwareX500:
             self._stack.callback(self._keeper.close)
         return self._description()
 
-    def endpoints(self) -> Mapping[str, str]:
-        return {link.spec.name: link.endpoint for link in self._links}
-
-    def receive(self) -> Mapping[str, int]:
-        for link in self._links:
-            link.poll()
-        return {link.spec.name: link.received for link in self._links}
-
-    def sent(self) -> Mapping[str, int]:
-        return {link.spec.name: link.sent for link in self._links}
-
     def step(self) -> None:
         running = self._running or self._start()
         if self._keeper:
@@ -178,7 +136,9 @@ class FirmwareX500:
             self._keeper = None
         self._failures.apply(self.time.ns)
         if self._parts:
-            self._tell_simulated_parts(running, self._parts)
+            gps_off, charge = self._body.navigation.off, self._battery.fraction
+            if left := self._parts.tell(running, self.time.ns, gps_off=gps_off, charge=charge):
+                raise parts_fault(self._kind.name, left)
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
@@ -265,8 +225,8 @@ class FirmwareX500:
         self._running = running = self._stack.enter_context(self._kind.open(plan))
         # Asked once: the answer takes 30 us.
         if isinstance(running, SimulatesParts):
-            self._parts = running
-            self._simulated = running.simulated_parameters(gps_off=False, charge=self._battery.fraction)
+            vehicle = self._plan.simspec.vehicle
+            self._parts = SimulatedParts(running, self._telemetry, vehicle, self._battery.fraction)
         return running
 
     def _stand(self, running: RunningFirmware) -> None:
@@ -297,49 +257,6 @@ class FirmwareX500:
         if self._battery.fraction <= 0.0:
             self._stop_rotors()
         navigation.step()
-
-    def _tell_simulated_parts(self, running: RunningFirmware, parts: SimulatesParts) -> None:
-        """Let receiver and battery of an autopilot that simulates them itself be as the bench's."""
-        charge = self._battery.fraction
-        wanted = parts.simulated_parameters(gps_off=self._body.navigation.off, charge=charge)
-        changed = {name: value for name, value in wanted.items() if self._simulated[name] != value}
-        frames = [self._telemetry.parameter(name, value) for name, value in changed.items()]
-        if dropped := [at_ns for at_ns in self._drops_ns if at_ns <= self.time.ns]:
-            self._drops_ns = [at_ns for at_ns in self._drops_ns if at_ns not in dropped]
-            if command := parts.drop_command(charge):
-                self._telemetry.results.pop(command[0], None)
-                self._commanded.add(command[0])
-                frames.append(self._telemetry.command(*command))
-        if frames:
-            running.estimate_port.send(frames)
-            self._simulated |= changed
-            self._told |= changed
-            self._confirm_by_ns = self.time.ns + _CONFIRMATION_NS
-        elif self.time.ns == self._confirm_by_ns:
-            self._confirm_parts(running)
-
-    def _confirm_parts(self, running: RunningFirmware) -> None:
-        """Raise FirmwareFault where the autopilot has not taken what it was told of its parts.
-
-        Where it shares its connection with clients, they may be why: it is told again then.
-        """
-        telemetry, port = self._telemetry, running.estimate_port
-        silent = {
-            name: value
-            for name, value in self._told.items()
-            if abs(telemetry.parameters.get(name, math.inf) - value) > 1e-3
-        }
-        refused = [f"command {number}" for number in self._commanded if telemetry.results.get(number) != 0]
-        if not silent and not refused:
-            return
-        if port in running.ports.values():
-            port.send([telemetry.parameter(name, value) for name, value in silent.items()])
-            self._confirm_by_ns += _CONFIRMATION_NS
-            return
-        raise FirmwareFault(
-            f"{self._kind.name} has not confirmed {', '.join([*silent, *refused])}, by which the bench's receiver and battery "
-            "reach it: ArduCopter 4.6.3 has these names, others may not, and a charge needs BATT_MONITOR 4"
-        )
 
     def _watch_silence(self, running: RunningFirmware) -> None:
         """Let the rotors of a firmware without outputs stop where it has ended the flight. Raises FirmwareFault when its
@@ -414,11 +331,6 @@ class FirmwareX500:
             if messages
             else "; no client had sent a message"
         )
-
-    def _silence(self, name: str, lost: bool) -> None:
-        for link in self._links:
-            if link.spec.name == name:
-                link.silenced = lost
 
     def _stop_rotors(self) -> None:
         for rotor in range(len(ROTORS)):

@@ -16,7 +16,7 @@ from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec, Vehic
 from ..x500 import ROTORS
 from ._airframe import PX4_CHARGE, charge_percent, merged, px4_parameters
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
+from ._firmware import Budgets, FirmwarePlan, RunningFirmware, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, UdpPort
 from ._pace import ThreadWatch, core_of, open_watch, quiet_fault
@@ -163,7 +163,7 @@ class _Sockets:
         self._stack.close()
 
 
-class RunningPx4:
+class RunningPx4(RunningFirmware):
     """PX4 on its links, with the sensors that the bench simulates for it."""
 
     def __init__(

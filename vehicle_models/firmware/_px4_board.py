@@ -27,7 +27,7 @@ from ._board_gate import BoardGate
 from ._board_line import BoardLine
 from ._board_memory import BoardMemory
 from ._body import Body
-from ._firmware import FirmwarePlan
+from ._firmware import FirmwarePlan, RunningFirmware
 from ._hil import HIL_ACTUATOR_CONTROLS, actuator_controls
 from ._line_budget import LineBudget, message_number, plan_line
 from ._mavlink_ports import MavlinkPort
@@ -205,11 +205,8 @@ class BoardPort:
         return frames
 
 
-class RunningBoard:
+class RunningBoard(RunningFirmware):
     """A board on its line, with the sensors that the bench simulates for it."""
-
-    cores: frozenset[int] = frozenset()
-    silent_s = 0.0
 
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
@@ -263,9 +260,6 @@ class RunningBoard:
         ahead_s = self._anchor_s + self._samples_per_step * self._period_s - self._clock.now()
         if ahead_s > 0.0:
             self._clock.sleep(ahead_s)
-
-    def settle(self) -> None:
-        """A board's threads cannot be seen."""
 
     def last_words(self) -> str:
         return f"; {self._line.reader.garbage_bytes} bytes that are no MAVLink came"

@@ -114,12 +114,7 @@ class Px4Link:
         OFFBOARD on the ground without setpoints, or after a flight termination (observed). It sleeps then.
         """
         connection = self._connected()
-        try:
-            connection.sendall(frames)
-        except BlockingIOError:
-            raise FirmwareFault(f"PX4 has read no sample for {self._answer_s:g} s") from None
-        except OSError:
-            self._report_closed()
+        self._send(connection, frames)
         slept, deadline_s = False, 0.0
         while True:
             # Whoever is silent already is not waited for, where it can be seen whether it works.
@@ -158,6 +153,14 @@ class Px4Link:
         if self._connection is None:
             raise AssertionError("connect() comes before exchange()")
         return self._connection
+
+    def _send(self, connection: socket.socket, frames: bytes) -> None:
+        try:
+            connection.sendall(frames)
+        except BlockingIOError:
+            raise FirmwareFault(f"PX4 has read no sample for {self._answer_s:g} s") from None
+        except OSError:
+            self._report_closed()
 
     def _report_closed(self) -> NoReturn:
         report_closed("PX4 closed the simulator link", self._check_alive)

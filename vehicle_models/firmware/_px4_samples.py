@@ -6,8 +6,7 @@ from bench.simspec import SimSpec, generator
 
 from ._body import Body
 from ._hil import HilEncoder
-from ._magnetic_field import magnetic_field_ned_gauss
-from ._sensors import Sensors
+from ._sensors import Sensors, magnetic_field_ned_gauss
 
 # Of magnetometer and barometer.
 _SLOW_HZ = 50

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from bench.contracts import Vector
 
-from ..controller.links._frames import Packer, message_id, sender
+from ..controller.links._enums import MAV_CMD, MAV_STATE
+from ..controller.links._frames import KINDS, Decoder, Packer, message_id, sender
 from ..controller.state._flight_state import Cause
 
-_HEARTBEAT, _SYSTEM_TIME, _ATTITUDE, _GLOBAL_POSITION_INT = 0, 2, 30, 33
-_COMMAND_LONG, _COMMAND_ACK, _AUTOPILOT_VERSION = 76, 77, 148
-_PARAM_VALUE, _PARAM_SET, _REAL32 = 22, 23, 9
-_SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE = 511, 512
-_AUTOPILOT_COMPONENT = 1
-_ARMED = 0x80
-_STATUSTEXT, _MAV_STATE_CRITICAL, _MAV_STATE_FLIGHT_TERMINATION = 253, 5, 8
+# What is read of the autopilot.
+_HEARD = (
+    *("HEARTBEAT", "SYSTEM_TIME", "ATTITUDE", "GLOBAL_POSITION_INT", "COMMAND_ACK", "AUTOPILOT_VERSION"),
+    *("PARAM_VALUE", "STATUSTEXT"),
+)
+_NUMBERS = {name: KINDS[name].id for name in (*_HEARD, "COMMAND_LONG", "PARAM_SET")}
+_HEARD_NUMBERS = frozenset(_NUMBERS[name] for name in _HEARD)
+_REAL32, _AUTOPILOT_COMPONENT, _ARMED = 9, 1, 0x80
 # How ArduCopter's texts begin when a failsafe acts (the first three observed with 4.6.3, the last read in its source);
 # followed by "Cleared" where it ends. PX4's texts name no cause.
 _FAILSAFE_TEXTS = {
@@ -27,16 +29,6 @@ _FAILSAFE_TEXTS = {
     "EKF Failsafe": Cause.POSITION,
 }
 _UNKNOWN_CAUSE = "unknown"
-_LAYOUTS = {
-    _HEARTBEAT: struct.Struct("<IBBBBB"),
-    _SYSTEM_TIME: struct.Struct("<QI"),
-    _ATTITUDE: struct.Struct("<I6f"),
-    _GLOBAL_POSITION_INT: struct.Struct("<IiiiihhhH"),
-    _COMMAND_ACK: struct.Struct("<HBBiBB"),
-    _AUTOPILOT_VERSION: struct.Struct("<QQIIIIHH8s8s8s"),
-    _PARAM_VALUE: struct.Struct("<fHH16sB"),
-    _STATUSTEXT: struct.Struct("<B50s"),
-}
 # The bench as a client: not 255, which both autopilots take for the ground station.
 _SYSTEM, _COMPONENT = 254, 191
 
@@ -62,6 +54,7 @@ class Telemetry:
     parameters: dict[str, float] = field(default_factory=dict)
     results: dict[int, int] = field(default_factory=dict)
     """MAV_RESULT of the bench's own commands, by their numbers."""
+    _decoder: Decoder = field(default_factory=Decoder)
     _packer: Packer = field(default_factory=lambda: Packer(_SYSTEM, _COMPONENT))
     _sequence: int = 0
     _critical: bool = False
@@ -70,35 +63,40 @@ class Telemetry:
     def take(self, frames: Sequence[bytes]) -> None:
         """Read what the autopilot says of itself; other messages are passed over."""
         for frame in frames:
-            number = message_id(frame)
-            layout = _LAYOUTS.get(number)
-            if layout is None or frame[0] != 0xFD or sender(frame)[1] != _AUTOPILOT_COMPONENT:
+            heard = message_id(frame) in _HEARD_NUMBERS and frame[0] == 0xFD
+            if not heard or sender(frame)[1] != _AUTOPILOT_COMPONENT:
                 continue
-            values = layout.unpack(frame[10 : 10 + frame[1]][: layout.size].ljust(layout.size, b"\0"))
-            if number == _HEARTBEAT:
-                self.custom_mode, self.armed = values[0], bool(values[3] & _ARMED)
-                self._critical = values[4] == _MAV_STATE_CRITICAL
-                self.terminated = values[4] == _MAV_STATE_FLIGHT_TERMINATION
-                self.system = sender(frame)[0]
+            message = self._decoder.decode(frame)
+            if message is not None:
+                self._read(message, sender(frame)[0])
+
+    def _read(self, m: Any, system: int) -> None:
+        match m.get_type():
+            case "HEARTBEAT":
+                self.custom_mode, self.armed = m.custom_mode, bool(m.base_mode & _ARMED)
+                self._critical = m.system_status == MAV_STATE.CRITICAL
+                self.terminated = m.system_status == MAV_STATE.FLIGHT_TERMINATION
+                self.system = system
                 self.heartbeats += 1
-            elif number == _SYSTEM_TIME:
-                self.clock_s = values[1] / 1000.0
-            elif number == _COMMAND_ACK:
-                if values[4:] == (_SYSTEM, _COMPONENT):
-                    self.results[values[0]] = values[1]
-            elif number == _ATTITUDE:
-                self.clock_s = values[0] / 1000.0
-                self.attitude_rad, self.rates_radps = values[1:4], values[4:7]
-            elif number == _GLOBAL_POSITION_INT:
-                self.latitude_e7, self.longitude_e7 = values[1], values[2]
-                self.altitude_m = values[3] / 1000.0
-                self.velocity_ned_mps = (values[5] / 100.0, values[6] / 100.0, values[7] / 100.0)
-            elif number == _STATUSTEXT:
-                self._note_text(values[1].rstrip(b"\0").decode("ascii", "replace"))
-            elif number == _PARAM_VALUE:
-                self.parameters[values[3].rstrip(b"\0").decode("ascii", "replace")] = values[0]
-            else:
-                self.version = _version_text(values[2], values[8])
+            case "SYSTEM_TIME":
+                self.clock_s = m.time_boot_ms / 1000.0
+            case "COMMAND_ACK":
+                if (m.target_system, m.target_component) == (_SYSTEM, _COMPONENT):
+                    self.results[m.command] = m.result
+            case "ATTITUDE":
+                self.clock_s = m.time_boot_ms / 1000.0
+                self.attitude_rad = (m.roll, m.pitch, m.yaw)
+                self.rates_radps = (m.rollspeed, m.pitchspeed, m.yawspeed)
+            case "GLOBAL_POSITION_INT":
+                self.latitude_e7, self.longitude_e7 = m.lat, m.lon
+                self.altitude_m = m.alt / 1000.0
+                self.velocity_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
+            case "STATUSTEXT":
+                self._note_text(m.text)
+            case "PARAM_VALUE":
+                self.parameters[m.param_id] = m.param_value
+            case "AUTOPILOT_VERSION":
+                self.version = _version_text(m.flight_sw_version, bytes(m.flight_custom_version))
 
     @property
     def failsafe(self) -> str:
@@ -114,27 +112,28 @@ class Telemetry:
 
     def requests(self, rate_hz: float | None) -> list[bytes]:
         """Commands that ask for the version, and for the estimate at `rate_hz` where one is given."""
-        commands = [(_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION), 0.0)]
+        commands = [(MAV_CMD.REQUEST_MESSAGE, float(_NUMBERS["AUTOPILOT_VERSION"]), 0.0)]
         if rate_hz is not None:
             commands += [
-                (_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz)
-                for number in (_ATTITUDE, _GLOBAL_POSITION_INT)
+                (MAV_CMD.SET_MESSAGE_INTERVAL, float(_NUMBERS[name]), 1e6 / rate_hz)
+                for name in ("ATTITUDE", "GLOBAL_POSITION_INT")
             ]
         return [self.command(*command) for command in commands]
 
     def clock_requests(self) -> list[bytes]:
         """Commands that ask for the clock, and for the state of the vehicle."""
-        return [self.command(_REQUEST_MESSAGE, float(number), 0.0) for number in (_SYSTEM_TIME, _HEARTBEAT)]
+        numbers = (_NUMBERS["SYSTEM_TIME"], _NUMBERS["HEARTBEAT"])
+        return [self.command(MAV_CMD.REQUEST_MESSAGE, float(number), 0.0) for number in numbers]
 
     def parameter(self, name: str, value: float) -> bytes:
         """PARAM_SET of a parameter that is a float: all of ArduPilot are, on MAVLink."""
         values = (value, self.system, _AUTOPILOT_COMPONENT, name.encode(), _REAL32)
-        return self._packed(_PARAM_SET, values)
+        return self._packed(_NUMBERS["PARAM_SET"], values)
 
     def command(self, number: int, first: float, second: float) -> bytes:
         """COMMAND_LONG with its first two parameters."""
         values = (first, second, 0.0, 0.0, 0.0, 0.0, 0.0, number, self.system, _AUTOPILOT_COMPONENT, 0)
-        return self._packed(_COMMAND_LONG, values)
+        return self._packed(_NUMBERS["COMMAND_LONG"], values)
 
     def _packed(self, number: int, values: tuple[object, ...]) -> bytes:
         frame = self._packer.pack(number, self._sequence, values)

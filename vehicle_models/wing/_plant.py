@@ -19,15 +19,6 @@ _AIR_KGPM3 = 1.225
 # Of propeller, motor and controller together.
 _EFFICIENCY = 0.6
 _ELECTRONICS_W = 6.0
-_WRITTEN = (
-    "flying",
-    "target-roll-rad",
-    "target-pitch-rad",
-    "target-q-radps",
-    "target-r-radps",
-    "throttle",
-    "catapult-n",
-)
 _SURFACES = ("aileron", "elevator", "rudder")
 
 
@@ -40,7 +31,7 @@ class WingPlant(JsbsimPlant):
     """One fixed wing lying on its belly at `place`."""
 
     def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
-        super().__init__("wing", place, _FEET_M, _WRITTEN, step_s, physics_hz)
+        super().__init__("wing", place, _FEET_M, step_s, physics_hz)
         self._held = self.node("forces/hold-down").set_double_value
         self._works = self.node("motor/works").set_double_value
         self.hold(True)

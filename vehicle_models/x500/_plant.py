@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from .._jsbsim import JsbsimPlant, StartPose
+from .._jsbsim import JsbsimPlant, StartPose, VehicleMotion
 
 _FT = 0.3048
 # Execrate of the outer channel in x500.xml.
@@ -22,57 +23,12 @@ ROTORS = ("front-right", "rear-left", "front-left", "rear-right")
 
 _FROM_START = ("position/from-start-neu-n-ft", "position/from-start-neu-e-ft")
 _WANTED = ("target-roll-rad", "target-pitch-rad", "target-yaw-rad", "thrust-n")
-_WRITTEN = (
-    "flying",
-    "armed",
-    "position-mode",
-    "height-mode",
-    "target-n-m",
-    "target-e-m",
-    "target-u-m",
-    "target-vn-mps",
-    "target-ve-mps",
-    "target-vu-mps",
-    "target-an-mps2",
-    "target-ae-mps2",
-    "target-au-mps2",
-    "tilt-mode",
-    "thrust-mode",
-    "rate-mode",
-    "given-roll-rad",
-    "given-pitch-rad",
-    "given-thrust-n",
-    "given-p-radps",
-    "given-q-radps",
-    "given-r-radps",
-    "target-yaw-rad",
-    "target-yawrate-radps",
-    *(f"works-{name}" for name in ROTORS),
-    *(f"test-{name}" for name in ROTORS),
-    "speed-max-mps",
-    "climb-max-mps",
-    "descent-max-mps",
-    "accel-max-mps2",
-    "jerk-step-mps2",
-    "ramp-gain-per-s",
-    "brake-twice-mps2",
-    "approach-base-m2ps2",
-    "approach-offset-mps",
-    "approach-near-m",
-    "velocity-p-per-s",
-    "velocity-i-per-s2",
-    "drag-share",
-    "vertical-accel-max-mps2",
-    "vertical-jerk-step-mps2",
-    "vertical-ramp-gain-per-s",
-    "vertical-brake-twice-mps2",
-    "vertical-approach-base-m2ps2",
-    "vertical-approach-offset-mps",
-    "vertical-approach-near-m",
-    "tilt-max-rad",
-    "ground-m",
-    "outer-dt-s",
-)
+
+
+_CRASH_MPS = 3.0
+_CRASH_TILT_RAD = math.radians(70.0)
+_NEAR_GROUND_M = 0.5
+_TOUCH_M = 0.02
 
 
 class X500Plant(JsbsimPlant):
@@ -86,13 +42,13 @@ class X500Plant(JsbsimPlant):
     def __init__(
         self, place: StartPose, step_s: float, physics_hz: int = 200, *, cascade: bool = True
     ) -> None:
-        super().__init__("x500", place, _FEET_M, _WRITTEN, step_s, physics_hz)
+        super().__init__("x500", place, _FEET_M, step_s, physics_hz)
         self._start_north, self._start_east = (self.node(name).get_double_value for name in _FROM_START)
         self._motors = [self.node(f"motor/{name}").get_double_value for name in ROTORS]
         self._wanted = [self.node(f"ap/{name}").get_double_value for name in _WANTED]
-        self._setters["ground-m"](self._ground_m)
+        super().write("ground-m", self._ground_m)
         self.outer_s = _OUTER_EVERY / physics_hz
-        self._setters["outer-dt-s"](self.outer_s)
+        super().write("outer-dt-s", self.outer_s)
         self._written: dict[str, float] = {}
         self._cascade = cascade
         self.node("ap/cascade").set_double_value(float(cascade))
@@ -100,10 +56,10 @@ class X500Plant(JsbsimPlant):
         self.shift_ne_m = self._shift()
 
     def write(self, name: str, value: float) -> None:
-        """Set one of the properties that x500.xml lists under "target"; only changes cost anything."""
+        """As of any aircraft; only changes cost anything."""
         if self._written.get(name) != value:
             self._written[name] = value
-            self._setters[name](value)
+            super().write(name, value)
 
     def thrust_n(self) -> list[float]:
         """Thrust of each rotor, in PX4's order."""
@@ -136,3 +92,14 @@ class X500Plant(JsbsimPlant):
 
     def _shift(self) -> tuple[float, float]:
         return self._start_north() * _FT - self.motion.north_m, self._start_east() * _FT - self.motion.east_m
+
+
+def has_crashed(motion: VehicleMotion, speed_before_mps: float) -> bool:
+    """Whether it hits the ground at more than 3 m/s, or lies on its side near it; `speed_before_mps` is that of one step
+    before.
+    """
+    if motion.up_m > _NEAR_GROUND_M:
+        return False
+    # The angle between the body's down axis and the vertical, from roll and pitch.
+    tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
+    return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
+from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, LandedState
@@ -12,32 +14,6 @@ from ..state._service import Command, CommandResult, Refusal
 from ..state._texts import INFO, NOTICE, WARNING
 from ._modes import knows_position
 
-# Accepted in any state, and without effect here.
-_ACCEPTED = (
-    MAV_CMD.DO_FOLLOW,
-    MAV_CMD.DO_SET_RELAY,
-    MAV_CMD.DO_DIGICAM_CONTROL,
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
-    MAV_CMD.DO_PARACHUTE,
-    MAV_CMD.DO_SPRAYER,
-    MAV_CMD.REQUEST_AUTOPILOT_CAPABILITIES,
-    MAV_CMD.IMAGE_STOP_CAPTURE,
-    MAV_CMD.FIXED_MAG_CAL_YAW,
-)
-# Refused because the vehicle has no such device.
-_FAILED = (
-    MAV_CMD.DO_FLIGHTTERMINATION,
-    MAV_CMD.DO_MOUNT_CONFIGURE,
-    MAV_CMD.DO_MOUNT_CONTROL,
-    MAV_CMD.DO_GRIPPER,
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
-    MAV_CMD.IMAGE_START_CAPTURE,
-    MAV_CMD.VIDEO_START_CAPTURE,
-    MAV_CMD.VIDEO_STOP_CAPTURE,
-    MAV_CMD.DO_WINCH,
-    MAV_CMD.START_RX_PAIR,
-)
 _RELATIVE_FRAMES = (MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 _REPOSITION_FRAMES = (MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT, *_RELATIVE_FRAMES)
 # MAV_DO_REPOSITION_FLAGS
@@ -45,35 +21,47 @@ _CHANGE_MODE = 1
 _REBOOT, _REBOOT_TO_BOOTLOADER = 1.0, 3.0
 BANNER = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
 
+_ACCEPTED, _FAILED, _DENIED, _UNSUPPORTED = (
+    CommandAnswer((result,))
+    for result in (
+        CommandResult.ACCEPTED,
+        CommandResult.FAILED,
+        CommandResult.DENIED,
+        CommandResult.UNSUPPORTED,
+    )
+)
+
 
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
     first = command.params[0]
-    accepted, failed = CommandAnswer((CommandResult.ACCEPTED,)), CommandAnswer((CommandResult.FAILED,))
+    accepted, failed = _ACCEPTED, _FAILED
     match command.number:
         case MAV_CMD.DO_FENCE_ENABLE:
             return accepted if first in (0.0, 1.0, 2.0) else failed
-        case MAV_CMD.DO_SET_SERVO if first in (1.0, 2.0, 3.0, 4.0):
-            text = f"ServoRelayEvent: Channel {first:.0f} is already in use"
-            return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
         case MAV_CMD.DO_SET_SERVO:
-            return accepted if 5.0 <= first <= 16.0 else failed
+            return _set_servo(first)
         case MAV_CMD.DO_LAND_START:
             texts = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
             return CommandAnswer((CommandResult.FAILED,), texts)
         case MAV_CMD.SET_EKF_SOURCE_SET:
             # Sets 1 to 3 exist (source); they change nothing, since there is one source of position here.
-            return accepted if first in (1.0, 2.0, 3.0) else CommandAnswer((CommandResult.DENIED,))
+            return accepted if first in (1.0, 2.0, 3.0) else _DENIED
         case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN:
-            if flight.armed or flight.tests_motors:
-                return failed
-            known = first in (_REBOOT, _REBOOT_TO_BOOTLOADER)
-            return accepted if known else CommandAnswer((CommandResult.UNSUPPORTED,))
+            known = accepted if first in (_REBOOT, _REBOOT_TO_BOOTLOADER) else _UNSUPPORTED
+            return failed if flight.armed or flight.tests_motors else known
         case MAV_CMD.CONTROL_HIGH_LATENCY:
             text = f"Control high latency {'en' if first else 'dis'}abled"
             return CommandAnswer((CommandResult.ACCEPTED,), ((NOTICE, text),))
         case MAV_CMD.DO_SEND_BANNER:
             return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in BANNER))
     return None
+
+
+def _set_servo(channel: float) -> CommandAnswer:
+    if channel in (1.0, 2.0, 3.0, 4.0):
+        text = f"ServoRelayEvent: Channel {channel:.0f} is already in use"
+        return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
+    return _ACCEPTED if 5.0 <= channel <= 16.0 else _FAILED
 
 
 def _refuse_takeoff(flight: FlightState, command: Command) -> Refusal | None:
@@ -111,6 +99,7 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 
 COMMANDS = CommandPolicy(
+    **choices(CommandPolicy, "ardupilot"),
     optional=frozenset(
         {
             MAV_CMD.CONDITION_YAW,
@@ -119,31 +108,13 @@ COMMANDS = CommandPolicy(
             MAV_CMD.DO_MOUNT_CONTROL,
         }
     ),
-    fixed_results={
-        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
-        **dict.fromkeys(_FAILED, CommandResult.FAILED),
-        MAV_CMD.DO_LAND_START: CommandResult.FAILED,
-        MAV_CMD.DO_SET_MISSION_CURRENT: CommandResult.DENIED,
-        MAV_CMD.PREFLIGHT_STORAGE: CommandResult.DENIED,
-        MAV_CMD.MISSION_START: CommandResult.FAILED,
-    },
+    fixed_results=fixed_results("ardupilot_result"),
     answer=_answer,
-    accepts_mode_first=False,
-    any_component=True,
-    answers_ping=False,
     refuse_takeoff=_refuse_takeoff,
     takeoff_altitude_m=_takeoff_altitude_m,
-    raises_low_takeoffs=False,
     refuse_reposition=_refuse_reposition,
     refuse_home=_refuse_home,
-    home_has_heading=False,
-    confirms_origin=False,
-    origin_with_home=True,
-    bad_home=CommandResult.FAILED,
-    home_at_zero_is_here=True,
     altitude_amsl_m=_altitude_amsl_m,
-    result_without_speed=CommandResult.FAILED,
     roi_names_place=roi_by_coordinates,
-    gimbal_needs_control=False,
     motor_test_order=(0, 3, 1, 2),  # clockwise from the front right
 )

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from ..files._packed_parameters import packed_parameters
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT
+from ..policies._choices import announcements, choices
 from ..policies._identity import BootText, CalibrationProtocol, IdentityPolicy
 from ..state._flight_state import FlightState
 from ..state._parameter_store import ParameterStore
-from ..state._texts import CRITICAL, INFO, FlightEvent
+from ..state._texts import INFO
 from ._modes import ALIGNED_S, ESTIMATOR_S, POSITION_S, RECEIVER_S, USES_GPS_S
 
 
@@ -43,30 +44,17 @@ def _files(parameters: ParameterStore) -> Mapping[str, FileContent]:
 
 
 IDENTITY = IdentityPolicy(
+    **choices(IdentityPolicy, "ardupilot"),
     name="ardupilot",
     autopilot=MAV_AUTOPILOT.ARDUPILOTMEGA,
-    capabilities=64495,
-    flight_sw_version=0x040603FF,
     flight_custom_version=b"92b0cd78",
-    board_version=0,
-    uid=0,
     uid2=b"3a5c0f7e91d24b68a",  # the real one has its machine's id here
-    texts={
-        FlightEvent.ARMED: (INFO, "Arming motors"),
-        FlightEvent.DISARMED: (INFO, "Disarming motors"),
-        FlightEvent.DISARMED_BY_LANDING: (INFO, "Disarming motors"),
-        FlightEvent.DISARMED_IDLE: (INFO, "Disarming motors"),
-        FlightEvent.CRASHED: (CRITICAL, "Crash: Disarming"),
-    },
+    texts=announcements("ardupilot"),
     text_ending="",
-    # Source: texts wait in a queue until the main loop sends, answers do not.
-    texts_follow_answers=True,
     boot_texts=_boot_texts,
     climbed_clear_texts=tuple(
         (INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1)
     ),
-    ground_contact_text=(INFO, "SIM Hit ground at {:f} m/s"),
     calibration=CalibrationProtocol.MESSAGES,
     files=_files,
-    file_sessions=5,
 )

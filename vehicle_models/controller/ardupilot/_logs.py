@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 
 from ..logs._dataflash import DataflashEncoder
+from ..policies._choices import choices
 from ..policies._logs import BlockLogPolicy, LogPolicy
 from ..state._flight_state import FlightState
 from ..state._log_records import LogOpening
 from ..state._parameter_store import ParameterStore
-from ..state._texts import ERROR, INFO
 from ._commands import BANNER
 
 # LOG_BACKEND_TYPE
@@ -34,15 +34,11 @@ def _sends_blocks(parameters: ParameterStore) -> bool:
 
 # By ArduPilot's source, where nothing was observed.
 LOGS = LogPolicy(
+    **choices(LogPolicy, "ardupilot"),
     encoder=functools.partial(DataflashEncoder, BANNER),
     path=_path,
-    first_number=1,
     records=_records,
     new_for_each_flight=lambda parameters: parameters["LOG_FILE_DSRMROT"] != 0,
-    new_after_erase=True,
-    armed_text=(ERROR, "Disarm for log download"),
-    busy_text=(INFO, "Log download in progress"),
-    needs_list=False,
     blocks=BlockLogPolicy(
         enabled=_sends_blocks,
         records=_logs_now,

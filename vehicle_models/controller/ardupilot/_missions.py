@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
+from ..policies._command_table import cells_by_command, commands_with, parameter_indices
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import (
@@ -20,171 +22,12 @@ from ..state._plan_store import (
 )
 from ..state._texts import DEBUG, INFO, WARNING, StatusText
 
-# Commands of missions, with the names in the text that is sent as an item begins.
-_NAMES: dict[int, str] = {
-    MAV_CMD.NAV_WAYPOINT: "WP",
-    MAV_CMD.NAV_LOITER_UNLIM: "LoitUnlim",
-    MAV_CMD.NAV_LOITER_TURNS: "LoitTurns",
-    MAV_CMD.NAV_LOITER_TIME: "LoitTime",
-    MAV_CMD.NAV_RETURN_TO_LAUNCH: "RTL",
-    MAV_CMD.NAV_LAND: "Land",
-    MAV_CMD.NAV_TAKEOFF: "Takeoff",
-    MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT: "ContinueAndChangeAlt",
-    MAV_CMD.NAV_LOITER_TO_ALT: "LoitAltitude",
-    MAV_CMD.NAV_SPLINE_WAYPOINT: "SplineWP",
-    MAV_CMD.NAV_ALTITUDE_WAIT: "AltitudeWait",
-    MAV_CMD.NAV_VTOL_TAKEOFF: "VTOLTakeoff",
-    MAV_CMD.NAV_VTOL_LAND: "VTOLLand",
-    MAV_CMD.NAV_GUIDED_ENABLE: "GuidedEnable",
-    MAV_CMD.NAV_DELAY: "Delay",
-    MAV_CMD.NAV_PAYLOAD_PLACE: "PayloadPlace",
-    MAV_CMD.NAV_SET_YAW_SPEED: "SetYawSpd",
-    MAV_CMD.NAV_SCRIPT_TIME: "NavScriptTime",
-    MAV_CMD.NAV_ATTITUDE_TIME: "NavAttitudeTime",
-    MAV_CMD.CONDITION_DELAY: "CondDelay",
-    MAV_CMD.CONDITION_DISTANCE: "CondDist",
-    MAV_CMD.CONDITION_YAW: "CondYaw",
-    MAV_CMD.DO_JUMP: "Jump",
-    MAV_CMD.JUMP_TAG: "JumpTag",
-    MAV_CMD.DO_JUMP_TAG: "DoJumpTag",
-    MAV_CMD.DO_CHANGE_SPEED: "ChangeSpeed",
-    MAV_CMD.DO_SET_HOME: "SetHome",
-    MAV_CMD.DO_SET_RELAY: "SetRelay",
-    MAV_CMD.DO_REPEAT_RELAY: "RepeatRelay",
-    MAV_CMD.DO_SET_SERVO: "SetServo",
-    MAV_CMD.DO_REPEAT_SERVO: "RepeatServo",
-    MAV_CMD.DO_RETURN_PATH_START: "ReturnPathStart",
-    MAV_CMD.DO_LAND_START: "LandStart",
-    MAV_CMD.DO_GO_AROUND: "Go Around",
-    MAV_CMD.DO_PAUSE_CONTINUE: "PauseContinue",
-    MAV_CMD.DO_SET_REVERSE: "SetReverse",
-    MAV_CMD.DO_SET_ROI: "SetROI",
-    MAV_CMD.DO_SET_ROI_LOCATION: "SetROI",
-    MAV_CMD.DO_SET_ROI_NONE: "SetROI",
-    MAV_CMD.DO_DIGICAM_CONFIGURE: "DigiCamCfg",
-    MAV_CMD.DO_DIGICAM_CONTROL: "DigiCamCtrl",
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
-    MAV_CMD.DO_FENCE_ENABLE: "FenceEnable",
-    MAV_CMD.DO_PARACHUTE: "Parachute",
-    MAV_CMD.DO_INVERTED_FLIGHT: "InvertedFlight",
-    MAV_CMD.DO_GRIPPER: "Gripper",
-    MAV_CMD.DO_AUTOTUNE_ENABLE: "AutoTuneEnable",
-    MAV_CMD.DO_SET_RESUME_REPEAT_DIST: "SetRepeatDist",
-    MAV_CMD.DO_SPRAYER: "Sprayer",
-    MAV_CMD.DO_SEND_SCRIPT_MESSAGE: "Scripting",
-    MAV_CMD.DO_AUX_FUNCTION: "AuxFunction",
-    MAV_CMD.DO_GUIDED_LIMITS: "GuidedLimits",
-    MAV_CMD.DO_ENGINE_CONTROL: "EngineControl",
-    MAV_CMD.SET_CAMERA_ZOOM: "SetCameraZoom",
-    MAV_CMD.SET_CAMERA_FOCUS: "SetCameraFocus",
-    MAV_CMD.SET_CAMERA_SOURCE: "SetCameraSource",
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "GimbalPitchYaw",
-    MAV_CMD.IMAGE_START_CAPTURE: "ImageStartCapture",
-    MAV_CMD.IMAGE_STOP_CAPTURE: "ImageStopCapture",
-    MAV_CMD.VIDEO_START_CAPTURE: "VideoStartCapture",
-    MAV_CMD.VIDEO_STOP_CAPTURE: "VideoStopCapture",
-    MAV_CMD.DO_VTOL_TRANSITION: "VTOLTransition",
-    MAV_CMD.DO_MOUNT_CONTROL: "MountControl",
-    MAV_CMD.DO_WINCH: "Winch",
-}
-# Items whose x, y and z are a place (source: AP_Mission keeps no place of others, and checks none).
-_WITH_PLACE = frozenset(
-    {
-        MAV_CMD.NAV_WAYPOINT,
-        MAV_CMD.NAV_LOITER_UNLIM,
-        MAV_CMD.NAV_LOITER_TURNS,
-        MAV_CMD.NAV_LOITER_TIME,
-        MAV_CMD.NAV_LAND,
-        MAV_CMD.NAV_TAKEOFF,
-        MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT,
-        MAV_CMD.NAV_LOITER_TO_ALT,
-        MAV_CMD.NAV_SPLINE_WAYPOINT,
-        MAV_CMD.NAV_GUIDED_ENABLE,
-        MAV_CMD.NAV_VTOL_TAKEOFF,
-        MAV_CMD.NAV_VTOL_LAND,
-        MAV_CMD.NAV_PAYLOAD_PLACE,
-        MAV_CMD.DO_SET_HOME,
-        MAV_CMD.DO_RETURN_PATH_START,
-        MAV_CMD.DO_LAND_START,
-        MAV_CMD.DO_GO_AROUND,
-        MAV_CMD.DO_SET_ROI_LOCATION,
-        MAV_CMD.DO_SET_ROI_NONE,
-        MAV_CMD.DO_SET_ROI,
-    }
-)
-# Items whose x and y are other numbers, in a MISSION_ITEM as well.
-_PLAIN_NUMBERS = frozenset(
-    {
-        MAV_CMD.DO_DIGICAM_CONFIGURE,
-        MAV_CMD.DO_DIGICAM_CONTROL,
-        MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-        MAV_CMD.NAV_ATTITUDE_TIME,
-    }
-)
-# Parameters (counted from 0) that may be NaN; no other may, and none may be infinite.
-_NAN_TAKEN: dict[int, tuple[int, ...]] = {
-    MAV_CMD.NAV_WAYPOINT: (3,),
-    MAV_CMD.NAV_LAND: (3,),
-    MAV_CMD.NAV_TAKEOFF: (3,),
-    MAV_CMD.NAV_VTOL_TAKEOFF: (3,),
-    MAV_CMD.NAV_VTOL_LAND: (2, 3),
-}
-# Parameters (counted from 0) that AP_Mission's store has room for, where it has not for all; the others come back as 0.
-_HELD: dict[int, tuple[int, ...]] = {
-    MAV_CMD.NAV_WAYPOINT: (0,),
-    MAV_CMD.NAV_SPLINE_WAYPOINT: (0,),
-    MAV_CMD.NAV_LOITER_UNLIM: (2,),
-    MAV_CMD.NAV_LOITER_TURNS: (0, 2, 3),
-    MAV_CMD.NAV_LOITER_TIME: (0, 2, 3),
-    MAV_CMD.NAV_LOITER_TO_ALT: (1, 3),
-    MAV_CMD.NAV_RETURN_TO_LAUNCH: (),
-    MAV_CMD.NAV_LAND: (0, 3),
-    MAV_CMD.NAV_TAKEOFF: (0,),
-    MAV_CMD.NAV_VTOL_TAKEOFF: (),
-    MAV_CMD.NAV_VTOL_LAND: (0,),
-    MAV_CMD.NAV_CONTINUE_AND_CHANGE_ALT: (0,),
-    MAV_CMD.NAV_GUIDED_ENABLE: (0,),
-    MAV_CMD.NAV_ALTITUDE_WAIT: (0, 1, 2),
-    MAV_CMD.NAV_PAYLOAD_PLACE: (0,),
-    MAV_CMD.NAV_SET_YAW_SPEED: (0, 1, 2),
-    MAV_CMD.CONDITION_DELAY: (0,),
-    MAV_CMD.CONDITION_DISTANCE: (0,),
-    MAV_CMD.DO_JUMP: (0, 1),
-    MAV_CMD.DO_CHANGE_SPEED: (0, 1, 2),
-    MAV_CMD.DO_SET_HOME: (0,),
-    MAV_CMD.DO_SET_RELAY: (0, 1),
-    MAV_CMD.DO_REPEAT_RELAY: (0, 1, 2),
-    MAV_CMD.DO_SET_SERVO: (0, 1),
-    MAV_CMD.DO_LAND_START: (),
-    MAV_CMD.DO_GO_AROUND: (),
-    MAV_CMD.DO_SET_ROI: (0,),
-    MAV_CMD.DO_MOUNT_CONTROL: (0, 1, 2),
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST: (0, 2),
-    MAV_CMD.DO_FENCE_ENABLE: (0,),
-    MAV_CMD.DO_AUX_FUNCTION: (0, 1),
-    MAV_CMD.DO_PARACHUTE: (0,),
-    MAV_CMD.DO_INVERTED_FLIGHT: (0,),
-    MAV_CMD.DO_GRIPPER: (0, 1),
-    MAV_CMD.DO_AUTOTUNE_ENABLE: (0,),
-    MAV_CMD.DO_VTOL_TRANSITION: (0,),
-    MAV_CMD.DO_SET_REVERSE: (0,),
-    MAV_CMD.DO_ENGINE_CONTROL: (0, 1, 2),
-    MAV_CMD.DO_SET_RESUME_REPEAT_DIST: (0,),
-    MAV_CMD.DO_SPRAYER: (0,),
-    MAV_CMD.DO_PAUSE_CONTINUE: (0,),
-}
-# Items that AP_Mission takes and ArduCopter does not know when their turn comes.
-_NOT_OF_A_COPTER = frozenset(
-    {
-        MAV_CMD.DO_GO_AROUND,
-        MAV_CMD.DO_PAUSE_CONTINUE,
-        MAV_CMD.DO_SET_REVERSE,
-        MAV_CMD.DO_INVERTED_FLIGHT,
-        MAV_CMD.DO_AUTOTUNE_ENABLE,
-        MAV_CMD.DO_ENGINE_CONTROL,
-        MAV_CMD.DO_VTOL_TRANSITION,
-    }
-)
+_NAMES = cells_by_command("ardupilot_item")
+_WITH_PLACE = commands_with("ardupilot_place", "place")
+_PLAIN_NUMBERS = commands_with("ardupilot_place", "numbers")
+_NAN_TAKEN = parameter_indices("ardupilot_nan")
+_KEPT = parameter_indices("ardupilot_keeps")
+_SKIPPED = commands_with("ardupilot_turn", "skipped")
 # Such numbers mark commands beyond a byte in the store.
 _RESERVED = (0, 1)
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
@@ -256,14 +99,14 @@ def _stored(item: MissionItem) -> MissionItem:
     turns and landings that have a sense alone, this is 1 or -1.
     """
     command, params = item.command, list(item.params)
-    held = _HELD.get(command, range(4))
+    kept = _KEPT.get(command, range(4))
     if command == MAV_CMD.NAV_LOITER_TIME:
         params[2] = -1.0 if params[2] < 0.0 else 1.0
     if command == MAV_CMD.NAV_LAND:
         params[3] = -1.0 if params[3] < 0.0 else 1.0
     elif command in (MAV_CMD.NAV_LOITER_TURNS, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_TO_ALT):
         params[3] = float(params[3] > 0.0)
-    first, second, third, fourth = (param if index in held else 0.0 for index, param in enumerate(params))
+    first, second, third, fourth = (param if index in kept else 0.0 for index, param in enumerate(params))
     placeless = command not in _WITH_PLACE and command not in _PLAIN_NUMBERS
     return replace(
         item,
@@ -321,7 +164,7 @@ def _idle_text(item: MissionItem) -> StatusText | None:
     """Source."""
     if item.command == MAV_CMD.DO_SET_RESUME_REPEAT_DIST:
         return INFO, f"Resume repeat dist set to {min(max(item.params[0], 0.0), 65535.0):.0f} m"
-    if item.command in _NOT_OF_A_COPTER:
+    if item.command in _SKIPPED:
         return WARNING, f"Skipping invalid cmd #{item.command}"
     return None
 
@@ -331,52 +174,23 @@ def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
 
 
 MISSIONS = MissionPolicy(
+    **choices(MissionPolicy, "ardupilot"),
     transfer=TransferPolicy(
-        request="MISSION_REQUEST",
-        repeat_s=1.0,
-        timeout_s=8.0,
-        timeout_result=MissionResult.OPERATION_CANCELLED,
+        **choices(TransferPolicy, "ardupilot"),
         timeout_texts={
             kind: (WARNING, f"{name} upload timeout")
             for kind, name in ((MISSION, "Mission"), (FENCE, "Fence"), (RALLY, "Rally"))
         },
-        clears_at_start=True,
         max_items={MISSION: 650, FENCE: 256, RALLY: 64},
-        too_many_text=(WARNING, "Only {} items are supported"),
         uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: _FENCE_INDEXED},
-        bad_item_text=None,
-        wrong_sequence_ends=True,
-        no_upload_text=None,
-        bad_type=MissionResult.UNSUPPORTED,
-        clears_all_types=False,
-        clears_flown_mission=False,
         cleared_texts={FENCE: _FENCE_INDEXED},
-        one_at_a_time=False,
-        client_cancels=False,
-        partial_lists=True,
-        partial_refused_text=(WARNING, "Flight plan update rejected"),
         past_the_end=_past_the_end,
-        item_float_text=(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"),
-        request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
         refuse_item=_refuse_item,
-        checks_jumps=True,
         refuse_plan=_refuse_plan,
         stored=_stored,
         has_degrees=_has_degrees,
         shown_frame=_shown_frame,
     ),
-    home_first=True,
-    guided_items=True,
-    total_without_mission=0,
-    waits_for_start=True,
-    restarts_when_disarmed=True,
-    reached_repeat_s=None,
-    reached_counts_next=True,
-    begin_text=None,
-    climb_text=None,
-    end_text=None,
-    no_such_item_text=None,
-    outside_fence_text=None,
     actions=frozenset(
         {
             MAV_CMD.CONDITION_DELAY,
@@ -389,13 +203,6 @@ MISSIONS = MissionPolicy(
     idle_text=_idle_text,
     item_text=_item_text,
     acceptance_radius_m=_acceptance_radius_m,
-    acceptance_height_m=2.0,
-    items_have_heading=False,
-    return_changes_mode=False,
-    arms_at_start=False,
-    set_current_command=True,
-    starts_without_mission=True,
-    start_refused_text=None,
     no_landing_texts=(
         (WARNING, "No landing sequence found"),
         (WARNING, "Mode change to AUTO RTL failed: init failed"),

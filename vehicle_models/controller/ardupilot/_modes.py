@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
-from ..policies._modes import ModePolicy
-from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from ..policies._choices import choices
+from ..policies._modes import ModePolicy, numbers_by_mode, read_modes
+from ..state._flight_state import Behaviour, FlightMode, FlightState
 from ..state._parameter_store import ParameterStore
 from ..state._service import CommandResult, Refusal, has_flag
 from ..state._texts import CRITICAL, WARNING
@@ -22,25 +25,8 @@ _PLAIN = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
 _STEERS = int(_PLAIN | MAV_MODE_FLAG.GUIDED_ENABLED)
 _ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 
-_MODES = (
-    FlightMode("STABILIZE", 0, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE),
-    FlightMode("ACRO", 1, _PLAIN, Behaviour.PILOT, stick=StickControl.RATES),
-    FlightMode("ALT_HOLD", 2, _PLAIN, Behaviour.PILOT, stick=StickControl.ALTITUDE),
-    FlightMode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False, needs_position=True),
-    FlightMode("GUIDED", 4, _STEERS, Behaviour.OFFBOARD, needs_position=True),
-    FlightMode("LOITER", 5, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
-    FlightMode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False, needs_position=True),
-    FlightMode("CIRCLE", 7, _STEERS, Behaviour.CIRCLE, stick=StickControl.POSITION, needs_position=True),
-    FlightMode("LAND", 9, _STEERS, Behaviour.LAND, armable=False),
-    FlightMode("DRIFT", 11, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE, needs_position=True),
-    FlightMode("POSHOLD", 16, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
-    FlightMode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False, needs_position=True),
-    FlightMode("THROW", 18, _PLAIN, Behaviour.HOLD, needs_position=True),
-    FlightMode("AVOID_ADSB", 19, _STEERS, Behaviour.OFFBOARD, armable=False, needs_position=True),
-    FlightMode("GUIDED_NOGPS", 20, _STEERS, Behaviour.OFFBOARD),
-    FlightMode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False, needs_position=True),
-    FlightMode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION, needs_position=True),
-)
+_TABLE = Path(__file__).with_name("modes.csv")
+_MODES = read_modes(_TABLE)
 _NAMED = {mode.name: mode for mode in _MODES}
 # Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the
 # refusal.
@@ -56,24 +42,7 @@ _UNAVAILABLE = {
 
 # Functions of a radio's switches (RCn_OPTION) that enter a mode, as ArduPilot's documentation numbers them.
 _AUXILIARY_MODES: dict[float, int] = {
-    function: _NAMED[name].custom
-    for function, name in (
-        (4, "RTL"),
-        (16, "AUTO"),
-        (18, "LAND"),
-        (33, "BRAKE"),
-        (37, "THROW"),
-        (42, "SMART_RTL"),
-        (52, "ACRO"),
-        (55, "GUIDED"),
-        (56, "LOITER"),
-        (60, "ZIGZAG"),
-        (68, "STABILIZE"),
-        (69, "POSHOLD"),
-        (70, "ALT_HOLD"),
-        (72, "CIRCLE"),
-        (73, "DRIFT"),
-    )
+    switch: _NAMED[name].custom for name, switch in numbers_by_mode(_TABLE, "switch").items()
 }
 
 
@@ -194,6 +163,7 @@ def _number_of_command(params: tuple[float, ...]) -> int | None:
 
 
 MODES = ModePolicy(
+    **choices(ModePolicy, "ardupilot"),
     modes=_MODES,
     initial=_NAMED["STABILIZE"],
     hold=_NAMED["BRAKE"],
@@ -203,21 +173,15 @@ MODES = ModePolicy(
     reposition=_NAMED["GUIDED"],
     mission=_NAMED["AUTO"],
     loiter=_NAMED["LOITER"],
-    acknowledges_set_mode=False,
-    heartbeat_on_change=True,
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     refuse_without_position=_requires_position,
     number_of_command=_number_of_command,
-    result_without_mode=CommandResult.DENIED,
     auxiliary_modes=_AUXILIARY_MODES,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,
     refuse_arm_value=_refuse_arm_value,
     prearm_failures=_prearm_failures,
-    checks_when_armed=CommandResult.TEMPORARILY_REJECTED,
-    manual_landing_disarms=False,
-    spools_up_armed=True,
     booted_s=_BOOTED_S,
 )

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from ..policies._choices import choices
 from ..policies._parameters import ParameterPolicy, ParameterPush
 from ..state._flight_limits import FlightLimits, FollowTargetLimits, PathLimits, StickLimits
-from ..state._parameter_store import ParameterStore
-from ..state._parameter_table import read_parameters
+from ..state._parameter_store import ParameterStore, read_parameters
 from ..state._shaping import AxisShaping, MotionShaping
 
 
@@ -99,20 +99,10 @@ def limits(p: ParameterStore) -> FlightLimits:
 
 
 PARAMETERS = ParameterPolicy(
+    **choices(ParameterPolicy, "ardupilot"),
     definitions=read_parameters(Path(__file__).with_name("parameters.csv")),
-    system_id="SYSID_THISMAV",
     limits=limits,
-    bytewise=False,
-    hash_first=False,
-    unknown="silence",
-    index_in_replies=False,
-    any_case=True,
-    changes_twice=False,
-    checks_type=False,
-    listed_per_step=40,
     simulation=("SIM_",),
-    # GCS_MAVLINK's text for its own read-only parameters, followed by the value that holds.
-    write_denied="Param write denied ({name})",
     pushes=(
         ParameterPush("BARO1_GND_PRESS", 20.0),
         ParameterPush("BARO2_GND_PRESS", 20.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ..policies._choices import choices
 from ..policies._safety import (
     AidingTexts,
     BatteryStep,
@@ -141,18 +142,12 @@ def battery_volts(flight: FlightState, p: ParameterStore) -> float:
 
 
 SAFETY = SafetyPolicy(
+    **choices(SafetyPolicy, "ardupilot"),
     failsafes=_failsafes,
     fence=FencePolicy(
+        **choices(FencePolicy, "ardupilot"),
         limits=_fence_limits,
         reaction=_fence_reaction,
-        recovery_text=(INFO, "Manual recovery started"),
-        recovery_s=10.0,
-        cleared_text=(NOTICE, "Fence breach cleared"),
-        repeat_distance_m=20.0,
-        any_inclusion=False,
-        enable_command=True,
-        enable_parameter="FENCE_ENABLE",
-        refuses_setpoints=True,
         outside=Refusal(CommandResult.FAILED),
         rally_limit_m=_rally_limit_m,
         rally_includes_home=lambda p: bool(p["RALLY_INCL_HOME"]),
@@ -161,5 +156,4 @@ SAFETY = SafetyPolicy(
     is_ground_station=lambda system, p: system == int(p["SYSID_MYGCS"]),
     dead_reckoning_s=_DEAD_RECKONING_S,
     battery_volts=battery_volts,
-    counts_charge=True,
 )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ..links._enums import MAV_FRAME
+from ..policies._choices import choices
 from ..policies._setpoints import SetpointPolicy
 from ..state._flight_state import Behaviour
-from ..state._texts import INFO
 
 SETPOINTS = SetpointPolicy(
+    **choices(SetpointPolicy, "ardupilot"),
     local_frames={
         MAV_FRAME.LOCAL_NED: "local",
         MAV_FRAME.LOCAL_OFFSET_NED: "offset",
@@ -23,17 +24,5 @@ SETPOINTS = SetpointPolicy(
         MAV_FRAME.GLOBAL_TERRAIN_ALT: "ground",
         MAV_FRAME.GLOBAL_TERRAIN_ALT_INT: "ground",
     },
-    bad_local_frame="",
-    bad_global_frame=(INFO, "Unknown mavlink coordinate frame {}"),
-    complains=False,
-    axes_in_groups=True,
-    speed_command_binds=True,
-    faces_motion=True,
-    fails_safe_when_lost=False,
-    position_lapses=False,
     echo_behaviours=(Behaviour.OFFBOARD,),
-    echo_position_mask=0xFDF8,
-    echo_velocity_mask=0xFDC7,
-    simulates_radio=True,
-    radio_overrides=True,
 )

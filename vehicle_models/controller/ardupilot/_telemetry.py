@@ -6,46 +6,16 @@ import math
 
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..links._frames import KINDS
+from ..policies._choices import choices
+from ..policies._message_table import messages_with
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import Behaviour, FlightState, GpsQuality
-from ..state._service import CommandResult
-from ..state._texts import INFO
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
 
-_GROUPS: dict[int, tuple[str, ...]] = {
-    MAV_DATA_STREAM.RAW_SENSORS: (
-        "RAW_IMU",
-        "SCALED_IMU2",
-        "SCALED_IMU3",
-        "SCALED_PRESSURE",
-        "SCALED_PRESSURE2",
-    ),
-    MAV_DATA_STREAM.EXTENDED_STATUS: (
-        "SYS_STATUS",
-        "POWER_STATUS",
-        "MEMINFO",
-        "NAV_CONTROLLER_OUTPUT",
-        "MISSION_CURRENT",
-        "GPS_RAW_INT",
-        "FENCE_STATUS",
-    ),
-    MAV_DATA_STREAM.RC_CHANNELS: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
-    MAV_DATA_STREAM.POSITION: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
-    MAV_DATA_STREAM.EXTRA1: ("ATTITUDE", "SIMSTATE", "AHRS2"),
-    MAV_DATA_STREAM.EXTRA2: ("VFR_HUD",),
-    MAV_DATA_STREAM.EXTRA3: (
-        "AHRS",
-        "SYSTEM_TIME",
-        "WIND",
-        "BATTERY_STATUS",
-        "MAG_CAL_PROGRESS",
-        "EKF_STATUS_REPORT",
-        "VIBRATION",
-        "ESC_TELEMETRY_1_TO_4",
-        "TERRAIN_REQUEST",
-        "TERRAIN_REPORT",
-    ),
-}
+# ArduCopter 4.6 streams these (source) for devices and procedures that do not exist here. It accepts intervals for them,
+# and requests: the messages never come.
+_SILENT = messages_with("ardupilot", "silent")
+_GROUPS = {int(group): messages_with("ardupilot", group.name) for group in MAV_DATA_STREAM if group.value}
 _RATE_PARAMETERS = {
     "RAW_SENS": MAV_DATA_STREAM.RAW_SENSORS,
     "EXT_STAT": MAV_DATA_STREAM.EXTENDED_STATUS,
@@ -55,62 +25,6 @@ _RATE_PARAMETERS = {
     "EXTRA2": MAV_DATA_STREAM.EXTRA2,
     "EXTRA3": MAV_DATA_STREAM.EXTRA3,
 }
-_ON_REQUEST = (
-    "EXTENDED_SYS_STATE",
-    "ATTITUDE_QUATERNION",
-    "HOME_POSITION",
-    "GPS_GLOBAL_ORIGIN",
-    "POSITION_TARGET_LOCAL_NED",
-    "POSITION_TARGET_GLOBAL_INT",
-    "HEARTBEAT",
-    "SCALED_IMU",
-    "HIGHRES_IMU",
-    "ATTITUDE_TARGET",
-)
-# Streams of ArduCopter 4.6 (source) for devices and procedures that do not exist here. It accepts intervals for them,
-# and requests: the messages never come.
-_SILENT = frozenset(
-    {
-        "ADSB_VEHICLE",
-        "AIRSPEED",
-        "AUTOPILOT_VERSION",
-        "BATTERY2",
-        "CAMERA_CAPTURE_STATUS",
-        "CAMERA_FEEDBACK",
-        "CAMERA_FOV_STATUS",
-        "CAMERA_IMAGE_CAPTURED",
-        "CAMERA_INFORMATION",
-        "CAMERA_SETTINGS",
-        "DISTANCE_SENSOR",
-        "EFI_STATUS",
-        "GENERATOR_STATUS",
-        "GIMBAL_DEVICE_ATTITUDE_STATUS",
-        "GIMBAL_DEVICE_SET_ATTITUDE",
-        "GIMBAL_MANAGER_INFORMATION",
-        "GIMBAL_MANAGER_STATUS",
-        "GPS2_RAW",
-        "GPS2_RTK",
-        "GPS_RTK",
-        "HIGH_LATENCY2",
-        "HWSTATUS",
-        "MAG_CAL_REPORT",
-        "MISSION_ITEM_REACHED",
-        "OPTICAL_FLOW",
-        "PARAM_VALUE",
-        "PID_TUNING",
-        "RANGEFINDER",
-        "RC_CHANNELS_RAW",
-        "RC_CHANNELS_SCALED",
-        "RELAY_STATUS",
-        "RPM",
-        "SCALED_PRESSURE3",
-        "STORAGE_INFORMATION",
-        "VIDEO_STREAM_INFORMATION",
-        "VIDEO_STREAM_STATUS",
-        "WHEEL_DISTANCE",
-        "WINCH_STATUS",
-    }
-)
 
 # present, enabled and health of SYS_STATUS as they went by while the SITL started.
 _BEFORE_STANDBY = SensorBits(0x5331FC0F, 0x52019C0F, 0x45119C0B)
@@ -160,24 +74,16 @@ def _wind(flight: FlightState) -> tuple[float, float, float] | None:
 
 
 TELEMETRY = TelemetryPolicy(
-    messages=frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)}),
+    **choices(TelemetryPolicy, "ardupilot"),
+    messages=messages_with("ardupilot", "request").union(*_GROUPS.values()),
     silent_messages=_SILENT,
     # ArduPilot streams nothing until a client asks, except its TIMESYNC every 10 s.
     stream_sets={"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}},
     stream_groups=_GROUPS,
     stream_parameters=_RATE_PARAMETERS,
     max_rates_hz={"TERRAIN_REQUEST": 0.5},
-    waits_for_client=True,
     promised_messages=frozenset(KINDS[name].id for name in _SILENT),
-    unknown_interval=CommandResult.DENIED,
-    unknown_interval_text=(INFO, "No ap_message for mavlink id ({})"),
-    unknown_get_interval=CommandResult.FAILED,
-    unknown_request=CommandResult.FAILED,
-    min_interval_us=2500,
-    answers_after_acknowledgement=True,
-    load_permille=0,
     battery_type=0,
-    vtol_state=3,
     gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.RTK_FIXED, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300),
     lost_fix_type=GPS_FIX_TYPE.NO_FIX,
     sensors=_sensors,

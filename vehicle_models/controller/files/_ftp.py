@@ -338,13 +338,7 @@ class FileTransfer:
                 del self._sessions[number]
 
     def _send(self, sender: MessageSender, payload: bytes) -> None:
-        sender.channel.send_message(
-            "FILE_TRANSFER_PROTOCOL",
-            target_network=0,
-            target_system=sender.system,
-            target_component=sender.component,
-            payload=payload,
-        )
+        sender.answer("FILE_TRANSFER_PROTOCOL", target_network=0, payload=payload)
 
     _opened = 0
 

@@ -9,8 +9,8 @@ import lzma
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..state._event_names import EventName
 from ..state._parameter_store import REAL32, Parameter, crc32_plain
+from ..state._texts import EventName
 from ._served_files import FileContent
 
 FOLDER = "etc/extras"
@@ -58,7 +58,7 @@ class Metadata:
             }
         if path == listed[_EVENTS]:
             events = {
-                str(event.number & 0xFFFFFF): {"name": event.name, "message": event.message}
+                str(event.number & 0xFFFFFF): {"name": event.name, "message": event.text}
                 for event in self._events
             }
             groups = {"default": {"events": events}}

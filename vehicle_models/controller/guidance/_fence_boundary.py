@@ -67,27 +67,22 @@ def local_place(item: MissionItem, frame: LocalFrame) -> NorthEast | None:
     return frame.to_local_m(*degrees) if degrees else None
 
 
+@dataclass(eq=False)
 class FenceBoundary:
     """The fence as plan, parameters and commands have it at present."""
 
-    def __init__(
-        self,
-        policy: FencePolicy,
-        flight: FlightState,
-        frame: LocalFrame,
-        parameters: ParameterStore,
-        plan: StoredPlan,
-    ) -> None:
-        self.policy = policy
-        self.limits: FenceLimits = policy.limits(parameters)
-        self._flight = flight
-        self._frame = frame
-        self._parameters = parameters
-        self._plan = plan
-        self._areas: tuple[FenceArea, ...] = ()
-        self._commanded: bool | None = None  # enabled or disabled by command; None: as the parameter says
-        plan.on_change.append(self._plan_changed)
-        parameters.on_change(self._parameters_changed)
+    policy: FencePolicy
+    _flight: FlightState
+    _frame: LocalFrame
+    _parameters: ParameterStore
+    _plan: StoredPlan
+    _areas: tuple[FenceArea, ...] = ()
+    _commanded: bool | None = None  # enabled or disabled by command; None: as the parameter says
+
+    def __post_init__(self) -> None:
+        self.limits: FenceLimits = self.policy.limits(self._parameters)
+        self._plan.on_change.append(self._plan_changed)
+        self._parameters.on_change(self._parameters_changed)
 
     @property
     def enabled(self) -> bool:

@@ -1,49 +1,84 @@
-"""Guidance: the manoeuvre that each behaviour begins with, and where the nose points meanwhile."""
+"""Guidance: the manoeuvres of a vehicle, the one that each behaviour begins with, and where the nose points meanwhile."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, FlightTarget, NorthEast, ReferencePoint
-from ._manoeuvres import Circle, Land, Manoeuvre, Manoeuvres, ManualFlight, Return
+from ._manoeuvres import FollowSetpoints, Hold, Land, Manoeuvre, Takeoff
+from ._return import Return
+from ._sticks import Circle, ManualFlight
 
 _MIN_FACING_SPEED_MPS = 0.5
 
 
-class HeadingCommand(Protocol):
-    """A heading that a command asks for, whatever is being flown."""
+@dataclass(frozen=True, slots=True)
+class HeadingCommand:
+    """A heading that a command asks for, whatever is being flown: one heading, or the one towards a place."""
 
-    turn_max_radps: float
+    heading_rad: float = 0.0
+    place: NorthEast | None = None
+    turn_max_radps: float = 1.0
 
     def yaw_rad(self, flight: FlightState) -> float:
         """The heading at this moment."""
+        if self.place is None:
+            return self.heading_rad
+        return math.atan2(self.place[1] - flight.east_m, self.place[0] - flight.north_m)
 
 
-class FixedHeading:
-    """One heading."""
+class Manoeuvres:
+    """The manoeuvres of a multicopter. Another kind of aircraft overrides those that it flies differently."""
 
-    def __init__(self, yaw_rad: float, turn_max_radps: float = 1.0) -> None:
-        self._yaw_rad = yaw_rad
-        self.turn_max_radps = turn_max_radps
+    # Whether the speeds and paths of a multicopter's waypoints are flown.
+    shapes_waypoints = True
+    # Whether a landing begins away from its place.
+    approaches_landing = False
+    # A wing cannot meet a point exactly, so it raises these lower bounds of the acceptance radius.
+    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0
 
-    def yaw_rad(self, flight: FlightState) -> float:
-        return self._yaw_rad
+    def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
+        """Radius of the turns of a mission; a request of 0 leaves it to the vehicle."""
+        return requested_m or 10.0
 
+    def hold(
+        self,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
+        down_m: float | None = None,
+        yaw_rad: float | None = None,
+        speed_mps: float | None = None,
+        radius_m: float | None = None,
+    ) -> Hold:
+        """Stay at a place.
 
-class HeadingToPlace:
-    """The heading towards a place."""
+        `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
+        """
+        return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
-    turn_max_radps = 1.0
+    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
+        return Takeoff(flight, down_m)
 
-    def __init__(self, north_east_m: NorthEast) -> None:
-        self._place = north_east_m
+    def land(
+        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+    ) -> Land:
+        return Land(flight, north_east_m, ground_down_m)
 
-    def yaw_rad(self, flight: FlightState) -> float:
-        return math.atan2(self._place[1] - flight.east_m, self._place[0] - flight.north_m)
+    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
+        return Return(flight, home, limits)
+
+    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
+        """Fly setpoints; until the first one, `rest` or stay here."""
+        return FollowSetpoints(flight, rest)
+
+    def shaped(
+        self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits
+    ) -> FlightTarget:
+        """The target of any manoeuvre, turned into one that this kind of aircraft can fly."""
+        return target
 
 
 class Guidance:

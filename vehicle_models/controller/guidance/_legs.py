@@ -10,7 +10,8 @@ from typing import Protocol
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState, FlightTarget, LandedState, NorthEast
 from ..state._shaping import UNSHAPED
-from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
+from ._manoeuvres import Hold, Land, Manoeuvre, Takeoff
+from ._return import Return
 from ._waypoints import WaypointApproach, WaypointPath
 
 HeadingFunction = Callable[[FlightState, NorthEast], "float | None"]
@@ -147,7 +148,7 @@ class DescendLeg:
         return self._flew and flight.landed is LandedState.ON_GROUND
 
 
-class TurnsLeg:
+class TurnsLeg(Manoeuvre):
     """Fly a number of turns around a place; a negative radius turns left."""
 
     def __init__(
@@ -201,9 +202,6 @@ class TurnsLeg:
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
         )
-
-    def done(self, flight: FlightState) -> bool:
-        return False
 
     def over(self, flight: FlightState) -> bool:
         angle = self._angle(flight)

@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Literal, Protocol
 
-from ..state._flight_limits import FlightLimits, PathLimits
-from ..state._flight_state import (
-    FlightState,
-    FlightTarget,
-    NorthEast,
-    ReferencePoint,
-    StickControl,
-    StickPositions,
-    TargetAttitude,
-)
-from ..state._shaping import UNSHAPED, StraightLine
+from ..state._flight_limits import FlightLimits
+from ..state._flight_state import FlightState, FlightTarget, NorthEast, TargetAttitude
+from ..state._shaping import UNSHAPED
 
 # The airframe brakes harder than this when it must.
 _STOPPING_MPS2 = 2.0
 
 
-class Manoeuvre(Protocol):
+class Manoeuvre(ABC):
     """One manoeuvre that is flown."""
 
+    @abstractmethod
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         """Where to go during the next step."""
 
     def done(self, flight: FlightState) -> bool:
-        """Whether the manoeuvre is complete; the modes decide what follows."""
+        """Whether the manoeuvre is complete, which some never are; the modes decide what follows."""
+        return False
 
 
-class Hold:
+class Hold(Manoeuvre):
     """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and
     stay.
     """
@@ -91,11 +85,8 @@ class Hold:
     def change_speed(self, speed_mps: float) -> None:
         self._speed_mps = speed_mps
 
-    def done(self, flight: FlightState) -> bool:
-        return False
 
-
-class Takeoff:
+class Takeoff(Manoeuvre):
     """Climb straight up to a height; on the ground the rotors spool up first."""
 
     def __init__(self, flight: FlightState, down_m: float) -> None:
@@ -135,7 +126,7 @@ class Takeoff:
         return Hold(flight, self._place, self._down_m, self._yaw_rad)
 
 
-class Land:
+class Land(Manoeuvre):
     """Descend straight down, slower near the ground.
 
     The landing ends where the feet touch, at whatever height that is. Once there is no estimate of position, the
@@ -189,168 +180,8 @@ class Land:
             share = 0.0
         return limits.land_mps + share * (limits.descent_mps - limits.land_mps)
 
-    def done(self, flight: FlightState) -> bool:
-        return False
 
-
-class Return:
-    """Climb, go home, descend to a height where the autopilot waits, land."""
-
-    def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
-        self._home = home
-        distance_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
-        height_m = home.down_m - flight.down_m
-        if limits.return_climbs_by_m is not None:
-            cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
-        else:
-            cruise_m = (
-                height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
-            )
-        self._cruise_down_m = home.down_m - max(cruise_m, height_m)
-        self._climb = Hold(flight, stopping_place(flight), self._cruise_down_m)
-        # Above home; never a climb.
-        lower_m = limits.return_descends_to_m
-        self._wait_down_m = self._cruise_down_m
-        if lower_m is not None:
-            self._wait_down_m = max(self._cruise_down_m, home.down_m - lower_m)
-        self._is_above_home = False
-        self._faces = limits.return_faces_home
-        self._is_near = distance_m < limits.return_near_m
-        # Source, and flights of PX4: it lands with the heading that it had when home was set.
-        turns = self._faces and math.isfinite(home.yaw_rad)
-        self._last_yaw_rad = home.yaw_rad if turns else None
-        self._arrived_ns: int | None = None
-        self._climbing = self._cruise_down_m < flight.down_m - limits.return_arrives_height_m
-        self._land: Land | None = None
-        self._path = (
-            ReturnPath(flight, (home.north_m, home.east_m), self._cruise_down_m, limits.return_path, limits)
-            if limits.return_path
-            else None
-        )
-
-    @property
-    def lands(self) -> bool:
-        """Whether it is on its last way down, with no wait before the ground."""
-        return self._land is not None
-
-    def heights_m(self, origin_m: float) -> tuple[float, float]:
-        """Altitude at which it flies home, and how much that is above the ground there; `origin_m` is the altitude of the
-        local frame.
-        """
-        return origin_m - self._cruise_down_m, self._home.down_m - self._cruise_down_m
-
-    @property
-    def landing(self) -> bool:
-        return self._land is not None or (self._is_above_home and self._wait_down_m > self._cruise_down_m)
-
-    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        if self._land:
-            return self._land.target(flight, limits)
-        if self._climbing:
-            self._climbing = flight.down_m > self._cruise_down_m + limits.return_arrives_height_m
-            climb = self._climb.target(flight, limits)
-            return self._path.on_climb(climb, flight) if self._path else climb
-        home = (self._home.north_m, self._home.east_m)
-        distance_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
-        on_path = self._path is not None and not self._path.is_over(flight)
-        self._is_above_home = self._is_above_home or (not on_path and distance_m < limits.return_arrives_m)
-        arrived = self._is_above_home and self._wait_down_m - flight.down_m < limits.return_arrives_height_m
-        if self._has_waited(flight, limits, arrived):
-            self._land = Land(flight, home, self._home.down_m, self._last_yaw_rad)
-        down_m = self._wait_down_m if self._is_above_home else self._cruise_down_m
-        target = FlightTarget(
-            north_east_m=home,
-            down_m=down_m,
-            yaw_rad=self._yaw_home(flight),
-            speed_max_mps=limits.return_mps,
-            climb_max_mps=limits.climb_mps,
-            descent_max_mps=limits.descent_mps,
-            shaping=limits.shaping(down_m - flight.down_m),
-        )
-        return self._path.on_way(target, flight) if self._path else target
-
-    def _has_waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
-        """Whether the vehicle has been above home for long enough."""
-        if arrived and self._arrived_ns is None:
-            self._arrived_ns = flight.time_ns
-        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(
-            limits.return_waits_s * 1e9
-        )
-
-    def _yaw_home(self, flight: FlightState) -> float | None:
-        """The heading towards home; None near home, where a bearing has no meaning."""
-        if not self._faces:
-            return None
-        if self._is_near:
-            return self._last_yaw_rad
-        north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
-        return math.atan2(east, north) if math.hypot(north, east) > 3.0 else None
-
-    def done(self, flight: FlightState) -> bool:
-        return False
-
-
-class ReturnPath:
-    """The course of a return in time: up from where the vehicle comes to rest, then straight home."""
-
-    def __init__(
-        self,
-        flight: FlightState,
-        home: NorthEast,
-        down_m: float,
-        path: PathLimits,
-        limits: FlightLimits,
-    ) -> None:
-        self._down_m = down_m
-        self._start = stopping_place(flight)
-        distance_m = math.dist(self._start, home)
-        self._towards = (
-            ((home[0] - self._start[0]) / distance_m, (home[1] - self._start[1]) / distance_m)
-            if distance_m > 0.0
-            else (0.0, 0.0)
-        )
-        self._climb_m = max(flight.down_m + stopping_m(flight.vd_mps) - down_m, 0.0)
-        self._climb = StraightLine(self._climb_m, limits.climb_mps, path.vertical_accel_mps2, path.jerk_mps3)
-        self._way = StraightLine(distance_m, path.speed_mps, path.accel_mps2, path.jerk_mps3)
-        self._begun_ns = flight.time_ns
-        self._way_begun_ns: int | None = None
-
-    def on_climb(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
-        """`target` at this moment of the climb."""
-        return self._at(target, flight, 0.0)
-
-    def on_way(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
-        """`target` at this moment of the way home, on which the climb may still be ending."""
-        if self.is_over(flight):
-            return target
-        if self._way_begun_ns is None:
-            self._way_begun_ns = flight.time_ns
-        return self._at(target, flight, (flight.time_ns - self._way_begun_ns) * 1e-9)
-
-    def is_over(self, flight: FlightState) -> bool:
-        """Whether both the climb and the way home have taken their time."""
-        if self._way_begun_ns is None:
-            return False
-        way_s = (flight.time_ns - self._way_begun_ns) * 1e-9
-        climb_s = (flight.time_ns - self._begun_ns) * 1e-9
-        over: bool = way_s > self._way.duration_s and climb_s > self._climb.duration_s
-        return over
-
-    def _at(self, target: FlightTarget, flight: FlightState, way_s: float) -> FlightTarget:
-        way_m, speed_mps, accel_mps2 = self._way.at(way_s)
-        risen_m, climb_mps, lift_mps2 = self._climb.at((flight.time_ns - self._begun_ns) * 1e-9)
-        north, east = self._towards
-        return replace(
-            target,
-            north_east_m=(self._start[0] + north * way_m, self._start[1] + east * way_m),
-            down_m=self._down_m + self._climb_m - risen_m,
-            velocity_ned_mps=(north * speed_mps, east * speed_mps, -climb_mps),
-            acceleration_ned_mps2=(north * accel_mps2, east * accel_mps2, -lift_mps2),
-            shaping=UNSHAPED,
-        )
-
-
-class FollowSetpoints:
+class FollowSetpoints(Manoeuvre):
     """Fly the last setpoint of a companion.
 
     Where it gives acceleration alone (`accelerates`: horizontally, vertically), the integral of it is the
@@ -409,231 +240,6 @@ class FollowSetpoints:
         return replace(
             target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2])
         )
-
-    def done(self, flight: FlightState) -> bool:
-        return False
-
-
-class Circle:
-    """Circle a centre: first to the nearest point of the circle, then along it at constant speed."""
-
-    JOINED_M = 1.0
-
-    def __init__(
-        self,
-        centre: NorthEast,
-        down_m: float,
-        radius_m: float,
-        speed_mps: float,  # negative: anticlockwise
-        faces: Literal["in", "ahead", "kept"] = "in",
-    ) -> None:
-        self.centre, self.down_m, self.radius_m, self.speed_mps = centre, down_m, radius_m, speed_mps
-        self._faces_direction = faces
-        self._angle_rad: float | None = None
-        self._flown_mps = 0.0
-        self._height = ThrottleHeight()
-
-    @classmethod
-    def around_point_ahead(cls, flight: FlightState, limits: FlightLimits) -> Circle:
-        """Around a point one radius ahead of the nose."""
-        radius = limits.circle_radius_m
-        centre = (
-            flight.north_m + radius * math.cos(flight.yaw_rad),
-            flight.east_m + radius * math.sin(flight.yaw_rad),
-        )
-        return cls(centre, flight.down_m, radius, radius * limits.circle_radps)
-
-    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        north, east = flight.north_m - self.centre[0], flight.east_m - self.centre[1]
-        # Away from the circle the vehicle first flies to its nearest point, without speed along it.
-        if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
-            angle, speed = math.atan2(east, north), 0.0
-        else:
-            self._accelerate(flight)
-            speed = self._flown_mps
-            angle = math.atan2(east, north) if self._angle_rad is None else self._angle_rad
-            angle = self._angle_rad = angle + speed / self.radius_m * flight.step_s
-        cos, sin = math.cos(angle), math.sin(angle)
-        inwards_mps2 = -speed * speed / self.radius_m
-        down, sink = self._vertical(flight, limits)
-        return FlightTarget(
-            north_east_m=(self.centre[0] + self.radius_m * cos, self.centre[1] + self.radius_m * sin),
-            down_m=down,
-            velocity_ned_mps=(-speed * sin, speed * cos, sink),
-            acceleration_ned_mps2=(inwards_mps2 * cos, inwards_mps2 * sin, 0.0),
-            yaw_rad=self._yaw_rad(angle, flight),
-            speed_max_mps=max(limits.cruise_mps, abs(self.speed_mps) + 2.0),
-            climb_max_mps=limits.climb_mps,
-            descent_max_mps=limits.descent_mps,
-        )
-
-    def done(self, flight: FlightState) -> bool:
-        return False
-
-    def _accelerate(self, flight: FlightState) -> None:
-        max_change = 1.5 * flight.step_s
-        self._flown_mps += min(max(self.speed_mps - self._flown_mps, -max_change), max_change)
-
-    def _vertical(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
-        """Height and sink rate; in a mode with sticks the throttle changes the height."""
-        if flight.mode.stick is None or flight.sticks is None:
-            return self.down_m, 0.0
-        return self._height.target(flight, limits)
-
-    def _yaw_rad(self, angle: float, flight: FlightState) -> float | None:
-        if self._faces_direction == "in":
-            return angle + math.pi
-        if self._faces_direction == "ahead":
-            return angle + math.copysign(math.pi / 2, self.speed_mps)
-        return None
-
-
-class ThrottleHeight:
-    """Height by a throttle stick: its middle holds, above that it climbs, below it descends."""
-
-    def __init__(self) -> None:
-        self._held_m: float | None = None
-
-    def target(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
-        """Height to hold and velocity downwards."""
-        sticks, stick_limits = flight.sticks or StickPositions(), limits.sticks
-        deflection = beyond_dead_zone(sticks.throttle, stick_limits.dead)
-        if deflection == 0.0:
-            if self._held_m is None:
-                self._held_m = flight.down_m + stopping_m(flight.vd_mps)
-            return self._held_m, 0.0
-        self._held_m = None
-        return None, -deflection * (stick_limits.climb_mps if deflection > 0.0 else stick_limits.descent_mps)
-
-
-class ManualFlight:
-    """Fly by the sticks of a pilot."""
-
-    def __init__(self, flight: FlightState, stick: StickControl) -> None:
-        self._stick = stick
-        self._height = ThrottleHeight()
-        self._place: NorthEast | None = None
-
-    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        sticks, stick_limits = flight.sticks or StickPositions(), limits.sticks
-        down, sink = (
-            (None, 0.0)
-            if self._stick in (StickControl.RATES, StickControl.ATTITUDE)
-            else self._height.target(flight, limits)
-        )
-        velocity = self._velocity(sticks, flight, limits)
-        return FlightTarget(
-            north_east_m=self._place,
-            down_m=down,
-            velocity_ned_mps=(*velocity, sink),
-            yawrate_radps=beyond_dead_zone(sticks.yaw, stick_limits.dead) * stick_limits.yaw_radps,
-            speed_max_mps=stick_limits.speed_mps,
-            climb_max_mps=stick_limits.climb_mps,
-            descent_max_mps=stick_limits.descent_mps,
-            attitude=self._attitude(sticks, flight, limits),
-        )
-
-    def done(self, flight: FlightState) -> bool:
-        return False
-
-    def _velocity(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> NorthEast:
-        if self._stick is not StickControl.POSITION:
-            return 0.0, 0.0
-        forward, right = (
-            beyond_dead_zone(stick, limits.sticks.dead) * limits.sticks.speed_mps
-            for stick in (sticks.pitch, sticks.roll)
-        )
-        if forward == right == 0.0:
-            # With its feet on the ground the vehicle holds still: following a position that wanders would
-            # turn it over.
-            self._place = None if flight.on_ground else self._place or stopping_place(flight)
-            return 0.0, 0.0
-        self._place = None
-        cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
-        return cos * forward - sin * right, sin * forward + cos * right
-
-    def _attitude(
-        self, sticks: StickPositions, flight: FlightState, limits: FlightLimits
-    ) -> TargetAttitude | None:
-        if self._stick is StickControl.POSITION:
-            return None
-        stick_limits = limits.sticks
-        thrust = (
-            None if self._stick is StickControl.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
-        )
-        if self._stick is StickControl.RATES:
-            rates = (
-                sticks.roll * stick_limits.rates_radps,
-                -sticks.pitch * stick_limits.rates_radps,
-                sticks.yaw * stick_limits.yaw_radps,
-            )
-            return TargetAttitude(thrust=thrust, rates_radps=rates)
-        # On its feet the vehicle would turn over when it tilts.
-        share = 0.0 if flight.on_ground else 1.0
-        return TargetAttitude(
-            sticks.roll * stick_limits.tilt_rad * share, -sticks.pitch * stick_limits.tilt_rad * share, thrust
-        )
-
-
-class Manoeuvres:
-    """The manoeuvres of a multicopter. Another kind of aircraft overrides those that it flies differently."""
-
-    # Whether the speeds and paths of a multicopter's waypoints are flown.
-    shapes_waypoints = True
-    # Whether a landing begins away from its place.
-    approaches_landing = False
-    # A wing cannot meet a point exactly, so it raises these lower bounds of the acceptance radius.
-    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0
-
-    def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
-        """Radius of the turns of a mission; a request of 0 leaves it to the vehicle."""
-        return requested_m or 10.0
-
-    def hold(
-        self,
-        flight: FlightState,
-        north_east_m: NorthEast | None = None,
-        down_m: float | None = None,
-        yaw_rad: float | None = None,
-        speed_mps: float | None = None,
-        radius_m: float | None = None,
-    ) -> Hold:
-        """Stay at a place.
-
-        `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
-        """
-        return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
-
-    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
-        return Takeoff(flight, down_m)
-
-    def land(
-        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
-    ) -> Land:
-        return Land(flight, north_east_m, ground_down_m)
-
-    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
-        return Return(flight, home, limits)
-
-    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
-        """Fly setpoints; until the first one, `rest` or stay here."""
-        return FollowSetpoints(flight, rest)
-
-    def shaped(
-        self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits
-    ) -> FlightTarget:
-        """The target of any manoeuvre, turned into one that this kind of aircraft can fly."""
-        return target
-
-
-def beyond_dead_zone(stick: float, dead: float) -> float:
-    """A stick's share beyond its dead zone, -1 to 1."""
-    return math.copysign(max(abs(stick) - dead, 0.0) / (1.0 - dead), stick)
-
-
-def _thrust(throttle: float, hover: float) -> float:
-    """Thrust of a throttle stick, -1 to 1; its middle carries the vehicle."""
-    return hover * (1.0 + throttle) if throttle < 0.0 else hover + throttle * (1.0 - hover)
 
 
 def stopping_m(speed_mps: float) -> float:

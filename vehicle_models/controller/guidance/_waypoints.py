@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.contracts import Vector
 
 from ..state._flight_limits import FlightLimits, PathLimits
 from ..state._flight_state import FlightState, NorthEast
 from ..state._shaping import StraightLine
+from ._manoeuvres import stopping_m, stopping_place
 
 # PX4 turns towards a point of the line so far ahead, or farther where the acceptance radius is larger.
 _LEAST_LEAD_M = 5.0
 # It has turned when its course is within 11 degrees of the target's bearing, and does not turn below this speed.
 _ALIGNED_COSINE, _LEAST_TURNING_MPS = 0.98, 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """The place to which the mission goes on without a stop, and the speed of an item on the way; None by the
+    parameters.
+    """
+
+    place: NorthEast
+    down_m: float
+    speed_mps: float | None
 
 
 class WaypointApproach:
@@ -233,3 +245,36 @@ class WaypointPath:
 
 def _vector(values: list[float]) -> Vector:
     return values[0], values[1], values[2]
+
+
+def waypoint_course(
+    flight: FlightState,
+    limits: FlightLimits,
+    line: tuple[NorthEast, NorthEast],
+    down_m: float,
+    radius_m: float,
+    speed_mps: float | None,
+    passed: WaypointPath | None,
+    following: Following | None,
+) -> WaypointApproach | WaypointPath:
+    """How the autopilot approaches the end of a line, at a height, and leaves it again; `passed` is its path before."""
+    if limits.waypoint_path is None:
+        return WaypointApproach(flight, line, following.place if following else None, radius_m)
+    end = (*line[1], down_m)
+    if passed and passed.following and passed.following.end_m == end:
+        segment, previous = passed.following, passed.segment
+    else:
+        start = (*stopping_place(flight), flight.down_m + stopping_m(flight.vd_mps))
+        segment, previous = _segment(start, end, speed_mps, limits.waypoint_path, limits), None
+    behind = None
+    if following:
+        behind_m = (*following.place, following.down_m)
+        behind = _segment(end, behind_m, following.speed_mps, limits.waypoint_path, limits)
+    return WaypointPath(segment, behind, radius_m, limits.waypoint_corner_mps2, flight.time_ns, previous)
+
+
+def _segment(
+    start_m: Vector, end_m: Vector, speed_mps: float | None, path: PathLimits, limits: FlightLimits
+) -> PathSegment:
+    path = replace(path, speed_mps=speed_mps or path.speed_mps)
+    return PathSegment.between(start_m, end_m, path, limits)

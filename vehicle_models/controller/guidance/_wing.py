@@ -9,8 +9,11 @@ from bench.values import value_class
 
 from ..state._flight_limits import FlightLimits, Seconds
 from ..state._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint
+from ._guidance import Manoeuvres
 from ._legs import GotoLeg, TurnsLeg
-from ._manoeuvres import Circle, FollowSetpoints, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
+from ._manoeuvres import FollowSetpoints, Hold, Land, Manoeuvre, Takeoff
+from ._return import Return
+from ._sticks import Circle
 
 # How far ahead on a line it aims, in seconds of flight; the airframe's lateral law is made for it.
 _LEAD_S = 2.2

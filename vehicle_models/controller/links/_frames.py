@@ -1,7 +1,10 @@
-"""MAVLink frames: reading them from bytes that may hold anything, and packing them from plain values."""
+"""MAVLink frames: reading them from bytes that may hold anything, packing them from plain values, and numbers as integer
+fields hold them.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from collections.abc import Callable, Iterable, Sequence
@@ -11,11 +14,13 @@ from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
 
-from ._dialect import dialect
+from ._dialect import SIZES, Field, crc_extra, dialect
 
 MAX_FRAME = 10 + 255 + 2 + 13
 PATIENCE_BYTES = 4096
 _MESSAGES: dict[int, Any] = dialect.mavlink_map
+KINDS: dict[str, Any] = {kind.msgname: kind for kind in _MESSAGES.values()}
+MESSAGE_NAMES: dict[int, str] = {kind.id: name for name, kind in KINDS.items()}
 _CRC_EXTRA = {number: bytes([kind.crc_extra]) for number, kind in _MESSAGES.items()}
 _V1, _V2 = 0xFE, 0xFD
 _BEGINS = re.compile(b"[\xfd\xfe]")
@@ -114,8 +119,7 @@ def payload_of(frame: bytes, size: int) -> bytes:
 
 def message_name(number: int) -> str:
     """The name of a message; its number where the dialect does not have it."""
-    kind = _MESSAGES.get(number)
-    return str(kind.msgname) if kind else f"message {number}"
+    return MESSAGE_NAMES.get(number, f"message {number}")
 
 
 def sender(frame: bytes) -> tuple[int, int]:
@@ -184,13 +188,13 @@ def _plain(kind: Any) -> _Plain | None:
 _PLAIN = {number: plain for number, kind in _MESSAGES.items() if (plain := _plain(kind))}
 
 
-def _wire_fields(kind: Any) -> list[tuple[str, str, int]]:
+def _wire_fields(kind: Any) -> list[Field]:
     """Name, type and length (0 for no array) of every field, in the order of the wire."""
     return list(zip(kind.ordered_fieldnames, _types(kind), kind.array_lengths, strict=True))
 
 
-def _bytes(fields: Sequence[tuple[str, str, int]]) -> int:
-    return sum(_SIZES[kind] * max(length, 1) for _, kind, length in fields)
+def _bytes(fields: Sequence[Field]) -> int:
+    return sum(SIZES[kind] * max(length, 1) for _, kind, length in fields)
 
 
 @cache
@@ -206,35 +210,13 @@ def v1_length(number: int) -> int | None:
     fields = _wire_fields(kind)
     for count in range(len(fields), 0, -1):
         # Original fields are sorted by size, extensions are not.
-        sizes = [_SIZES[type_name] for _, type_name, _ in fields[:count]]
-        if (
-            sizes == sorted(sizes, reverse=True)
-            and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra
-        ):
-            return _bytes(fields[:count])
+        original = fields[:count]
+        sizes = [SIZES[type_name] for _, type_name, _ in original]
+        if sizes == sorted(sizes, reverse=True) and crc_extra(kind.msgname, original) == kind.crc_extra:
+            return _bytes(original)
     return None
 
 
-def _crc_extra(name: str, fields: Sequence[tuple[str, str, int]]) -> int:
-    """MAVLink's checksum over a message's name and its fields."""
-    data = f"{name} ".encode()
-    for field, kind, length in fields:
-        data += f"{kind} {field} ".encode() + (bytes([length]) if length else b"")
-    crc: int = mcrf4xx(data)
-    return (crc & 0xFF) ^ (crc >> 8)
-
-
-_SIZES = {
-    "char": 1,
-    "uint8_t": 1,
-    "int8_t": 1,
-    "uint16_t": 2,
-    "int16_t": 2,
-    "uint32_t": 4,
-    "int32_t": 4,
-    "float": 4,
-}
-_SIZES |= {"uint64_t": 8, "int64_t": 8, "double": 8}
 _HEAD_V1 = struct.Struct("<BBBBB")
 _HEAD = struct.Struct("<BBBBBBHB")
 _CRC = struct.Struct("<H")
@@ -255,14 +237,7 @@ class Packer:
         self, number: int, sequence: int, values: Iterable[Any], sign: Callable[[bytes], bytes]
     ) -> bytes:
         """As `pack`, with the signature that `sign` makes of the frame."""
-        pack, extra = self._kinds[number]
-        # MAVLink 2 cuts zeros at the end of a payload, but keeps its first byte.
-        payload = pack(*values).rstrip(b"\0") or b"\0"
-        head = _HEAD.pack(
-            len(payload), _SIGNED, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
-        )
-        body = head + payload
-        frame = b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
+        frame = self.pack(number, sequence, values, _SIGNED)
         return frame + sign(frame)
 
     def pack_v1(self, number: int, sequence: int, values: Iterable[Any]) -> bytes | None:
@@ -275,15 +250,12 @@ class Packer:
         body = _HEAD_V1.pack(length, sequence, self.system, self.component, number) + payload
         return b"\xfe" + body + _CRC.pack(mcrf4xx(body + extra))
 
-    def pack(self, number: int, sequence: int, values: Iterable[Any]) -> bytes:
+    def pack(self, number: int, sequence: int, values: Iterable[Any], flags: int = 0) -> bytes:
         pack, extra = self._kinds[number]
+        # MAVLink 2 cuts zeros at the end of a payload, but keeps its first byte.
         payload = pack(*values).rstrip(b"\0") or b"\0"
-        body = (
-            _HEAD.pack(
-                len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
-            )
-            + payload
-        )
+        source = (sequence, self.system, self.component)
+        body = _HEAD.pack(len(payload), flags, 0, *source, number & 0xFFFF, number >> 16) + payload
         return b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
 
 
@@ -295,9 +267,7 @@ def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
     """
     kind = KINDS[name]
     values: list[Any] = []
-    for field, length, type_name in zip(
-        kind.ordered_fieldnames, _array_lengths(kind), _types(kind), strict=True
-    ):
+    for field, type_name, length in _wire_fields(kind):
         value = fields.pop(field, None)
         if type_name == "char":
             values.append(value or b"")
@@ -311,13 +281,20 @@ def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
     return kind.id, tuple(values)
 
 
-KINDS: dict[str, Any] = {kind.msgname: kind for kind in _MESSAGES.values()}
-
-
-def _array_lengths(kind: Any) -> list[int]:
-    return list(kind.array_lengths)
-
-
 def _types(kind: Any) -> list[str]:
     by_name = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
     return [by_name[name] for name in kind.ordered_fieldnames]
+
+
+def heading_cdeg(yaw_rad: float) -> int:
+    """0 to 35999 hundredths of a degree."""
+    return round(math.degrees(yaw_rad) * 100.0) % 36000
+
+
+def int16(value: float) -> int:
+    """The nearest integer, within the bounds of 16 bits."""
+    return round(value) if -32768.0 <= value <= 32767.0 else round(min(max(value, -32768.0), 32767.0))
+
+
+def hundredths(value: float) -> int:
+    return int16(value * 100.0)

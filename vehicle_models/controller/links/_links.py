@@ -15,37 +15,23 @@ import socket
 import sys
 import termios
 import tty
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 
-from ._frames import MAX_FRAME, FrameReader
+from ._frames import FrameReader
+from ._link import FRAMES_PER_POLL, GARBAGE_BYTES_PER_POLL, MAX_CLIENTS, Link
 from ._serial import SequenceReader, SerialDevice
 
 BACKLOG_BYTES = 1024 * 1024
-INBOX_FRAMES = 2048
-# A client of whom more than this waits floods the link.
-FLOOD_FRAMES = 1536
-# So many messages of a client that floods the link are handled in a step.
-FLOOD_FRAMES_PER_STEP = 8
-MAX_CLIENTS = 8
-# Bounds of one socket in one poll; the rest waits for the next.
-_FRAMES_PER_POLL = 128
 _DATAGRAMS_PER_POLL = 64
-_GARBAGE_BYTES_PER_POLL = 512
 # Datagrams discarded behind garbage.
 _MAX_DISCARDED = 16
 # TCP clients.
 _ACCEPTED_PER_POLL = 4
-# Bytes of a stream read at once.
-_CHUNK_BYTES = 2048
-# A chunk never holds more frames: the smallest has 8 bytes.
-_CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8
 # Requested of the kernel for each UDP socket; it may grant less.
 _SOCKET_BYTES = 512 * 1024
 # Sockets opened for new peers.
@@ -60,152 +46,10 @@ _SERIAL_BACKLOG_BYTES = 16 * 1024
 _DATAGRAM_BYTES = 1200
 
 
-class Link(Protocol):
-    """One opened link."""
-
-    spec: LinkSpec
-    endpoint: str
-    inbox: Inbox
-    received: int
-    sent: int
-    silenced: bool
-    """Whether nothing passes, in either direction."""
-    garbage_bytes: int
-
-    @property
-    def dropped(self) -> int:
-        """Lost messages; of datagrams that were discarded unread, the number of datagrams."""
-
-    def poll(self) -> None:
-        """Move the data that waits in the sockets to the inbox, as whole frames."""
-
-    def connected(self) -> bool:
-        """Whether there is a receiver for what is sent now."""
-
-    def send(self, frames: list[bytes]) -> None:
-        """Send whole frames to every client of the link."""
-
-    def close(self) -> None: ...
-
-
-class Inbox:
-    """Frames that wait, in a queue for each client.
-
-    They are taken in turn, so that one client's flood delays no other's message.
-    """
-
-    def __init__(self) -> None:
-        self._queues: dict[object, deque[bytes]] = {}
-        self._waiting = 0
-
-    def __len__(self) -> int:
-        return self._waiting
-
-    def room(self, source: object) -> int:
-        """How many more frames of this client it holds."""
-        queue = self._queues.get(source)
-        if queue is None:
-            return INBOX_FRAMES if len(self._queues) < 4 * MAX_CLIENTS else 0
-        return INBOX_FRAMES - len(queue)
-
-    def put(self, source: object, frame: bytes) -> bool:
-        """False when too much of this client waits, or of too many clients."""
-        queue = self._queues.get(source)
-        if queue is None:
-            if len(self._queues) >= 4 * MAX_CLIENTS:
-                return False
-            queue = self._queues[source] = deque()
-        if len(queue) >= INBOX_FRAMES:
-            return False
-        queue.append(frame)
-        self._waiting += 1
-        return True
-
-    def take(self, max_frames: int) -> list[bytes]:
-        """The oldest frames, one of each client in turn; of a client that floods the link only a few."""
-        taken: list[bytes] = []
-        remaining = {
-            source: FLOOD_FRAMES_PER_STEP
-            for source, queue in self._queues.items()
-            if len(queue) > FLOOD_FRAMES
-        }
-        turn = deque(self._queues)
-        while turn and len(taken) < max_frames:
-            source = turn.popleft()
-            queue = self._queues[source]
-            taken.append(queue.popleft())
-            if source in remaining:
-                remaining[source] -= 1
-            if not queue:
-                del self._queues[source]
-            elif remaining.get(source, 1):
-                turn.append(source)
-        # The client whose turn would be next is the first in the next step, or a flood of many clients would
-        # starve it.
-        if turn:
-            served = [source for source in self._queues if source not in turn]
-            self._queues = {source: self._queues[source] for source in (*turn, *served)}
-        self._waiting -= len(taken)
-        return taken
-
-    def clear(self) -> None:
-        self._queues.clear()
-        self._waiting = 0
-
-
-class _LinkCounters:
-    """What the kinds of link share: the inbox and the counts."""
-
-    def __init__(self, spec: LinkSpec) -> None:
-        self.spec = spec
-        self.inbox = Inbox()
-        self.received = 0
-        self.sent = 0
-        self.silenced = False
-        self.garbage_bytes = 0
-        self._dropped = 0
-
-    @property
-    def dropped(self) -> int:
-        return self._dropped
-
-    def _put_frames(
-        self, source: object, reader: FrameReader, data: bytes, most: int | None = None
-    ) -> tuple[int, int]:
-        """Put whole frames into the inbox; returns counts of frames and of bytes of garbage. `most` is for a
-        datagram, of which at most so many frames are taken and nothing is left for the next.
-        """
-        garbage, unread = reader.garbage_bytes, reader.unread_bytes
-        frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
-        self.received += len(frames)
-        for frame in frames:
-            # Read all the same: a peer is known, and a stream goes on, only by what it sends.
-            if not self.spec.heard or not self.inbox.put(source, frame):
-                self._dropped += 1
-        self._dropped += reader.unread_bytes > unread
-        garbage = reader.garbage_bytes - garbage
-        self.garbage_bytes += garbage
-        return len(frames), garbage
-
-    def _read_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
-        """Read a stream within the bounds of one poll. Raises what `read` raises; EOFError at the end."""
-        frames = garbage = 0
-        while (
-            frames < _FRAMES_PER_POLL
-            and garbage < _GARBAGE_BYTES_PER_POLL
-            and self.inbox.room(source) >= _CHUNK_FRAMES
-        ):
-            data = read(_CHUNK_BYTES)
-            if not data:
-                raise EOFError
-            count, bad_bytes = self._put_frames(source, reader, data)
-            frames, garbage = frames + count, garbage + bad_bytes
-
-
 Address = tuple[str, int]
 
 
-class UdpLink(_LinkCounters):
+class UdpLink(Link):
     """`udp_out` sends to one address; `udp_in` to every peer that has sent something.
 
     A peer that has sent twice gets a connected socket at the same port, so that the kernel keeps one client's flood apart
@@ -224,9 +68,8 @@ class UdpLink(_LinkCounters):
         if out:
             address = socket.getaddrinfo(spec.host, spec.port, socket.AF_INET)[0][4]
             self._target = str(address[0]), int(address[1])
-        self._peers: dict[
-            Address, socket.socket | None
-        ] = {}  # by peer, the one that has been silent longest first
+        # By peer, the one that has been silent longest first.
+        self._peers: dict[Address, socket.socket | None] = {}
         self._dropped_in_closed = 0
         port = spec.port if out else self._socket.getsockname()[1]
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
@@ -274,7 +117,7 @@ class UdpLink(_LinkCounters):
                 returning[peer] = None
             self._note_speaker(peer)
             room = self.inbox.room(source)
-            if not room or garbage >= _GARBAGE_BYTES_PER_POLL:
+            if not room or garbage >= GARBAGE_BYTES_PER_POLL:
                 self._dropped += 1
                 discarded += 1
                 if discarded >= _MAX_DISCARDED and sock is not self._socket:
@@ -282,7 +125,7 @@ class UdpLink(_LinkCounters):
                 continue
             count, bad_bytes = self._put_frames(source, self._reader, bytes(self._buffer[:size]), room)
             frames, garbage = frames + count, garbage + bad_bytes
-            if frames >= _FRAMES_PER_POLL or count >= room:
+            if frames >= FRAMES_PER_POLL or count >= room:
                 break
         return list(returning)
 
@@ -378,7 +221,7 @@ class _TcpClient:
         return len(self.backlog) <= BACKLOG_BYTES
 
 
-class TcpLink(_LinkCounters):
+class TcpLink(Link):
     """`tcp_in`: listens, and serves several clients the same messages."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -433,7 +276,7 @@ class TcpLink(_LinkCounters):
         self._socket.close()
 
 
-class TerminalLink(_LinkCounters):
+class TerminalLink(Link):
     """`serial`: a pseudo terminal whose other end a companion opens as its serial device.
 
     With the path `auto` the system names the device; any other path becomes a symbolic link to it. The line is raw, without flow control and speed: as on a UART, data that is not read is lost.
@@ -442,10 +285,8 @@ class TerminalLink(_LinkCounters):
     def __init__(self, spec: LinkSpec) -> None:
         super().__init__(spec)
         self._symlink: Path | None = None
-        self._terminal_ends: list[int] = []
-        self._terminal, far_end = os.openpty()
         # The far end is kept open, or the line would break when the companion closes it.
-        self._terminal_ends = [self._terminal, far_end]
+        self._terminal, far_end = self._terminal_ends = os.openpty()
         os.set_blocking(self._terminal, False)
         self.endpoint = os.ttyname(far_end)
         if spec.path not in ("", "auto"):
@@ -472,9 +313,6 @@ class TerminalLink(_LinkCounters):
         with contextlib.suppress(OSError, EOFError):
             self._read_stream(None, self._reader, lambda size: os.read(self._terminal, size))
 
-    def connected(self) -> bool:
-        return True
-
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:
             if len(self._backlog) < _SERIAL_BACKLOG_BYTES:
@@ -492,7 +330,7 @@ class TerminalLink(_LinkCounters):
             os.close(end)
 
 
-class DeviceLink(_LinkCounters):
+class DeviceLink(Link):
     """`serial` on a device of this machine, with a companion at the other end of the cable."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -507,10 +345,6 @@ class DeviceLink(_LinkCounters):
             self._read_stream(None, self.reader, self.device.read)
         if self.device.resets > resets:
             self.reader.forget()
-
-    def connected(self) -> bool:
-        # Also while the device is away: what is sent then is lost, and counted.
-        return True
 
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:

@@ -8,7 +8,7 @@ from typing import Any
 from bench.contracts import MavlinkTap
 
 from ._frames import Packer, message_id, sender, target_system, wire_values
-from ._links import Link
+from ._link import Link
 from ._signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
@@ -58,6 +58,10 @@ class Channel:
         """Queue a message given by field names."""
         self.send(*wire_values(name, **fields))
 
+    def send_text(self, severity: int, text: str) -> None:
+        """Queue a short STATUSTEXT for the clients of this channel alone."""
+        self.send_message("STATUSTEXT", severity=severity, text=text.encode(), id=0, chunk_seq=0)
+
     def admits(self, frame: bytes) -> bool:
         """Whether a received frame may be handled. The channel learns from it which systems are there, and
         which MAVLink they speak: 2, unless every frame so far was MAVLink 1.
@@ -91,10 +95,6 @@ class Channel:
         if self.link.silenced:
             self.link.inbox.clear()
 
-    def take(self) -> list[bytes]:
-        """The frames that are handled in this step."""
-        return self.link.inbox.take(MESSAGES_PER_STEP)
-
     def flush(self, tap: MavlinkTap | None) -> None:
         """Send the queue."""
         if self._queue:
@@ -122,12 +122,23 @@ class Radio:
         """Queue a message on every channel, or those that `goes_over` admits; where the autopilot waits for clients, only
         where one has sent something.
         """
-        number, values = wire_values(name, **fields)
+        self.broadcast_values(*wire_values(name, **fields), goes_over)
+
+    def broadcast_values(
+        self, number: int, values: Iterable[Any], goes_over: Callable[[Channel], bool] | None = None
+    ) -> None:
+        """The same, with the values in wire order."""
         for channel in self.channels:
-            if (channel.has_client or not self._waits_for_client) and (
-                goes_over is None or goes_over(channel)
-            ):
+            heard = channel.has_client or not self._waits_for_client
+            if heard and (goes_over is None or goes_over(channel)):
                 channel.send(number, values)
+
+    def take(self, channel: Channel) -> list[bytes]:
+        """The frames of a channel that are handled in this step."""
+        frames = channel.link.inbox.take(MESSAGES_PER_STEP)
+        if self._tap and frames:
+            self._tap(channel.name, "from_agent", b"".join(frames))
+        return frames
 
     def begin(self) -> None:
         for channel in self.channels:

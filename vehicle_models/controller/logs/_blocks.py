@@ -197,10 +197,4 @@ class LogBlocks:
 
     def _send(self, log: _BlockLog, block: _Block) -> None:
         log.sent_ns = block.sent_ns = self._context.flight.time_ns
-        log.sender.channel.send_message(
-            "REMOTE_LOG_DATA_BLOCK",
-            target_system=log.sender.system,
-            target_component=log.sender.component,
-            seqno=block.number,
-            data=[*block.data],
-        )
+        log.sender.answer("REMOTE_LOG_DATA_BLOCK", seqno=block.number, data=[*block.data])

@@ -1,7 +1,7 @@
 """DataFlash, the format of ArduPilot's flight logs (ardupilot.org, "Diagnosing problems using Logs").
 
 A file describes its own messages (FMT, FMTU, UNIT, MULT). Each has the columns that the vehicle knows, under the
-names of ArduCopter 4.6 and with its units, and no others.
+names of ArduCopter 4.6 and with its units, and no others (`dataflash.csv`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
+from ..._read_table import read_table
 from ..state._flight_state import Cause, ReferencePoint
 from ..state._log_records import CAUSES, FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
 
@@ -88,34 +90,9 @@ class _Message:
         return struct.Struct("<" + "".join(_CODES[letter] for letter in self.types))
 
 
-_MESSAGES = (
-    _Message("UNIT", "QbZ", "TimeUS,Id,Label", "s--", "F--"),
-    _Message("MULT", "Qbd", "TimeUS,Id,Mult", "s--", "F--"),
-    _Message("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", "s---", "F---"),
-    _Message("PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
-    _Message("MSG", "QZ", "TimeUS,Message", "s-", "F-"),
-    _Message("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
-    _Message("EV", "QB", "TimeUS,Id", "s-", "F-"),
-    _Message("ERR", "QBB", "TimeUS,Subsys,ECode", "s--", "F--"),
-    _Message("ORGN", "QBLLf", "TimeUS,Type,Lat,Lng,Alt", "s-DUm", "F-GG0"),
-    _Message("ATT", "QfffB", "TimeUS,Roll,Pitch,Yaw,AEKF", "sddh-", "F000-"),
-    _Message("RATE", "Qfff", "TimeUS,R,P,Y", "sEEE", "F000"),
-    _Message("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
-    _Message("XKF1", "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD", "s#nnnmmm", "F-000000"),
-    _Message(
-        "GPS",
-        "QBBIHBfLLffff",
-        "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ",
-        "s#-s-S-DUmnhn",
-        "F--C-0-GG0000",
-    ),
-    _Message(
-        "BAT",
-        "QBffffB",
-        "TimeUS,Inst,Volt,Curr,CurrTot,EnrgTot,RemPct",
-        "s#vAaJ%",
-        "F-00C!0",
-    ),
+_MESSAGES = tuple(
+    _Message(row["message"], row["types"], row["columns"], row["units"], row["multipliers"])
+    for row in read_table(Path(__file__).with_name("dataflash.csv"))
 )
 _NUMBERS = {message.name: number for number, message in enumerate(_MESSAGES, start=1)}
 _PACKINGS = {message.name: message.packing for message in _MESSAGES}

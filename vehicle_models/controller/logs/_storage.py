@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
+from ..files._served_files import FileContent
+from ..policies._logs import LogPolicy
 from ..state._log_records import SAMPLE, FlightSample, LogEncoder, LoggedText, LogOpening, Note
 
 # What the samples of all logs may take: half a day at ten samples a second.
@@ -132,6 +135,16 @@ class LogStorage:
                 if other is not log:
                     other.forget()
         return content
+
+    def files(self, policy: LogPolicy) -> dict[str, FileContent]:
+        """The logs as files, by the path at which the autopilot has them."""
+        return {
+            policy.path(number, log.opening, log.namesakes): partial(self._content, log)
+            for number, log in enumerate(self._logs, start=policy.first_number)
+        }
+
+    def _content(self, log: FlightLog, query: str) -> bytes:
+        return bytes(self.read(log))
 
     def erase(self) -> None:
         self._logs.clear()

@@ -125,10 +125,8 @@ class LogStreaming:
         self._send("LOGGING_DATA_ACKED", stream, stream.head[0])
 
     def _send(self, name: str, stream: _Stream, packet: _Packet) -> None:
-        stream.sender.channel.send_message(
+        stream.sender.answer(
             name,
-            target_system=stream.sender.system,
-            target_component=stream.sender.component,
             sequence=stream.sequence & 0xFFFF,
             length=len(packet.data),
             first_message_offset=packet.first_message,

@@ -10,7 +10,6 @@ from ..links._radio import Channel
 from ..policies._logs import LogPolicy
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
-from ..state._texts import StatusText
 from ._recorder import FlightRecorder
 from ._storage import FlightLog, LogStorage
 
@@ -75,7 +74,7 @@ class LogTransfer:
         if self._refuses_armed(sender):
             return
         if self._policy.busy_text and self._is_busy():
-            _send_text(sender.channel, self._policy.busy_text)
+            sender.channel.send_text(*self._policy.busy_text)
             return
         transfer = self._transfer(sender)
         transfer.sending = False
@@ -127,7 +126,7 @@ class LogTransfer:
             return False
         if not self._warned:
             self._warned = True
-            _send_text(sender.channel, text)
+            sender.channel.send_text(*text)
         return True
 
     def _refuses_busy(self, sender: MessageSender) -> bool:
@@ -136,7 +135,7 @@ class LogTransfer:
             return False
         transfer = self._transfers.get(sender.channel.name)
         if not (transfer and transfer.active):
-            _send_text(sender.channel, self._policy.busy_text)
+            sender.channel.send_text(*self._policy.busy_text)
         return True
 
     def _is_busy(self) -> bool:
@@ -185,9 +184,3 @@ class LogTransfer:
         transfer.remaining -= length
         # A full last message says that there is more, so the end is only seen by `remaining`.
         transfer.sending = transfer.remaining > 0
-
-
-def _send_text(channel: Channel, text: StatusText) -> None:
-    """A text for the link that asked alone."""
-    severity, words = text
-    channel.send_message("STATUSTEXT", severity=severity, text=words.encode(), id=0, chunk_seq=0)

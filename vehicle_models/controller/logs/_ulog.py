@@ -1,16 +1,19 @@
 """ULog, the format of PX4's flight logs (docs.px4.io, "ULog File Format").
 
 A file describes its own topics, so each has the fields that the vehicle knows, under the names and types of PX4's
-messages of 1.17, and no others.
+messages of 1.17, and no others (`ulog.csv`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
+from ..._read_table import read_table
 from ..links._enums import MAV_TYPE
 from ..state._flight_state import ReferencePoint
 from ..state._log_records import FlightSample, LogEncoder, LoggedHome, LoggedText, LogOpening, Note
@@ -52,91 +55,10 @@ def _code(field: str) -> str:
     return _CODES[kind] * int(count.rstrip("]") or 1)
 
 
-_GPS_FIELDS = (
-    "double latitude_deg",
-    "double longitude_deg",
-    "double altitude_msl_m",
-    "double altitude_ellipsoid_m",
-    "float eph",
-    "float epv",
-    "float hdop",
-    "float vdop",
-    "float vel_m_s",
-    "float vel_n_m_s",
-    "float vel_e_m_s",
-    "float vel_d_m_s",
-    "float cog_rad",
-    "uint64_t time_utc_usec",
-    "uint8_t fix_type",
-    "uint8_t satellites_used",
-    "bool vel_ned_valid",
-)
-_TOPICS = (
-    _Topic("vehicle_attitude", ("float[4] q",)),
-    _Topic("vehicle_angular_velocity", ("float[3] xyz",)),
-    _Topic(
-        "vehicle_local_position",
-        (
-            *(f"float {name}" for name in ("x", "y", "z", "vx", "vy", "vz", "heading")),
-            "double ref_lat",
-            "double ref_lon",
-            "float ref_alt",
-            *(f"bool {name}" for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")),
-            "bool xy_global",
-            "bool z_global",
-            "bool dead_reckoning",
-        ),
-    ),
-    _Topic(
-        "vehicle_local_position_setpoint",
-        tuple(f"float {n}" for n in ("x", "y", "z", "vx", "vy", "vz", "yaw")),
-    ),
-    _Topic(
-        "vehicle_global_position",
-        (
-            "double lat",
-            "double lon",
-            "float alt",
-            "bool lat_lon_valid",
-            "bool alt_valid",
-            "bool dead_reckoning",
-        ),
-    ),
-    _Topic("vehicle_gps_position", _GPS_FIELDS),
-    _Topic("sensor_gps", _GPS_FIELDS),
-    _Topic(
-        "vehicle_status",
-        (
-            "uint64_t armed_time",
-            "uint64_t nav_state_timestamp",
-            "uint8_t arming_state",
-            "uint8_t nav_state",
-            "uint8_t vehicle_type",
-            "uint8_t system_type",
-            "bool failsafe",
-        ),
-    ),
-    _Topic("vehicle_land_detected", ("bool landed", "bool ground_contact")),
-    _Topic(
-        "battery_status",
-        (
-            *(f"float {name}" for name in ("voltage_v", "current_a", "discharged_mah", "remaining")),
-            "uint8_t cell_count",
-            "uint8_t warning",
-            "bool connected",
-        ),
-    ),
-    _Topic(
-        "home_position",
-        (
-            "double lat",
-            "double lon",
-            *(f"float {name}" for name in ("alt", "x", "y", "z", "yaw")),
-            "bool valid_alt",
-            "bool valid_hpos",
-            "bool valid_lpos",
-        ),
-    ),
+_ROWS = read_table(Path(__file__).with_name("ulog.csv"))
+_TOPICS = tuple(
+    _Topic(topic, tuple(f"{row['type']} {row['field']}" for row in rows))
+    for topic, rows in itertools.groupby(_ROWS, key=lambda row: row["topic"])
 )
 _PACKINGS = {topic.name: topic.packing for topic in _TOPICS}
 _NUMBERS = {topic.name: number for number, topic in enumerate(_TOPICS)}

@@ -13,7 +13,7 @@ from ..state._flight_state import Behaviour
 from ..state._plan_store import FENCE, MISSION, RALLY, MissionItem, StoredPlans, identity_of
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
-from ..state._texts import CRITICAL, StatusText
+from ..state._texts import CRITICAL
 
 # MAV_MISSION_TYPE_ALL
 _ALL = 255
@@ -80,12 +80,12 @@ class MissionProtocol:
                 del self._uploads[upload.kind]
                 if policy.timeout_result is not None:
                     self._acknowledge(upload.sender, upload.kind, policy.timeout_result)
-                self._send(policy.timeout_texts[upload.kind])
+                self._context.texts.report(policy.timeout_texts[upload.kind])
             else:
                 self._request_item(upload)
         if download and now - download.received_ns >= round(policy.timeout_s * 1e9):
             self._download = None
-            self._send(policy.timeout_texts[download.kind])
+            self._context.texts.report(policy.timeout_texts[download.kind])
 
     def _upload_of(self, kind: int) -> _Transfer | None:
         """The upload that a message about plans of a type belongs to."""
@@ -105,13 +105,7 @@ class MissionProtocol:
         elif upload and not upload.is_with(sender):
             self._acknowledge(sender, m.mission_type, MissionResult.DENIED)
         elif m.count > policy.max_items[m.mission_type]:
-            if policy.too_many_text:
-                self._send(
-                    (
-                        policy.too_many_text[0],
-                        policy.too_many_text[1].format(policy.max_items[m.mission_type]),
-                    )
-                )
+            self._context.texts.report(policy.too_many_text, policy.max_items[m.mission_type])
             self._acknowledge(sender, m.mission_type, MissionResult.NO_SPACE)
         else:
             # ArduPilot loses the old plan though the upload may fail.
@@ -126,8 +120,7 @@ class MissionProtocol:
         # An item behind the last one is added.
         if not 0 <= m.start_index <= m.end_index <= len(stored):
             self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
-            if self._policy.partial_refused_text:
-                self._send(self._policy.partial_refused_text)
+            self._context.texts.report(self._policy.partial_refused_text)
         else:
             self._begin(_Transfer(sender, m.mission_type, m.start_index, m.end_index + 1, stored))
 
@@ -142,13 +135,7 @@ class MissionProtocol:
 
     def _request_item(self, upload: _Transfer) -> None:
         upload.due_ns = self._context.flight.time_ns + round(self._policy.repeat_s * 1e9)
-        upload.sender.channel.send_message(
-            self._policy.request,
-            seq=upload.index,
-            target_system=upload.sender.system,
-            target_component=upload.sender.component,
-            mission_type=upload.kind,
-        )
+        upload.sender.answer(self._policy.request, seq=upload.index, mission_type=upload.kind)
 
     def _take_item(self, m: Any, sender: MessageSender, as_float: bool) -> None:
         policy, upload = self._policy, self._upload_of(m.mission_type)
@@ -158,31 +145,18 @@ class MissionProtocol:
         if upload is None:
             self._take_item_without_upload(m, sender)
             return
-        if not upload.is_with(sender):
-            if not policy.one_at_a_time:
-                other = m.seq != upload.index
-                self._acknowledge(
-                    sender, upload.kind, MissionResult.INVALID_SEQUENCE if other else MissionResult.DENIED
-                )
-            return
-        if m.mission_type != upload.kind:
-            self._acknowledge(sender, upload.kind, MissionResult.ERROR)
-            return
-        if m.seq != upload.index:
-            upload.received_ns = self._context.flight.time_ns
-            if policy.wrong_sequence_ends:
-                self._refuse(upload, MissionResult.INVALID_SEQUENCE)
+        if not self._is_expected(upload, m, sender):
             return
         if as_float and policy.item_float_text and not upload.had_float:
             upload.had_float = True
-            self._send(policy.item_float_text)
+            self._context.texts.report(policy.item_float_text)
         item = self._item_of(m, as_float)
         # Home, which is the first item of a mission but of no fence, comes back as the vehicle knows it.
         is_home = self._home_first and m.seq == 0 and upload.kind == MISSION
         fault = None if is_home else self._fault(upload, item, as_float)
         if fault is not None:
-            if policy.bad_item_text and fault is not MissionResult.ERROR:
-                self._send(policy.bad_item_text)
+            if fault is not MissionResult.ERROR:
+                self._context.texts.report(policy.bad_item_text)
             self._refuse(upload, fault)
             return
         upload.received.append(policy.stored(item) if upload.kind == MISSION else item)
@@ -192,6 +166,23 @@ class MissionProtocol:
             self._finish(upload)
         else:
             self._request_item(upload)
+
+    def _is_expected(self, upload: _Transfer, m: Any, sender: MessageSender) -> bool:
+        """Whether an item is the next of an upload, from its client; answers where it is not."""
+        if not upload.is_with(sender):
+            if not self._policy.one_at_a_time:
+                other = m.seq != upload.index
+                result = MissionResult.INVALID_SEQUENCE if other else MissionResult.DENIED
+                self._acknowledge(sender, upload.kind, result)
+        elif m.mission_type != upload.kind:
+            self._acknowledge(sender, upload.kind, MissionResult.ERROR)
+        elif m.seq != upload.index:
+            upload.received_ns = self._context.flight.time_ns
+            if self._policy.wrong_sequence_ends:
+                self._refuse(upload, MissionResult.INVALID_SEQUENCE)
+        else:
+            return True
+        return False
 
     def _fault(self, upload: _Transfer, item: MissionItem, as_float: bool) -> MissionResult | None:
         fault = self._policy.refuse_item(upload.kind, item, as_float)
@@ -206,8 +197,7 @@ class MissionProtocol:
             # The last item comes again because the acknowledgement was lost.
             self._acknowledge(sender, m.mission_type, MissionResult.ACCEPTED, last[2])
             return
-        if self._policy.no_upload_text:
-            self._send(self._policy.no_upload_text)
+        self._context.texts.report(self._policy.no_upload_text)
         self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
 
     def _finish(self, upload: _Transfer) -> None:
@@ -216,8 +206,7 @@ class MissionProtocol:
         items = (*upload.items[:start], *received, *upload.items[upload.end :])
         fault = policy.refuse_plan(upload.kind, items)
         if fault:
-            for text in fault[1]:
-                self._send(text)
+            self._context.texts.send_all(fault[1])
             self._refuse(upload, fault[0])
             return
         del self._uploads[upload.kind]
@@ -225,8 +214,7 @@ class MissionProtocol:
         if not policy.one_at_a_time or self._last[2] != self._plans.by_type[upload.kind].identity:
             self._plans.by_type[upload.kind].put(items)
         self._acknowledge(upload.sender, upload.kind, MissionResult.ACCEPTED, self._last[2])
-        if upload.kind in policy.uploaded_texts:
-            self._send(policy.uploaded_texts[upload.kind])
+        self._context.texts.report(policy.uploaded_texts.get(upload.kind))
 
     def _refuse(self, upload: _Transfer, verdict: MissionResult) -> None:
         del self._uploads[upload.kind]
@@ -250,14 +238,7 @@ class MissionProtocol:
     def _send_count(self, kind: int, sender: MessageSender) -> None:
         plan = self._plans.by_type[kind]
         ids = {"opaque_id": plan.identity} if self._policy.one_at_a_time else {}
-        sender.channel.send_message(
-            "MISSION_COUNT",
-            count=len(plan.items),
-            target_system=sender.system,
-            target_component=sender.component,
-            mission_type=kind,
-            **ids,
-        )
+        sender.answer("MISSION_COUNT", count=len(plan.items), mission_type=kind, **ids)
 
     def _answer_request(self, m: Any, sender: MessageSender, as_float: bool) -> None:
         if m.mission_type not in self._plans.by_type:
@@ -279,7 +260,7 @@ class MissionProtocol:
             return
         if as_float and policy.request_float_text and kind not in self._requested_float:
             self._requested_float.add(kind)
-            self._send(policy.request_float_text)
+            self._context.texts.report(policy.request_float_text)
         self._send_item(m, sender, item, as_float)
 
     def _shown(self, m: Any, items: tuple[MissionItem, ...]) -> MissionItem | None:
@@ -299,7 +280,7 @@ class MissionProtocol:
     def _send_item(self, m: Any, sender: MessageSender, item: MissionItem, as_float: bool) -> None:
         policy = self._policy
         degrees = as_float and policy.has_degrees(item.command, item.frame)
-        sender.channel.send_message(
+        sender.answer(
             "MISSION_ITEM" if as_float else "MISSION_ITEM_INT",
             param1=item.params[0],
             param2=item.params[1],
@@ -313,39 +294,37 @@ class MissionProtocol:
             frame=policy.shown_frame(item, as_float),
             current=1 if m.seq == 0 and policy.one_at_a_time and m.mission_type == MISSION else 0,
             autocontinue=0 if m.mission_type != MISSION and not policy.one_at_a_time else item.autocontinue,
-            target_system=sender.system,
-            target_component=sender.component,
             mission_type=m.mission_type,
         )
 
     def _clear(self, m: Any, sender: MessageSender) -> None:
-        policy, flight = self._policy, self._context.flight
+        policy = self._policy
         if policy.one_at_a_time and (self._uploads or self._download):
-            self._send((CRITICAL, "WPM: IGN CLEAR CMD: Busy"))
+            self._context.texts.send(CRITICAL, "WPM: IGN CLEAR CMD: Busy")
             return
+        kinds = [m.mission_type]
         if m.mission_type == _ALL and policy.clears_all_types:
             kinds = [MISSION, FENCE, RALLY]
-        elif m.mission_type in self._plans.by_type:
-            kinds = [m.mission_type]
-        else:
-            self._acknowledge(sender, m.mission_type, policy.bad_type)
-            return
-        upload = self._upload_of(m.mission_type)
-        if upload and not upload.is_with(sender):
-            self._acknowledge(sender, m.mission_type, MissionResult.DENIED)
-            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
-            return
-        flown = MISSION in kinds and flight.armed and flight.mode.behaviour is Behaviour.MISSION
-        if flown and not policy.clears_flown_mission:
-            self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
+        for result in (refusals := self._refuse_clearing(m, sender, kinds)):
+            self._acknowledge(sender, m.mission_type, result)
+        if refusals:
             return
         for kind in kinds:
             self._uploads.pop(kind, None)
             self._plans.by_type[kind].put(())
         self._acknowledge(sender, m.mission_type, MissionResult.ACCEPTED)
         for kind in kinds:
-            if kind in policy.cleared_texts:
-                self._send(policy.cleared_texts[kind])
+            self._context.texts.report(policy.cleared_texts.get(kind))
+
+    def _refuse_clearing(self, m: Any, sender: MessageSender, kinds: list[int]) -> tuple[MissionResult, ...]:
+        """How it is answered that plans of these kinds are not cleared; empty where they are."""
+        flight, upload = self._context.flight, self._upload_of(m.mission_type)
+        if not set(kinds) <= set(self._plans.by_type):
+            return (self._policy.bad_type,)
+        if upload and not upload.is_with(sender):
+            return (MissionResult.DENIED, MissionResult.ERROR)
+        flown = MISSION in kinds and flight.armed and flight.mode.behaviour is Behaviour.MISSION
+        return (MissionResult.ERROR,) if flown and not self._policy.clears_flown_mission else ()
 
     def _take_acknowledgement(self, m: Any, sender: MessageSender) -> None:
         if self._download and self._download.is_with(sender):
@@ -361,14 +340,7 @@ class MissionProtocol:
 
     def _acknowledge(self, sender: MessageSender, kind: int, verdict: int, identity: int = 0) -> None:
         ids = {"opaque_id": identity} if self._policy.one_at_a_time and identity else {}
-        sender.channel.send_message(
-            "MISSION_ACK",
-            type=verdict,
-            target_system=sender.system,
-            target_component=sender.component,
-            mission_type=kind,
-            **ids,
-        )
+        sender.answer("MISSION_ACK", type=verdict, mission_type=kind, **ids)
 
     def _item_of(self, m: Any, as_float: bool) -> MissionItem:
         """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place
@@ -380,9 +352,6 @@ class MissionProtocol:
             return replace(item, x=m.x, y=m.y)
         scale = 1e7 if self._policy.has_degrees(m.command, m.frame) else 1.0
         return replace(item, x=_coordinate(m.x * scale), y=_coordinate(m.y * scale))
-
-    def _send(self, text: StatusText) -> None:
-        self._context.texts.send(*text)
 
 
 def _coordinate(value: float) -> int:

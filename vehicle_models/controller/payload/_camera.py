@@ -14,7 +14,7 @@ from typing import Any
 from bench.simspec import Camera as CameraSpec
 
 from ..links._enums import MAV_AUTOPILOT, MAV_CMD, MAV_STATE, MAV_TYPE
-from ..links._frames import KINDS, Packer, wire_values
+from ..links._frames import MESSAGE_NAMES, Packer, wire_values
 from ..links._radio import Channel
 from ..state._flight_state import NorthEast
 from ..state._service import CommandResult, Fields, MessageSender
@@ -54,7 +54,6 @@ _MAX_INTERVAL_S = 3600.0
 # Of a 1/2" sensor; only its ratio to the focal length means anything here.
 _SENSOR_WIDTH_MM = 6.4
 _SECOND_NS = 1_000_000_000
-_NAMES = {kind.id: name for name, kind in KINDS.items()}
 
 
 @dataclass(slots=True)
@@ -150,7 +149,7 @@ class CameraComponent:
         if number in _OLD_REQUESTS:
             return self._request(_OLD_REQUESTS[number], m.param2, sender.channel)
         if number == MAV_CMD.REQUEST_MESSAGE:
-            return self._request(_NAMES.get(m.param1, ""), m.param2, sender.channel)
+            return self._request(MESSAGE_NAMES.get(m.param1, ""), m.param2, sender.channel)
         if number == MAV_CMD.IMAGE_START_CAPTURE:
             return self.start(m.param2, m.param3, m.param4)
         if number == MAV_CMD.IMAGE_STOP_CAPTURE:

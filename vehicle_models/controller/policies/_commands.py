@@ -60,38 +60,26 @@ class CommandPolicy:
     """
 
     accepts_mode_first: bool
-    """Whether DO_SET_MODE is accepted at once, before its result."""
     any_component: bool
-    """Whether messages to components that do not exist are taken."""
     answers_ping: bool
     refuse_takeoff: Callable[[FlightState, Command], Refusal | None]
     takeoff_altitude_m: Callable[[FlightState, Command, FlightLimits], float | None]
     """AMSL altitude that NAV_TAKEOFF asks for; None for the default height."""
     raises_low_takeoffs: bool
-    """Whether a takeoff to less than the default height, or to below the vehicle, goes higher than requested."""
     refuse_reposition: Callable[[FlightState, Command], Refusal | None]
     refuse_home: Callable[[FlightState, Command], Refusal | None]
     confirms_origin: bool
-    """Whether SET_GPS_GLOBAL_ORIGIN is answered with the origin."""
     origin_with_home: bool
-    """Whether GPS_GLOBAL_ORIGIN is sent whenever home is set to the present place."""
     bad_home: CommandResult
-    """Result of a DO_SET_HOME with a place that is not on Earth."""
     home_at_zero_is_here: bool
-    """Whether latitude and longitude 0 mean the present place."""
     home_has_heading: bool
-    """Whether HOME_POSITION has the heading with which home was set."""
     altitude_amsl_m: Callable[[FlightState, int | None, float], float]
     """AMSL altitude that the frame and the seventh parameter of a command mean."""
     result_without_speed: CommandResult
-    """Result of a DO_CHANGE_SPEED that gives no speed."""
-    bad_orbit_text: StatusText | None = None
-    """Sent for an orbit that is too small or too large."""
+    bad_orbit_text: StatusText | None
     roi_names_place: Callable[[Command], bool]
     """Whether a DO_SET_ROI is about a place, and not the end of one."""
     gimbal_needs_control: bool
-    """Whether only its primary or secondary controller may turn a gimbal."""
-    commands_devices: bool = False
-    """Whether it commands devices of its own system: speeds of a mission, gimbal, trigger."""
+    commands_devices: bool
     motor_test_order: tuple[int, ...] = ()
     """Rotors in the order of DO_MOTOR_TEST; empty: there is no such command."""

@@ -9,10 +9,9 @@ from enum import Enum, auto
 from ..files._metadata import Metadata
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT, MAV_TYPE
-from ..state._event_names import EventName
 from ..state._flight_state import FlightState
 from ..state._parameter_store import ParameterStore
-from ..state._texts import FlightEvent, StatusText
+from ..state._texts import EventName, FlightEvent, StatusText
 
 Seconds = float
 
@@ -24,14 +23,6 @@ class BootText:
     at_s: Seconds
     severity: int
     text: str
-
-
-def no_boot_texts(flight: FlightState) -> Sequence[BootText]:
-    return ()
-
-
-def no_files(parameters: ParameterStore) -> Mapping[str, FileContent]:
-    return {}
 
 
 class CalibrationProtocol(Enum):
@@ -65,28 +56,21 @@ class IdentityPolicy:
     texts: Mapping[FlightEvent, StatusText]
     text_ending: str
     """Put behind every text: PX4 ends a text that is an event as well with a tab."""
-    texts_for_stations_s: float | None = None
-    """Texts go only where a ground station was heard within so many seconds; None: everywhere."""
-    texts_follow_answers: bool = False
-    """Whether texts about the messages of a step are sent behind the answers to them."""
-    boot_texts: Callable[[FlightState], Sequence[BootText]] = no_boot_texts
+    texts_for_stations_s: float | None
+    texts_follow_answers: bool
+    boot_texts: Callable[[FlightState], Sequence[BootText]] = lambda flight: ()
     climbed_clear_texts: tuple[StatusText, ...] = ()
     """Sent when the vehicle has risen clear of the ground."""
-    ground_contact_text: StatusText | None = None
-    """Sent when the vehicle meets the ground, with {} for the speed in m/s."""
+    ground_contact_text: StatusText | None
     event_names: tuple[EventName, ...] = ()
     metadata: Metadata | None = None
-    files: Callable[[ParameterStore], Mapping[str, FileContent]] = no_files
+    files: Callable[[ParameterStore], Mapping[str, FileContent]] = lambda parameters: {}
     """What MAVLink FTP serves beside the metadata."""
     folders: tuple[str, ...] = ()
     """Empty folders that MAVLink FTP lists from the start."""
-    memory_card: str = ""
-    """A folder by which paths of MAVLink FTP may begin and that means the root, as on a board."""
-    has_shell: bool = False
-    """Whether SERIAL_CONTROL reaches a shell."""
-    reports_flight: bool = False
-    """Whether FLIGHT_INFORMATION comes on request."""
+    memory_card: str
+    has_shell: bool
+    reports_flight: bool
     calibration: CalibrationProtocol = CalibrationProtocol.TEXTS
-    file_sessions: int = 1
-    files_writable: bool = False
-    """Whether clients may store files, which last as long as the process."""
+    file_sessions: int
+    files_writable: bool

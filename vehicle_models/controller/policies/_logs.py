@@ -33,7 +33,6 @@ class LogPolicy:
     before.
     """
     first_number: int
-    """Of the oldest log in LOG_ENTRY."""
     records: Callable[[FlightState, ParameterStore, bool], bool]
     """Whether something is recorded at present; the last argument is whether the vehicle has been armed since the
     autopilot started.
@@ -41,15 +40,9 @@ class LogPolicy:
     new_for_each_flight: Callable[[ParameterStore], bool]
     """Whether a log ends when recording does; else the next flight continues it."""
     new_after_erase: bool
-    """Whether recording goes on in a new log when all are erased."""
-    armed_text: StatusText | None = None
-    """Sent instead of an answer while armed; None where an armed vehicle answers as well."""
-    busy_text: StatusText | None = None
-    """Sent to a link that asks while another transfer goes on; None where each link has a transfer of its own, and
-    a new request ends the previous one.
-    """
+    armed_text: StatusText | None
+    busy_text: StatusText | None
     needs_list: bool
-    """Whether data are sent only after a list."""
     blocks: BlockLogPolicy | None = None
     streams: Callable[[ParameterStore], bool] | None = None
     """Whether a log can be streamed at present; None for an autopilot without LOGGING_START."""

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from ..state._flight_state import Behaviour, FlightMode, FlightState
+from ..._read_table import read_table
+from ..links._enums import MAV_MODE_FLAG
+from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
 from ..state._parameter_store import ParameterStore
 from ..state._service import CommandResult, Refusal
 from ..state._texts import WARNING, StatusText
-
-
-def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple[str, ...]:
-    return ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +43,7 @@ class ModePolicy:
     standard_modes: Mapping[str, int] = field(default_factory=dict)
     """MAV_STANDARD_MODE by name of the mode; empty: the autopilot does not list its modes."""
     acknowledges_set_mode: bool
-    """Whether the SET_MODE message is acknowledged like a command."""
     heartbeat_on_change: bool
-    """Whether a change of mode sends a heartbeat at once."""
     heartbeat: Callable[[FlightState, bool], tuple[int, int]]
     """base_mode and system_status, given the flight and `has_setpoints`."""
     refuse_mode: Callable[[FlightState, FlightMode | None, int, bool], Refusal | None]
@@ -59,7 +56,6 @@ class ModePolicy:
     number_of_command: Callable[[tuple[float, ...]], int | None]
     """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
     result_without_mode: CommandResult
-    """Result of a DO_SET_MODE that asks for none."""
     auxiliary_modes: Mapping[float, int] = field(default_factory=dict)
     """Custom modes by function of DO_AUX_FUNCTION; empty: there is no such command."""
     no_auxiliary_text: StatusText = (WARNING, "Invalid channel option ({})")
@@ -71,14 +67,11 @@ class ModePolicy:
     """Why the vehicle may not be disarmed: flight, whether it is forced."""
     refuse_arm_value: Callable[[float], Refusal | None]
     """Why the first parameter of COMPONENT_ARM_DISARM makes no sense."""
-    prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = no_prearm_failures
+    prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = lambda flight, parameters: ()
     """Failing checks that the autopilot reports without being asked; none for one that does not report."""
     checks_when_armed: CommandResult
-    """Result of RUN_PREARM_CHECKS while armed."""
     manual_landing_disarms: bool
-    """Whether the vehicle is disarmed after a landing by sticks as after any other."""
-    spools_up_armed: bool = False
-    """Whether a takeoff that has begun on the ground is flown though the idle time ends meanwhile."""
+    spools_up_armed: bool
     booted_s: float = 0.0
     """For so long the autopilot has run when the session begins; after a restart it begins anew."""
 
@@ -90,3 +83,27 @@ class ModePolicy:
     def numbered(self, custom: int) -> FlightMode | None:
         """The mode with this custom number, if there is one."""
         return next((mode for mode in self.modes if mode.custom == custom), None)
+
+
+def read_modes(table: Path) -> tuple[FlightMode, ...]:
+    """The modes of a CSV table: name, custom number, flags of HEARTBEAT.base_mode without ARMED, and the other fields of a
+    FlightMode; further columns are the autopilot's own.
+    """
+    return tuple(
+        FlightMode(
+            row["name"],
+            int(row["custom"], 0),
+            sum(MAV_MODE_FLAG[flag] for flag in row["base"].split()),
+            Behaviour[row["behaviour"]],
+            row["armable"] == "yes",
+            row["label"],
+            StickControl[row["stick"]] if row["stick"] else None,
+            row["needs_position"] == "yes",
+        )
+        for row in read_table(table)
+    )
+
+
+def numbers_by_mode(table: Path, column: str) -> dict[str, int]:
+    """A column of such a table, of the modes that have a number there."""
+    return {row["name"]: int(row[column]) for row in read_table(table) if row[column]}

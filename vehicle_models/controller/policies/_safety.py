@@ -120,23 +120,14 @@ class FencePolicy:
     limits: Callable[[ParameterStore], FenceLimits]
     reaction: Callable[[Breach, float, ParameterStore], Reaction]
     """What is done about a breach, this many metres outside."""
-    recovery_text: StatusText | None = None
-    """Sent with a change of mode during a breach, which gives the operator `recovery_s`; None: it gives no
-    time.
-    """
-
-    recovery_s: float = 0.0
-    cleared_text: StatusText | None = None
+    recovery_text: StatusText | None
+    recovery_s: float
+    cleared_text: StatusText | None
     repeat_distance_m: float
-    """So much farther beyond a circle or a ceiling is another breach."""
     any_inclusion: bool
-    """Whether the vehicle must be inside one of several inclusions; else inside all."""
     enable_command: bool
-    """Whether there is DO_FENCE_ENABLE."""
     enable_parameter: str | None
-    """The parameter that enables the fence; None: FenceLimits.enabled does."""
     refuses_setpoints: bool
-    """Whether position setpoints outside are not flown to."""
     outside: Refusal
     """Answer to a command to go outside."""
     rally_limit_m: Callable[[ParameterStore], float]
@@ -156,10 +147,6 @@ class SimulatedDischarge:
     min_fraction: float
 
 
-def no_simulated_discharge(parameters: ParameterStore) -> SimulatedDischarge | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyPolicy:
     """Failsafes, fence and battery of an autopilot."""
@@ -172,9 +159,7 @@ class SafetyPolicy:
     """For so long without fixes the estimate of position is continued."""
     battery_volts: Callable[[FlightState, ParameterStore], float]
     """The voltage that the autopilot measures."""
-    simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = no_simulated_discharge
+    simulated_discharge: Callable[[ParameterStore], SimulatedDischarge | None] = lambda parameters: None
     """The battery of the autopilot's own simulation, when its parameters ask for one."""
-    counts_charge: bool = False
-    """Whether the charge is counted, and MAV_CMD_BATTERY_RESET sets the count."""
-    failure_parameter: str | None = None
-    """The parameter that allows INJECT_FAILURE; None: there is no such command."""
+    counts_charge: bool
+    failure_parameter: str | None

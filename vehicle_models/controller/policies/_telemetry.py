@@ -19,22 +19,6 @@ class SensorBits:
     health: int
 
 
-def no_estimator_flags(flight: FlightState) -> int:
-    return 0
-
-
-def knows_home(flight: FlightState) -> bool:
-    return flight.home is not None
-
-
-def no_airspeed(flight: FlightState) -> float:
-    return 0.0
-
-
-def no_wind(flight: FlightState) -> tuple[float, float, float] | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetryPolicy:
     """Streams and contents of an autopilot's messages."""
@@ -43,7 +27,7 @@ class TelemetryPolicy:
     """Everything that may be streamed or requested."""
     stream_sets: Mapping[str, Mapping[str, float]]
     """Rates in Hz by message, by name of the set that a link asks for."""
-    stream_groups: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    stream_groups: Mapping[int, frozenset[str]] = field(default_factory=dict)
     """Messages by MAV_DATA_STREAM; empty: REQUEST_DATA_STREAM has no effect."""
     stream_parameters: Mapping[str, int] = field(default_factory=dict)
     """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for
@@ -55,7 +39,6 @@ class TelemetryPolicy:
     gimbal_rates_hz: Mapping[str, float] = field(default_factory=dict)
     """Rates of the gimbal's messages on a vehicle that has one."""
     waits_for_client: bool
-    """Whether a channel stays silent, but for streams and answers, until a client has sent something."""
     silent_messages: frozenset[str] = frozenset()
     """Streams that the real autopilot has and that nothing here fills: an interval is accepted, nothing is sent."""
     promised_messages: frozenset[int] = frozenset()
@@ -65,9 +48,7 @@ class TelemetryPolicy:
     unknown_get_interval: CommandResult
     unknown_request: CommandResult
     min_interval_us: int
-    """Shorter intervals are denied; 0 denies none."""
-    answers_after_acknowledgement: bool = False
-    """Whether a requested message comes behind the acknowledgement of REQUEST_MESSAGE."""
+    answers_after_acknowledgement: bool
     load_permille: int
     battery_type: int
     vtol_state: int
@@ -75,13 +56,13 @@ class TelemetryPolicy:
     lost_fix_type: int
     """GPS_RAW_INT.fix_type without fixes."""
     sensors: Callable[[FlightState], SensorBits]
-    estimator_flags: Callable[[FlightState], int] = no_estimator_flags
+    estimator_flags: Callable[[FlightState], int] = lambda flight: 0
     """EKF_STATUS_REPORT.flags."""
-    knows_local_position: Callable[[FlightState], bool] = knows_home
+    knows_local_position: Callable[[FlightState], bool] = lambda flight: flight.home is not None
     """Whether LOCAL_POSITION_NED is sent."""
-    airspeed_mps: Callable[[FlightState], float] = no_airspeed
+    airspeed_mps: Callable[[FlightState], float] = lambda flight: 0.0
     """VFR_HUD.airspeed; a multicopter has no sensor for it, and the true one would tell agents the wind."""
-    wind: Callable[[FlightState], tuple[float, float, float] | None] = no_wind
+    wind: Callable[[FlightState], tuple[float, float, float] | None] = lambda flight: None
     """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an
     estimate.
     """

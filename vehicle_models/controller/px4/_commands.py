@@ -5,38 +5,14 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD
+from ..policies._choices import choices
+from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState
 from ..state._service import Command, CommandResult, Refusal
 from ..state._texts import CRITICAL
 
-# Accepted without effect, unless a service has a handler: handlers come first.
-_ACCEPTED = (
-    MAV_CMD.DO_SET_ACTUATOR,
-    MAV_CMD.DO_GO_AROUND,
-    MAV_CMD.PREFLIGHT_CALIBRATION,
-    MAV_CMD.PREFLIGHT_STORAGE,
-    MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN,
-    MAV_CMD.ACTUATOR_TEST,
-    MAV_CMD.RUN_PREARM_CHECKS,
-)
-# No module of PX4's SITL handles these: there is no answer at all.
-_UNANSWERED = (
-    MAV_CMD.DO_DIGICAM_CONFIGURE,
-    MAV_CMD.DO_DIGICAM_CONTROL,
-    MAV_CMD.DO_MOUNT_CONFIGURE,
-    MAV_CMD.DO_MOUNT_CONTROL,
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
-    MAV_CMD.START_RX_PAIR,
-    MAV_CMD.REQUEST_CAMERA_INFORMATION,
-    MAV_CMD.SET_CAMERA_MODE,
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
-    MAV_CMD.DO_TRIGGER_CONTROL,
-    MAV_CMD.DO_VTOL_TRANSITION,
-    MAV_CMD.DO_WINCH,
-)
 # MAV_DO_REPOSITION_FLAGS
 _CHANGE_MODE = 1
 
@@ -81,30 +57,14 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 
 COMMANDS = CommandPolicy(
+    **choices(CommandPolicy, "px4"),
     optional=frozenset({MAV_CMD.DO_CHANGE_ALTITUDE}),
-    fixed_results={
-        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
-        **dict.fromkeys(_UNANSWERED),
-        MAV_CMD.DO_LAND_START: CommandResult.CANCELLED,
-    },
+    fixed_results=fixed_results("px4_result"),
     answer=_answer,
-    accepts_mode_first=True,
-    any_component=False,
-    answers_ping=True,
     refuse_takeoff=lambda flight, command: None,
     takeoff_altitude_m=_takeoff_altitude_m,
-    raises_low_takeoffs=True,
     refuse_reposition=_refuse_reposition,
     refuse_home=lambda flight, command: None,
-    home_has_heading=True,
-    confirms_origin=True,
-    origin_with_home=False,
-    bad_home=CommandResult.DENIED,
-    home_at_zero_is_here=False,
     altitude_amsl_m=_altitude_amsl_m,
-    result_without_speed=CommandResult.ACCEPTED,
-    bad_orbit_text=(CRITICAL, "Orbit radius limit exceeded"),
     roi_names_place=roi_by_kind,
-    gimbal_needs_control=True,
-    commands_devices=True,
 )

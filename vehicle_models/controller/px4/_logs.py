@@ -6,34 +6,16 @@ import functools
 from datetime import UTC, datetime
 
 from ..logs._ulog import UlogEncoder, UlogIdentity
+from ..policies._choices import choices
 from ..policies._logs import LogPolicy
+from ..policies._modes import numbers_by_mode
 from ..state._flight_state import FlightState
 from ..state._log_records import LogOpening
 from ..state._parameter_store import ParameterStore
 from ._identity import IDENTITY
-from ._modes import MODES
+from ._modes import MODES, MODES_TABLE
 
-# vehicle_status.nav_state
-_NAV_STATES = {
-    "MANUAL": 0,
-    "ALTCTL": 1,
-    "POSCTL": 2,
-    "AUTO_MISSION": 3,
-    "AUTO_LOITER": 4,
-    "AUTO_RTL": 5,
-    "POSCTL_SLOW": 6,
-    "ALTITUDE_CRUISE": 8,
-    "ACRO": 10,
-    "TERMINATION": 13,
-    "OFFBOARD": 14,
-    "STABILIZED": 15,
-    "AUTO_TAKEOFF": 17,
-    "AUTO_LAND": 18,
-    "AUTO_FOLLOW": 19,
-    "AUTO_PRECLAND": 20,
-    "POSCTL_ORBIT": 21,
-    **{f"EXTERNAL{number}": 22 + number for number in range(1, 9)},
-}
+_NAV_STATES = numbers_by_mode(MODES_TABLE, "nav_state")
 # SDLOG_BACKEND
 _FILE, _MAVLINK = 1, 2
 # SDLOG_MODE
@@ -76,12 +58,10 @@ def _streams(parameters: ParameterStore) -> bool:
 
 
 LOGS = LogPolicy(
+    **choices(LogPolicy, "px4"),
     encoder=functools.partial(UlogEncoder, _ULOG),
     path=_path,
-    first_number=0,
     records=_records,
     new_for_each_flight=lambda parameters: True,
-    new_after_erase=False,
-    needs_list=True,
     streams=_streams,
 )

@@ -3,63 +3,18 @@
 from __future__ import annotations
 
 from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._choices import choices
+from ..policies._command_table import commands_with
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
-from ..state._texts import CRITICAL, ERROR, INFO
+from ..state._texts import CRITICAL
 
 _POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
 _FENCE_AREAS = (*_POLYGONS, MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION)
 _ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI)
-_IN_EITHER_FRAME = {*_ROI, MAV_CMD.DO_AUTOTUNE_ENABLE, MAV_CMD.COMPONENT_ARM_DISARM}
-_WITH_PLACE = _IN_EITHER_FRAME | {
-    MAV_CMD.NAV_WAYPOINT,
-    MAV_CMD.NAV_LOITER_UNLIM,
-    MAV_CMD.NAV_LOITER_TIME,
-    MAV_CMD.NAV_LAND,
-    MAV_CMD.NAV_TAKEOFF,
-    MAV_CMD.NAV_LOITER_TO_ALT,
-    MAV_CMD.DO_SET_ROI_LOCATION,
-    MAV_CMD.NAV_VTOL_TAKEOFF,
-    MAV_CMD.NAV_VTOL_LAND,
-    MAV_CMD.CONDITION_GATE,
-    MAV_CMD.NAV_FENCE_RETURN_POINT,
-    *_FENCE_AREAS,
-    MAV_CMD.NAV_RALLY_POINT,
-}
-_WITHOUT_PLACE = _IN_EITHER_FRAME | {
-    MAV_CMD.DO_JUMP,
-    MAV_CMD.DO_WINCH,
-    MAV_CMD.DO_GRIPPER,
-    MAV_CMD.DO_CHANGE_SPEED,
-    MAV_CMD.DO_SET_HOME,
-    MAV_CMD.DO_LAND_START,
-    MAV_CMD.DO_TRIGGER_CONTROL,
-    MAV_CMD.DO_DIGICAM_CONTROL,
-    MAV_CMD.DO_MOUNT_CONFIGURE,
-    MAV_CMD.DO_MOUNT_CONTROL,
-    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
-    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
-    MAV_CMD.SET_CAMERA_FOCUS,
-    MAV_CMD.IMAGE_START_CAPTURE,
-    MAV_CMD.IMAGE_STOP_CAPTURE,
-    MAV_CMD.VIDEO_START_CAPTURE,
-    MAV_CMD.VIDEO_STOP_CAPTURE,
-    MAV_CMD.DO_CONTROL_VIDEO,
-    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
-    MAV_CMD.OBLIQUE_SURVEY,
-    MAV_CMD.DO_SET_CAM_TRIGG_INTERVAL,
-    MAV_CMD.SET_CAMERA_MODE,
-    MAV_CMD.SET_CAMERA_SOURCE,
-    MAV_CMD.DO_VTOL_TRANSITION,
-    MAV_CMD.NAV_DELAY,
-    MAV_CMD.NAV_RETURN_TO_LAUNCH,
-    MAV_CMD.DO_SET_ROI_WPNEXT_OFFSET,
-    MAV_CMD.DO_SET_ROI_NONE,
-    MAV_CMD.CONDITION_DELAY,
-    MAV_CMD.CONDITION_DISTANCE,
-    MAV_CMD.DO_SET_ACTUATOR,
-}
+_WITH_PLACE = commands_with("px4_item", "place", "either")
+_WITHOUT_PLACE = commands_with("px4_item", "placeless", "either")
 # The kinds of DO_SET_ROI (MAV_ROI) that are taken in a frame with a place and in one without.
 _ROI_KINDS_WITH_PLACE, _ROI_KINDS_WITHOUT_PLACE = (0.0, 3.0), (0.0, 1.0, 2.0)
 # MISSION_ITEM carries degrees as floats, for which PX4 does not know the _INT frames.
@@ -102,49 +57,16 @@ def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
 
 
 MISSIONS = MissionPolicy(
+    **choices(MissionPolicy, "px4"),
     transfer=TransferPolicy(
-        request="MISSION_REQUEST_INT",
-        repeat_s=0.26,
-        timeout_s=5.1,
-        timeout_result=None,
+        **choices(TransferPolicy, "px4"),
         timeout_texts=dict.fromkeys((MISSION, FENCE, RALLY), (CRITICAL, "Operation timeout")),
-        clears_at_start=False,
         max_items={MISSION: 65534, FENCE: 64, RALLY: 32},
-        too_many_text=None,
         uploaded_texts={},
-        bad_item_text=(CRITICAL, "IGN MISSION_ITEM: Invalid item"),
-        wrong_sequence_ends=False,
-        no_upload_text=(CRITICAL, "IGN MISSION_ITEM: No transfer"),
-        bad_type=MissionResult.NO_SPACE,
-        clears_all_types=True,
-        one_at_a_time=True,
-        client_cancels=True,
-        partial_lists=False,
         past_the_end=lambda kind, number, length: None,
-        item_float_text=None,
-        request_float_text=None,
         refuse_item=_refuse_item,
         shown_frame=_shown_frame,
     ),
-    home_first=False,
-    total_without_mission=65535,
-    waits_for_start=False,
-    restarts_when_disarmed=False,
-    reached_repeat_s=1.0,
-    reached_counts_next=False,
-    begin_text=(INFO, "Executing Mission"),
-    climb_text=(INFO, "Climb to {:.1f} meters above home"),
-    end_text=(INFO, "Mission finished, {}"),
-    no_such_item_text=(CRITICAL, "WPM: WP CURR CMD: Not in list"),
-    outside_fence_text=(CRITICAL, "Geofence violation for waypoint {}"),
-    far_event=(ERROR, "First waypoint too far away"),
     acceptance_radius_m=_acceptance_radius_m,
-    acceptance_height_m=0.8,
-    items_have_heading=True,
-    return_changes_mode=True,
-    arms_at_start=True,
-    set_current_command=False,
-    starts_without_mission=False,
-    start_refused_text=(CRITICAL, "Mission start denied! No valid mission"),
     no_landing_texts=(),
 )

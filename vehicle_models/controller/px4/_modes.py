@@ -1,13 +1,16 @@
-"""PX4's modes: custom_mode = sub << 24 | main << 16.
+"""PX4's modes (`modes.csv`): custom_mode = sub << 24 | main << 16; `nav_state` is that of vehicle_status.
 
 A mode that cannot be armed shows system_status 0 on the ground.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ..links._enums import MAV_MODE_FLAG, MAV_STATE
-from ..policies._modes import ModePolicy
-from ..state._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from ..policies._choices import choices
+from ..policies._modes import ModePolicy, numbers_by_mode, read_modes
+from ..state._flight_state import Behaviour, FlightMode, FlightState
 from ..state._parameter_store import ParameterStore
 from ..state._service import CommandResult, Refusal, has_flag
 from ..state._texts import CRITICAL
@@ -17,57 +20,12 @@ READY_S = 4.2
 # Home is set; a client that waits for it is not refused the arming.
 POSITION_S = READY_S
 
-_CUSTOM, _STABILIZE = MAV_MODE_FLAG.CUSTOM_MODE_ENABLED, MAV_MODE_FLAG.STABILIZE_ENABLED
-_AUTO = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.AUTO_ENABLED | MAV_MODE_FLAG.GUIDED_ENABLED)
-_MANUAL = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
-_ACRO = int(_CUSTOM | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
-_OFFBOARD = int(_CUSTOM | _STABILIZE)
-_TERMINATED = int(_CUSTOM)
 _ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 
 
-def _mode(
-    name: str,
-    main: int,
-    sub: int,
-    base: int,
-    behaviour: Behaviour,
-    label: str,
-    armable: bool = False,
-    stick: StickControl | None = None,
-) -> FlightMode:
-    # AUTO_LAND needs one too: without it PX4 descends, which it shows as the same mode.
-    needs_position = behaviour not in (Behaviour.PILOT, Behaviour.TERMINATE)
-    return FlightMode(name, sub << 24 | main << 16, base, behaviour, armable, label, stick, needs_position)
-
-
-def _manual(name: str, main: int, sub: int, base: int, stick: StickControl, label: str) -> FlightMode:
-    return _mode(name, main, sub, base, Behaviour.PILOT, label, stick=stick)
-
-
-_MODES = (
-    _manual("MANUAL", 1, 0, _MANUAL, StickControl.ATTITUDE, "Manual"),
-    _manual("ALTCTL", 2, 0, _MANUAL, StickControl.ALTITUDE, "Altitude"),
-    _manual("POSCTL", 3, 0, _MANUAL, StickControl.POSITION, "Position"),
-    _mode("POSCTL_ORBIT", 3, 1, _AUTO, Behaviour.CIRCLE, "Orbit"),
-    _manual("POSCTL_SLOW", 3, 2, _MANUAL, StickControl.POSITION, "Position Slow"),
-    _mode("AUTO_TAKEOFF", 4, 2, _AUTO, Behaviour.TAKEOFF, "Takeoff", armable=True),
-    _mode("AUTO_LOITER", 4, 3, _AUTO, Behaviour.HOLD, "Hold", armable=True),
-    _mode("AUTO_MISSION", 4, 4, _AUTO, Behaviour.MISSION, "Mission"),
-    _mode("AUTO_RTL", 4, 5, _AUTO, Behaviour.RETURN, "RTL"),
-    _mode("AUTO_LAND", 4, 6, _AUTO, Behaviour.LAND, "Land"),
-    _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.FOLLOW_TARGET, "Follow Target"),
-    _mode("AUTO_PRECLAND", 4, 9, _AUTO, Behaviour.LAND, "Precision Land"),
-    *(
-        _mode(f"EXTERNAL{number}", 4, 10 + number, _OFFBOARD, Behaviour.HOLD, f"External {number}")
-        for number in range(1, 9)
-    ),
-    _manual("ACRO", 5, 0, _ACRO, StickControl.RATES, "Acro"),
-    _mode("OFFBOARD", 6, 0, _OFFBOARD, Behaviour.OFFBOARD, "Offboard", armable=True),
-    _manual("STABILIZED", 7, 0, _MANUAL, StickControl.ATTITUDE, "Stabilized"),
-    _mode("TERMINATION", 10, 0, _TERMINATED, Behaviour.TERMINATE, "Termination"),
-    _manual("ALTITUDE_CRUISE", 11, 0, _MANUAL, StickControl.ALTITUDE, "Altitude Cruise"),
-)
+MODES_TABLE = Path(__file__).with_name("modes.csv")
+# AUTO_LAND needs a position too: without one PX4 descends, which it shows as the same mode.
+_MODES = read_modes(MODES_TABLE)
 _NAMED = {mode.name: mode for mode in _MODES}
 
 
@@ -93,7 +51,7 @@ def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
     # The SITL showed a bare custom mode for OFFBOARD until setpoints arrived, and not after a landing out of it.
     if lacks_setpoints and not flight.armed and not flight.had_setpoints:
-        base = int(_CUSTOM)
+        base = int(MAV_MODE_FLAG.CUSTOM_MODE_ENABLED)
     if flight.mode.behaviour is Behaviour.TERMINATE:
         return base | (_ARMED if flight.armed else 0), MAV_STATE.FLIGHT_TERMINATION
     if flight.armed:
@@ -165,6 +123,7 @@ def _number_of_command(params: tuple[float, ...]) -> int | None:
 
 
 MODES = ModePolicy(
+    **choices(ModePolicy, "px4"),
     modes=_MODES,
     initial=_NAMED["AUTO_LOITER"],
     hold=_NAMED["AUTO_LOITER"],
@@ -177,27 +136,13 @@ MODES = ModePolicy(
     orbit=_NAMED["POSCTL_ORBIT"],
     pilot=(_NAMED["POSCTL"], _NAMED["ALTCTL"]),
     after_landing=_NAMED["AUTO_LOITER"],
-    standard_modes={
-        "POSCTL": 1,
-        "POSCTL_ORBIT": 2,
-        "ALTITUDE_CRUISE": 3,
-        "ALTCTL": 4,
-        "AUTO_RTL": 5,
-        "AUTO_MISSION": 6,
-        "AUTO_LAND": 7,
-        "AUTO_TAKEOFF": 8,
-    },
-    acknowledges_set_mode=True,
-    heartbeat_on_change=False,
+    standard_modes=numbers_by_mode(MODES_TABLE, "standard_mode"),
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     refuse_without_position=_not_available,
     number_of_command=_number_of_command,
-    result_without_mode=CommandResult.TEMPORARILY_REJECTED,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,
     refuse_arm_value=_refuse_arm_value,
-    checks_when_armed=CommandResult.ACCEPTED,
-    manual_landing_disarms=True,
 )

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from ..policies._choices import choices
 from ..policies._parameters import ParameterPolicy
 from ..state._flight_limits import FlightLimits, FollowTargetLimits, StickLimits
 from ..state._flight_state import Behaviour
-from ..state._parameter_store import ParameterStore
-from ..state._parameter_table import read_parameters
+from ..state._parameter_store import ParameterStore, read_parameters
 from ..state._shaping import UNSHAPED, AxisShaping, MotionShaping
 
 _AUTOMATIC = frozenset(
@@ -147,18 +147,9 @@ def _overrides(bits: int) -> frozenset[Behaviour]:
 
 
 PARAMETERS = ParameterPolicy(
+    **choices(ParameterPolicy, "px4"),
     definitions=read_parameters(Path(__file__).with_name("parameters.csv")),
-    system_id="MAV_SYS_ID",
     limits=limits,
-    bytewise=True,
-    hash_first=True,
-    unknown="error",
-    index_in_replies=True,
-    any_case=False,
-    changes_twice=True,
-    checks_type=True,
-    listed_per_step=20,
     # SYS_FAILURE_EN lets a client break parts of the vehicle, SYS_HITL replaces its sensors.
     simulation=("SIM_", "SIH_", "SYS_FAILURE_EN", "SYS_HITL"),
-    write_denied=None,
 )

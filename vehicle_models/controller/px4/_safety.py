@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from ..policies._choices import choices
 from ..policies._safety import (
     BatteryStep,
     Breach,
@@ -149,15 +150,12 @@ def _battery_volts(flight: FlightState, p: ParameterStore) -> float:
 
 
 SAFETY = SafetyPolicy(
+    **choices(SafetyPolicy, "px4"),
     failsafes=_failsafes,
     fence=FencePolicy(
+        **choices(FencePolicy, "px4"),
         limits=_fence_limits,
         reaction=_fence_reaction,
-        repeat_distance_m=math.inf,
-        any_inclusion=True,
-        enable_command=False,
-        enable_parameter=None,
-        refuses_setpoints=False,
         outside=Refusal(CommandResult.ACCEPTED, ((CRITICAL, "Reposition is outside geofence"),)),
         rally_limit_m=lambda p: math.inf,
         rally_includes_home=lambda p: True,
@@ -167,5 +165,4 @@ SAFETY = SafetyPolicy(
     dead_reckoning_s=_DEAD_RECKONING_S,
     battery_volts=_battery_volts,
     simulated_discharge=_simulated_discharge,
-    failure_parameter="SYS_FAILURE_EN",
 )

@@ -4,36 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 from ..guidance._wing import WingLimits
 from ..px4._parameters import PARAMETERS as MULTICOPTER_PARAMETERS
-from ..state._parameter_store import INT32, Parameter, ParameterStore
+from ..state._parameter_store import Parameter, ParameterStore, read_parameters
 
-_WING_PARAMETERS = (
-    Parameter("FW_AIRSPD_MAX", 20.0, unit="m/s", description="Greatest airspeed"),
-    Parameter("FW_AIRSPD_MIN", 11.0, unit="m/s", description="Least airspeed"),
-    Parameter("FW_AIRSPD_TRIM", 15.0, unit="m/s", description="Airspeed of automatic flight"),
-    Parameter(
-        "FW_LND_AIRSPD",
-        -1.0,
-        unit="m/s",
-        description="Airspeed of an approach; not above zero is 1.1 times the least",
-    ),
-    Parameter("FW_LND_ANG", 5.0, unit="deg", description="Slope of an approach"),
-    Parameter("FW_LND_FLALT", 2.5, unit="m", description="Height at which a landing flares"),
-    Parameter("FW_LND_FL_SINK", 0.4, unit="m/s", description="Sink rate of the flare"),
-    Parameter("FW_T_CLMB_R_SP", 3.0, unit="m/s", description="Climb of automatic flight"),
-    Parameter("FW_T_SINK_R_SP", 2.0, unit="m/s", description="Descent of automatic flight"),
-    Parameter("MAV_TYPE", 1, INT32),
-    Parameter("MIS_TAKEOFF_ALT", 30.0),
-    Parameter("NAV_ACC_RAD", 10.0),
-    Parameter("NAV_LOITER_RAD", 80.0),
-    Parameter("RTL_DESCEND_ALT", 60.0),
-    Parameter("RTL_LAND_DELAY", -1.0),
-    Parameter("RTL_LOITER_RAD", 80.0),
-    Parameter("RTL_RETURN_ALT", 60.0),
-    Parameter("SYS_AUTOSTART", 2100, INT32),
-)
 # Circles are not flown lower.
 MIN_CIRCLE_HEIGHT_M = 25.0
 # What the airframe can fly.
@@ -42,7 +18,8 @@ _RADIUS_RANGE_M = (30.0, 500.0)
 
 def _definitions() -> tuple[Parameter, ...]:
     """The quadrotor's, with the defaults of a fixed wing and what only that has, by name."""
-    remaining = {parameter.name: parameter for parameter in _WING_PARAMETERS}
+    own = read_parameters(Path(__file__).with_name("parameters.csv"))
+    remaining = {parameter.name: parameter for parameter in own}
     common = tuple(
         replace(parameter, default=remaining.pop(parameter.name).default)
         if parameter.name in remaining
@@ -60,9 +37,8 @@ def limits(p: ParameterStore) -> WingLimits:
     return WingLimits(
         **{
             **shared,
-            "sticks": replace(
-                common.sticks, overrides=frozenset()
-            ),  # PX4 lets sticks take over on multicopters alone
+            # PX4 lets sticks take over on multicopters alone.
+            "sticks": replace(common.sticks, overrides=frozenset()),
             "cruise_mps": max(p["FW_AIRSPD_TRIM"], min_airspeed),
             "speed_max_mps": max(p["FW_AIRSPD_MAX"], min_airspeed),
             "climb_mps": max(p["FW_T_CLMB_R_SP"], 0.5),

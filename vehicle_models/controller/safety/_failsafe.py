@@ -7,6 +7,7 @@ is gone. The fence comes here as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..links._enums import MAV_TYPE
@@ -26,44 +27,37 @@ _OFFBOARD, _PILOT = Behaviour.OFFBOARD, Behaviour.PILOT
 _BATTERY_OK = 1
 
 
+@dataclass(eq=False)
 class Failsafe:
     """Watches links, sticks, battery and position; acts through the modes and shows the cause in
     `flight.failsafe`.
     """
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: SafetyPolicy,
-        modes: Modes,
-        setpoints: Setpoints,
-        battery: BatteryMonitor,
-        terminate: FlightMode | None,
-        disarm: Callable[[], None],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._modes = modes
-        self._setpoints = setpoints
-        self._battery = battery
-        self._terminate_mode = terminate
-        self._disarm = disarm
-        self._settings: FailsafeSettings = policy.failsafes(context.parameters)
-        self._active: dict[Cause, Reaction] = {}  # oldest first
-        self._previous_mode: FlightMode | None = None  # which the first of them ended
-        # When the Hold before an action ends, and for which cause
-        self._hold: tuple[int, Cause] | None = None
-        self._acting = False
-        self._station_ns: int | None = None  # last heartbeat
-        self._station_lost = False
-        self._battery_step = 0  # steps passed
-        self._low_since_ns: int | None = None
-        self._radio_lost_ns: int | None = None
-        self._position_lost = False
-        self._position_changed_ns: int | None = None  # to the opposite of that
-        self._aiding_lost = False
-        context.parameters.on_change(self._parameters_changed)
-        modes.on_change.append(self._mode_changed)
+    _context: ServiceContext
+    _policy: SafetyPolicy
+    _modes: Modes
+    _setpoints: Setpoints
+    _battery: BatteryMonitor
+    _terminate_mode: FlightMode | None
+    _disarm: Callable[[], None]
+    _active: dict[Cause, Reaction] = field(default_factory=dict)  # oldest first
+    _previous_mode: FlightMode | None = None  # which the first of them ended
+    # When the Hold before an action ends, and for which cause
+    _hold: tuple[int, Cause] | None = None
+    _acting: bool = False
+    _station_ns: int | None = None  # last heartbeat
+    _station_lost: bool = False
+    _battery_step: int = 0  # steps passed
+    _low_since_ns: int | None = None
+    _radio_lost_ns: int | None = None
+    _position_lost: bool = False
+    _position_changed_ns: int | None = None  # to the opposite of that
+    _aiding_lost: bool = False
+
+    def __post_init__(self) -> None:
+        self._settings: FailsafeSettings = self._policy.failsafes(self._context.parameters)
+        self._context.parameters.on_change(self._parameters_changed)
+        self._modes.on_change.append(self._mode_changed)
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"HEARTBEAT": self._take_heartbeat}
@@ -108,6 +102,10 @@ class Failsafe:
         self._send(reaction.texts)
         if reaction.action is None or (settings.strongest and _strength(reaction) <= active_strength):
             return
+        self._react(cause, reaction, active_strength)
+
+    def _react(self, cause: Cause, reaction: Reaction, active_strength: int) -> None:
+        flight, settings = self._context.flight, self._settings
         if reaction.action is Behaviour.TERMINATE:
             self._hold = None  # a termination does not wait for the Hold of another cause
         # The Hold that runs already ends for this cause.
@@ -140,8 +138,10 @@ class Failsafe:
             # The Hold goes on for the cause that is left with the strongest action, or it would end for none.
             strongest = max(remaining, key=lambda other: _strength(self._active[other]))
             self._hold = (self._hold[0], strongest)
-        if not (held or reaction.resumes) or remaining:
-            return
+        if (held or reaction.resumes) and not remaining:
+            self._resume(flight)
+
+    def _resume(self, flight: FlightState) -> None:
         previous, self._previous_mode, self._hold = self._previous_mode, None, None
         if previous is not None and flight.flying:
             self._acting = True

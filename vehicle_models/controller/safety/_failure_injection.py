@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from ..links._enums import MAV_CMD
 from ..payload._equipment import BreakPart
@@ -16,6 +17,7 @@ _OK, _OFF = 0, 1
 _MAX_INSTANCE = 16
 
 
+@dataclass(eq=False)
 class FailureInjection:
     """Breaks and repairs what can be broken here; other units and types are UNSUPPORTED.
 
@@ -23,19 +25,12 @@ class FailureInjection:
     every attempt is DENIED, as by an autopilot whose parameter forbids it.
     """
 
-    def __init__(
-        self,
-        parameters: ParameterStore,
-        allowed_by: str | None,
-        break_part: BreakPart,
-        simulation_control: bool,
-    ) -> None:
-        self._simulation_control = simulation_control
-        self.refused = 0
-        """Attempts to inject a failure where the bench does not allow it."""
-        self._parameters = parameters
-        self._allowed_by = allowed_by
-        self._break_part = break_part
+    _parameters: ParameterStore
+    _allowed_by: str | None
+    _break_part: BreakPart
+    _simulation_control: bool
+    refused: int = 0
+    """Attempts to inject a failure where the bench does not allow it."""
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {MAV_CMD.INJECT_FAILURE: self._inject} if self._allowed_by else {}

@@ -75,8 +75,7 @@ class Fence:
         ):
             self._acted_m = None
             self._failsafe.clear(Cause.FENCE)
-            if self._policy.cleared_text:
-                self._context.texts.send(*self._policy.cleared_text)
+            self._context.texts.report(self._policy.cleared_text)
 
     def constrained(self, flight: FlightState, target: FlightTarget) -> FlightTarget:
         """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through

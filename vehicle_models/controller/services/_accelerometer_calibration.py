@@ -175,4 +175,4 @@ class AccelerometerCalibration:
     def _say(self, text: str) -> None:
         """A text for the link that started the calibration alone."""
         if self._channel:
-            self._channel.send_message("STATUSTEXT", severity=CRITICAL, text=text.encode(), id=0, chunk_seq=0)
+            self._channel.send_text(CRITICAL, text)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from ..guidance._guidance import Guidance
 from ..guidance._manoeuvres import Takeoff
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, LandedState
-from ..state._service import Command, CommandHandler, CommandResult, Refusal
+from ..state._service import Command, CommandHandler, CommandResult
 from ..state._service_context import ServiceContext
 from ..state._texts import FlightEvent
 from ._home import HomeKeeper
@@ -23,25 +24,17 @@ _FORCE = 21196.0
 _KEPT = (Behaviour.OFFBOARD, Behaviour.PILOT)
 
 
+@dataclass(eq=False)
 class Arming:
     """COMPONENT_ARM_DISARM, and the disarming that follows a landing or idling on the ground."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: ModePolicy,
-        modes: Modes,
-        guidance: Guidance,
-        home: HomeKeeper,
-        has_setpoints: Callable[[], bool],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._modes = modes
-        self._guidance = guidance
-        self._home = home
-        self._has_setpoints = has_setpoints
-        self._landed_ns: int | None = None
+    _context: ServiceContext
+    _policy: ModePolicy
+    _modes: Modes
+    _guidance: Guidance
+    _home: HomeKeeper
+    _has_setpoints: Callable[[], bool]
+    _landed_ns: int | None = None
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {MAV_CMD.COMPONENT_ARM_DISARM: self._arm_or_disarm}
@@ -94,14 +87,14 @@ class Arming:
         flight = self._context.flight
         refusal = self._policy.refuse_arm_value(value)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         if value >= 0.5:
             return CommandResult.ACCEPTED if flight.armed else self._try_to_arm(forced)
         if not flight.armed:
             return CommandResult.ACCEPTED
         refusal = self._policy.refuse_disarming(flight, forced)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         self.disarm(FlightEvent.DISARMED)
         return CommandResult.ACCEPTED
 
@@ -113,7 +106,7 @@ class Arming:
         context, flight = self._context, self._context.flight
         refusal = self._policy.refuse_arming(flight, context.parameters, forced, self._has_setpoints())
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         flight.armed = True
         flight.armed_since_ns = flight.time_ns
         self._landed_ns = None
@@ -123,8 +116,3 @@ class Arming:
         # A mode that was chosen on the ground begins now, from here.
         self._modes.switch(flight.mode)
         return CommandResult.ACCEPTED
-
-    def _send_refusal(self, refusal: Refusal) -> CommandResult | None:
-        for text in refusal.texts:
-            self._context.texts.send(*text)
-        return refusal.result

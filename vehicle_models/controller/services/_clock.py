@@ -1,4 +1,4 @@
-"""TIMESYNC and PING."""
+"""What a client does before anything else: TIMESYNC, PING, and SETUP_SIGNING with the key by which frames are signed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..links._radio import Channel
+from ..links._signing import Signing
 from ..state._service import ChannelStream, MessageHandler, MessageSender, Stream, Values
 from ..state._service_context import ServiceContext
 
@@ -34,21 +35,23 @@ class ClockService:
     def _answer_timesync(self, message: Any, sender: MessageSender) -> None:
         # Any other is an answer, and answering answers would never end.
         if message.tc1 == 0:
-            sender.channel.send_message(
-                "TIMESYNC",
-                tc1=self._flight.time_ns,
-                ts1=message.ts1,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("TIMESYNC", tc1=self._flight.time_ns, ts1=message.ts1)
 
     def _answer_ping(self, message: Any, sender: MessageSender) -> None:
         # Any other is an answer, and answering answers would never end.
         if message.target_system == 0 and message.target_component == 0:
-            sender.channel.send_message(
-                "PING",
-                time_usec=message.time_usec,
-                seq=message.seq,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("PING", time_usec=message.time_usec, seq=message.seq)
+
+
+class SigningKeys:
+    """Takes a key from any client, as an autopilot on a wired link does."""
+
+    def __init__(self, signing: Signing) -> None:
+        self._signing = signing
+
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"SETUP_SIGNING": self._setup}
+
+    def _setup(self, message: Any, sender: MessageSender) -> None:
+        self._signing.required = True
+        self._signing.set_key(bytes(message.secret_key), message.initial_timestamp)

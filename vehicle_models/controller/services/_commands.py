@@ -85,8 +85,7 @@ class Commands:
 
     def answer(self, command: Command, answer: CommandAnswer) -> None:
         """Send the texts and the first acknowledgement of `answer` now, and the others a second apart."""
-        for text in answer.texts:
-            self._context.texts.send(*text)
+        self._context.texts.send_all(answer.texts)
         now_ns = self._context.flight.time_ns
         # Only the first of some commands is answered in two steps.
         results = answer.results if command.number in self._answered else answer.first_time or answer.results
@@ -96,10 +95,4 @@ class Commands:
             self._pending.append((now_ns + count * _RESULT_SPACING_NS, command, result))
 
     def _acknowledge(self, command: Command, result: CommandResult) -> None:
-        command.sender.channel.send_message(
-            "COMMAND_ACK",
-            command=command.number,
-            result=result,
-            target_system=command.sender.system,
-            target_component=command.sender.component,
-        )
+        command.sender.answer("COMMAND_ACK", command=command.number, result=result)

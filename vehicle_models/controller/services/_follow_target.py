@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import beyond_dead_zone
+from ..guidance._manoeuvres import Manoeuvre
+from ..guidance._sticks import beyond_dead_zone
 from ..state._flight_limits import FlightLimits, FollowTargetLimits
 from ..state._flight_state import Behaviour, FlightState, FlightTarget, NorthEast
 from ..state._service import MessageHandler, MessageSender
@@ -52,7 +53,7 @@ class LeaderTrack:
         return self.place[0] + self.velocity[0] * age_s, self.place[1] + self.velocity[1] * age_s
 
 
-class FollowTarget:
+class FollowTarget(Manoeuvre):
     """Fly at a distance and an angle from the leader's course, at a height above home, looking at the leader.
 
     Sticks change all three while it lasts: up the height, forward the distance, right the angle, clockwise.
@@ -98,9 +99,6 @@ class FollowTarget:
         )
         around_radps = min(_AROUND_RADPS, follow.speed_mps / (follow.distance_m + self._distance_change_m))
         self._angle_change_rad = math.remainder(self._angle_change_rad + right * around_radps, 2.0 * math.pi)
-
-    def done(self, flight: FlightState) -> bool:
-        return False
 
 
 def _bounded(change_m: float, from_m: float) -> float:

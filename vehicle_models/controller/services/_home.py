@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..links._enums import MAV_CMD
+from ..links._frames import KINDS
 from ..policies._commands import CommandPolicy
 from ..state._flight_state import FlightState, ReferencePoint
 from ..state._service import (
     Command,
     CommandHandler,
     CommandResult,
-    Fields,
     MessageHandler,
     MessageSender,
     Stream,
@@ -22,6 +22,7 @@ from ..state._service import (
 from ..state._service_context import ServiceContext
 from ..telemetry._attitude import attitude_quaternion
 
+_HOME_POSITION, _GPS_GLOBAL_ORIGIN = KINDS["HOME_POSITION"].id, KINDS["GPS_GLOBAL_ORIGIN"].id
 _NO_ATTITUDE = (math.nan,) * 4
 # Both autopilots send zeros here (source), not the NaN that MAVLink has for an unknown approach.
 _NO_APPROACH = (0.0,) * 3
@@ -41,7 +42,11 @@ class HomeKeeper:
         return {MAV_CMD.DO_SET_HOME: self._set_home, MAV_CMD.GET_HOME_POSITION: self._send_home}
 
     def streams(self) -> Mapping[str, Stream]:
-        return {"HOME_POSITION": self._home_values, "GPS_GLOBAL_ORIGIN": self._origin_values}
+        flight = self._context.flight
+        return {
+            "HOME_POSITION": lambda: self._home_values(flight.home) if flight.home else None,
+            "GPS_GLOBAL_ORIGIN": lambda: self._origin_values() if flight.home else None,
+        }
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"SET_GPS_GLOBAL_ORIGIN": self._confirm_origin} if self._policy.confirms_origin else {}
@@ -68,11 +73,11 @@ class HomeKeeper:
             self._send_origin()
 
     def _send_origin(self) -> None:
-        self._context.radio.broadcast("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
+        self._context.radio.broadcast_values(_GPS_GLOBAL_ORIGIN, self._origin_values())
 
     def _confirm_origin(self, message: Any, sender: MessageSender) -> None:
         """Answer with the origin; it stays where it is."""
-        sender.channel.send_message("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
+        sender.channel.send(_GPS_GLOBAL_ORIGIN, self._origin_values())
 
     def _set(
         self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float
@@ -82,7 +87,7 @@ class HomeKeeper:
         flight.home = ReferencePoint(
             latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m, self._heading_rad()
         )
-        self._context.radio.broadcast("HOME_POSITION", **home_fields(flight))
+        self._context.radio.broadcast_values(_HOME_POSITION, self._home_values(flight.home))
 
     def _heading_rad(self) -> float:
         return self._context.flight.yaw_rad if self._policy.home_has_heading else math.nan
@@ -111,62 +116,26 @@ class HomeKeeper:
         self._set(latitude_e7, longitude_e7, altitude_m, north_m, east_m)
 
     def _send_home(self, command: Command) -> CommandResult | None:
-        if self._context.flight.home is None:
-            return CommandResult.FAILED
-        command.sender.channel.send_message("HOME_POSITION", **home_fields(self._context.flight))
-        return CommandResult.ACCEPTED
-
-    def _home_values(self) -> Values | None:
         home = self._context.flight.home
         if home is None:
-            return None
-        place = (
-            home.latitude_e7,
-            home.longitude_e7,
-            round(home.altitude_m * 1000.0),
-            home.north_m,
-            home.east_m,
-            home.down_m,
-        )
+            return CommandResult.FAILED
+        command.sender.channel.send(_HOME_POSITION, self._home_values(home))
+        return CommandResult.ACCEPTED
+
+    def _home_values(self, home: ReferencePoint) -> Values:
+        place = (*_geodetic(home), home.north_m, home.east_m, home.down_m)
         return (*place, *_home_attitude(home), *_NO_APPROACH, self._context.flight.time_us)
 
-    def _origin_values(self) -> Values | None:
+    def _origin_values(self) -> Values:
         flight = self._context.flight
-        if flight.home is None:
-            return None
-        origin = flight.origin
-        return (origin.latitude_e7, origin.longitude_e7, round(origin.altitude_m * 1000.0), flight.time_us)
+        return (*_geodetic(flight.origin), flight.time_us)
 
 
-def home_fields(flight: FlightState) -> Fields:
-    """Fields of HOME_POSITION."""
-    home = flight.home or flight.origin
-    return {
-        "latitude": home.latitude_e7,
-        "longitude": home.longitude_e7,
-        "altitude": round(home.altitude_m * 1000),
-        "x": home.north_m,
-        "y": home.east_m,
-        "z": home.down_m,
-        "q": _home_attitude(home),
-        "approach_x": 0.0,
-        "approach_y": 0.0,
-        "approach_z": 0.0,
-        "time_usec": flight.time_us,
-    }
+def _geodetic(point: ReferencePoint) -> tuple[int, int, int]:
+    """1e-7 degrees and millimetres."""
+    return point.latitude_e7, point.longitude_e7, round(point.altitude_m * 1000.0)
 
 
 def _home_attitude(home: ReferencePoint) -> tuple[float, ...]:
     """The heading at home as w, x, y, z; NaN, which means unknown, without one."""
     return attitude_quaternion(0.0, 0.0, home.yaw_rad) if math.isfinite(home.yaw_rad) else _NO_ATTITUDE
-
-
-def origin_fields(flight: FlightState) -> Fields:
-    """Fields of GPS_GLOBAL_ORIGIN."""
-    origin = flight.origin
-    return {
-        "latitude": origin.latitude_e7,
-        "longitude": origin.longitude_e7,
-        "altitude": round(origin.altitude_m * 1000),
-        "time_usec": flight.time_us,
-    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..guidance._guidance import Guidance
@@ -50,28 +51,22 @@ class StickMovement:
         return max(abs(rate) for rate in self._rates)
 
 
+@dataclass(eq=False)
 class ManualControl:
     """Keeps `flight.sticks` and `flight.rc_us`. Sticks are lost when no more messages come for a while."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: SetpointPolicy,
-        mode_policy: ModePolicy,
-        guidance: Guidance,
-        modes: Modes,
-        is_ground_station: Callable[[int], bool],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._mode_policy = mode_policy
-        self._guidance = guidance
-        self._modes = modes
-        self._is_ground_station = is_ground_station
-        self._movement = StickMovement()
-        self._received_ns: int | None = None
-        self._overrides_us: dict[int, int] = {}  # by channel
-        if policy.simulates_radio:
+    _context: ServiceContext
+    _policy: SetpointPolicy
+    _mode_policy: ModePolicy
+    _guidance: Guidance
+    _modes: Modes
+    _is_ground_station: Callable[[int], bool]
+    _movement: StickMovement = field(default_factory=StickMovement)
+    _received_ns: int | None = None
+    _overrides_us: dict[int, int] = field(default_factory=dict)  # by channel
+
+    def __post_init__(self) -> None:
+        if self._policy.simulates_radio:
             self._read_radio()
 
     def handlers(self) -> Mapping[str, MessageHandler]:

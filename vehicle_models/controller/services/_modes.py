@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import Land, Return, Takeoff
+from ..guidance._manoeuvres import Land, Takeoff
+from ..guidance._return import Return
 from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..state._flight_state import Behaviour, FlightMode
@@ -23,27 +25,23 @@ _EVENTS = {Behaviour.LAND: FlightEvent.LANDING, Behaviour.RETURN: FlightEvent.RE
 _SWITCH_HIGH = 2.0
 
 
+@dataclass(eq=False)
 class Modes:
     """DO_SET_MODE and the old SET_MODE message. Every change of mode goes through `switch`."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: ModePolicy,
-        guidance: Guidance,
-        has_setpoints: Callable[[], bool],
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._guidance = guidance
-        self._has_setpoints = has_setpoints
+    _context: ServiceContext
+    _policy: ModePolicy
+    _guidance: Guidance
+    _has_setpoints: Callable[[], bool]
+    on_change: list[Callable[[], None]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
         self._by_behaviour = {
-            Behaviour.HOLD: policy.hold,
-            Behaviour.LAND: policy.land,
-            Behaviour.RETURN: policy.return_home,
-            Behaviour.OFFBOARD: policy.offboard,
+            Behaviour.HOLD: self._policy.hold,
+            Behaviour.LAND: self._policy.land,
+            Behaviour.RETURN: self._policy.return_home,
+            Behaviour.OFFBOARD: self._policy.offboard,
         }
-        self.on_change: list[Callable[[], None]] = []
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"SET_MODE": self._set_mode_message}
@@ -103,7 +101,7 @@ class Modes:
                 self._context.texts.announce(event)
             self.switch(mode)
         else:
-            self._send(refusal)
+            self._context.texts.refuse(refusal)
         return refusal
 
     def enter_for(self, behaviour: Behaviour) -> Refusal | None:
@@ -129,7 +127,7 @@ class Modes:
                 self.switch(mode)
             return None
         refusal = refusal or Refusal(CommandResult.DENIED)
-        self._send(refusal)
+        self._context.texts.refuse(refusal)
         return refusal
 
     def _refusal_without_position(self, mode: FlightMode) -> Refusal | None:
@@ -137,10 +135,6 @@ class Modes:
         if flight.armed and mode.needs_position and not flight.position_ok:
             return self._policy.refuse_without_position(mode)
         return None
-
-    def _send(self, refusal: Refusal) -> None:
-        for text in refusal.texts:
-            self._context.texts.send(*text)
 
     def _set_mode(self, command: Command) -> CommandResult | None:
         number = self._policy.number_of_command(command.params)
@@ -159,9 +153,8 @@ class Modes:
         """The same for a mission."""
         mode = self._policy.auxiliary_modes.get(function)
         if mode is None:
-            severity, text = self._policy.no_auxiliary_text
             shown = f"{function:.0f}" if math.isfinite(function) else "0"
-            self._context.texts.send(severity, text.format(shown))
+            self._context.texts.report(self._policy.no_auxiliary_text, shown)
             return CommandResult.FAILED
         if position not in (0.0, 1.0, 2.0):
             return CommandResult.DENIED
@@ -174,10 +167,4 @@ class Modes:
         refusal = self.request(message.custom_mode)
         result = refusal.result if refusal else CommandResult.ACCEPTED
         if self._policy.acknowledges_set_mode and result is not None:
-            sender.channel.send_message(
-                "COMMAND_ACK",
-                command=MAV_CMD.DO_SET_MODE,
-                result=result,
-                target_system=sender.system,
-                target_component=sender.component,
-            )
+            sender.answer("COMMAND_ACK", command=MAV_CMD.DO_SET_MODE, result=result)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ..guidance._fence_boundary import FenceBoundary
-from ..guidance._guidance import FixedHeading, Guidance, HeadingToPlace
-from ..guidance._manoeuvres import Circle, Hold, Manoeuvre
+from ..guidance._guidance import Guidance, HeadingCommand
+from ..guidance._manoeuvres import Hold, Manoeuvre
+from ..guidance._sticks import Circle
 from ..links._enums import MAV_CMD
 from ..policies._commands import CommandPolicy
 from ..policies._missions import MissionResult
 from ..policies._modes import ModePolicy
-from ..state._flight_state import Behaviour
+from ..state._flight_state import Behaviour, NorthEast
 from ..state._service import (
     Command,
     CommandHandler,
     CommandResult,
     MessageHandler,
     MessageSender,
-    Refusal,
     Stream,
     Values,
 )
@@ -40,30 +40,21 @@ _FRONT_TANGENT_TO_CIRCLE = 3.0
 _TO_CENTRE = 0.0
 
 
+@dataclass(eq=False)
 class Navigator:
     """Carries out commands that fly somewhere; the policies define which of them exist, and when they are
     refused.
     """
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: CommandPolicy,
-        mode_policy: ModePolicy,
-        modes: Modes,
-        guidance: Guidance,
-        fence: FenceBoundary,
-        guided_items: bool,
-    ) -> None:
-        self._context = context
-        self._policy = policy
-        self._mode_policy = mode_policy
-        self._modes = modes
-        self._guidance = guidance
-        self._fence = fence
-        self._guided_items = guided_items
-        self._paused: Manoeuvre | None = None
-        self._pausing: Manoeuvre | None = None
+    _context: ServiceContext
+    _policy: CommandPolicy
+    _mode_policy: ModePolicy
+    _modes: Modes
+    _guidance: Guidance
+    _fence: FenceBoundary
+    _guided_items: bool
+    _paused: Manoeuvre | None = None
+    _pausing: Manoeuvre | None = None
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"MISSION_ITEM": self._take_guided_item} if self._guided_items else {}
@@ -79,11 +70,9 @@ class Navigator:
             and m.command == MAV_CMD.NAV_WAYPOINT
             and self._reposition(command) is CommandResult.ACCEPTED
         )
-        sender.channel.send_message(
+        sender.answer(
             "MISSION_ACK",
             type=MissionResult.ACCEPTED if accepted else MissionResult.ERROR,
-            target_system=sender.system,
-            target_component=sender.component,
             mission_type=m.mission_type,
         )
 
@@ -124,7 +113,7 @@ class Navigator:
         context, flight, guidance = self._context, self._context.flight, self._guidance
         refusal = self._policy.refuse_takeoff(flight, command)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         altitude = self._policy.takeoff_altitude_m(flight, command, guidance.limits)
         if altitude is None:
             context.texts.announce(FlightEvent.TAKEOFF_DEFAULT, guidance.limits.takeoff_height_m)
@@ -166,18 +155,15 @@ class Navigator:
         flight, guidance = self._context.flight, self._guidance
         refusal = self._policy.refuse_reposition(flight, command)
         if refusal:
-            return self._send_refusal(refusal)
+            return self._context.texts.refuse(refusal)
         speed, _, radius, yaw, latitude, longitude, altitude = command.params
-        place = None
-        if math.isfinite(latitude) and math.isfinite(longitude):
-            if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-                return CommandResult.DENIED
-            place = self._context.frame.to_local_m(latitude, longitude)
-        down = self._down_m(command, altitude)
+        if _is_off_earth(latitude, longitude):
+            return CommandResult.DENIED
+        place, down = self._place(latitude, longitude), self._down_m(command, altitude)
         if not self._fence.allows(
             *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down
         ):
-            return self._send_refusal(self._fence.policy.outside)
+            return self._context.texts.refuse(self._fence.policy.outside)
         # Entering the mode resets the speed.
         previous_speed = guidance.speed_mps
         if refusal := self._modes.enter(self._mode_policy.reposition):
@@ -196,6 +182,11 @@ class Navigator:
             if guidance.limits.reposition_delay_s:
                 guidance.manoeuvre.delay(flight, guidance.limits.reposition_delay_s)
         return CommandResult.ACCEPTED
+
+    def _place(self, latitude: float, longitude: float) -> NorthEast | None:
+        """The place of a command in the local frame; None where it gives none."""
+        given = math.isfinite(latitude) and math.isfinite(longitude)
+        return self._context.frame.to_local_m(latitude, longitude) if given else None
 
     def _down_m(self, command: Command, altitude_m: float) -> float | None:
         """The height of a command in the local frame; None where it gives none."""
@@ -233,14 +224,11 @@ class Navigator:
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m
         speed = speed if math.isfinite(speed) else 1.0
-        centre = (flight.north_m, flight.east_m)
-        if math.isfinite(latitude) and math.isfinite(longitude):
-            if abs(latitude) > 90.0 or abs(longitude) > 180.0:
-                return CommandResult.DENIED
-            centre = context.frame.to_local_m(latitude, longitude)
+        if _is_off_earth(latitude, longitude):
+            return CommandResult.DENIED
+        centre = self._place(latitude, longitude) or (flight.north_m, flight.east_m)
         if not 1.0 <= abs(radius) <= limits.orbit_radius_max_m:
-            if self._policy.bad_orbit_text:
-                context.texts.send(*self._policy.bad_orbit_text)
+            context.texts.report(self._policy.bad_orbit_text)
             return CommandResult.ACCEPTED
         down = self._down_m(command, altitude)
         assert self._mode_policy.orbit
@@ -249,14 +237,8 @@ class Navigator:
         # The centripetal acceleration bounds the speed on a small circle.
         max_speed = min(limits.speed_max_mps, math.sqrt(_MAX_ORBIT_MPS2 * abs(radius)))
         speed = math.copysign(min(abs(speed), max_speed), radius * (speed or 1.0))
-        heading: Literal["in", "ahead", "kept"] = "kept"
-        if not math.isfinite(yaw_behaviour) or yaw_behaviour == _TO_CENTRE:
-            heading = "in"
-        elif yaw_behaviour == _FRONT_TANGENT_TO_CIRCLE:
-            heading = "ahead"
-        self._guidance.manoeuvre = Circle(
-            centre, flight.down_m if down is None else down, abs(radius), speed, heading
-        )
+        down = flight.down_m if down is None else down
+        self._guidance.manoeuvre = Circle(centre, down, abs(radius), speed, _facing(yaw_behaviour))
         return CommandResult.ACCEPTED
 
     def _orbit_status(self) -> Values | None:
@@ -278,7 +260,7 @@ class Navigator:
         if relative == 1.0:
             yaw = self._context.flight.yaw_rad + math.copysign(yaw, direction)
         rate = math.radians(speed) if math.isfinite(speed) and speed > 0.0 else 1.0
-        self._guidance.heading = FixedHeading(yaw, rate)
+        self._guidance.heading = HeadingCommand(yaw, turn_max_radps=rate)
         return CommandResult.ACCEPTED
 
     def _pause_or_continue(self, command: Command) -> CommandResult:
@@ -317,16 +299,24 @@ class Navigator:
         # 0, 0 means that the command gives no place.
         valid = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
         if valid and self._policy.roi_names_place(command):
-            self._guidance.heading = HeadingToPlace(self._context.frame.to_local_m(latitude, longitude))
+            place = self._context.frame.to_local_m(latitude, longitude)
+            self._guidance.heading = HeadingCommand(place=place)
             return CommandResult.ACCEPTED
         return self._look_ahead(command)
 
     def _look_ahead(self, command: Command) -> CommandResult:
-        if isinstance(self._guidance.heading, HeadingToPlace):
+        if self._guidance.heading and self._guidance.heading.place:
             self._guidance.heading = None
         return CommandResult.ACCEPTED
 
-    def _send_refusal(self, refusal: Refusal) -> CommandResult | None:
-        for text in refusal.texts:
-            self._context.texts.send(*text)
-        return refusal.result
+
+def _is_off_earth(latitude: float, longitude: float) -> bool:
+    """Whether a command gives a place that is not on Earth; NaN gives none."""
+    given = math.isfinite(latitude) and math.isfinite(longitude)
+    return given and (abs(latitude) > 90.0 or abs(longitude) > 180.0)
+
+
+def _facing(yaw_behaviour: float) -> Literal["in", "ahead", "kept"]:
+    if not math.isfinite(yaw_behaviour) or yaw_behaviour == _TO_CENTRE:
+        return "in"
+    return "ahead" if yaw_behaviour == _FRONT_TANGENT_TO_CIRCLE else "kept"

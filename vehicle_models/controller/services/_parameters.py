@@ -164,11 +164,4 @@ class Parameters:
 
     def _refuse(self, sender: MessageSender, name: str, error: int) -> None:
         if self._policy.unknown == "error":
-            sender.channel.send_message(
-                "PARAM_ERROR",
-                target_system=sender.system,
-                target_component=sender.component,
-                param_id=name.encode(),
-                param_index=-1,
-                error=error,
-            )
+            sender.answer("PARAM_ERROR", param_id=name.encode(), param_index=-1, error=error)

@@ -14,7 +14,7 @@ from ..guidance._guidance import Guidance
 from ..guidance._manoeuvres import FollowSetpoints
 from ..policies._setpoints import SetpointPolicy
 from ..state._flight_limits import FlightLimits
-from ..state._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
+from ..state._flight_state import Behaviour, FlightState, FlightTarget, NorthEast, TargetAttitude
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
 from ..state._texts import CRITICAL
@@ -26,7 +26,6 @@ _SET_POSITION_TARGET_LOCAL_NED, _SET_POSITION_TARGET_GLOBAL_INT = 84, 86
 # Metres or anything else: a larger number is a client's error.
 _MAX_SETPOINT = 1e6
 _NAN3 = (math.nan,) * 3
-_ZERO3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,9 +146,8 @@ class Setpoints:
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:
-                severity, text = self._policy.bad_global_frame
                 self._stop()
-                context.texts.send(severity, text.format(m.coordinate_frame))
+                context.texts.report(self._policy.bad_global_frame, m.coordinate_frame)
                 return
             if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
                 self._stop()
@@ -222,58 +220,56 @@ class Setpoints:
 
         An axis that the setpoint leaves open is held still; the two horizontal axes go together.
         """
-        x, y, z = setpoint.position
-        v, a = _without_nan(setpoint.velocity), _without_nan(setpoint.acceleration)
-        has_xy = not math.isnan(x + y)
-        has_vxy = not math.isnan(setpoint.velocity[0] + setpoint.velocity[1])
-        has_axy = not math.isnan(setpoint.acceleration[0] + setpoint.acceleration[1])
-        has_z = not math.isnan(z)
-        has_vz, has_az = not math.isnan(setpoint.velocity[2]), not math.isnan(setpoint.acceleration[2])
+        place, down = _axes(setpoint.position)
+        speed, sink = _axes(setpoint.velocity)
+        acceleration, drop = _axes(setpoint.acceleration)
         limits, policy = self._guidance.limits, self._policy
         has_yaw, has_yaw_rate = not math.isnan(setpoint.yaw_rad), not math.isnan(setpoint.yawrate_radps)
         commanded_mps = self._guidance.speed_mps if policy.speed_command_binds else None
         target = FlightTarget(
-            north_east_m=(x, y) if has_xy else None,
-            down_m=z if has_z else None,
-            velocity_ned_mps=(v[0] if has_vxy else 0.0, v[1] if has_vxy else 0.0, v[2]),
-            acceleration_ned_mps2=(a[0] if has_axy else 0.0, a[1] if has_axy else 0.0, a[2]),
+            north_east_m=place,
+            down_m=down,
+            velocity_ned_mps=_filled(speed, sink),
+            acceleration_ned_mps2=_filled(acceleration, drop),
             yaw_rad=setpoint.yaw_rad if has_yaw else None,
             yawrate_radps=setpoint.yawrate_radps if has_yaw_rate else 0.0,
-            speed_max_mps=(commanded_mps or limits.goto_mps) if has_xy else limits.speed_max_mps,
+            speed_max_mps=(commanded_mps or limits.goto_mps) if place else limits.speed_max_mps,
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
             faces_motion=policy.faces_motion and not has_yaw and not has_yaw_rate,
-            shaping=limits.setpoint_shaping if has_xy and not has_vxy else limits.velocity_shaping,
+            shaping=limits.setpoint_shaping if place and not speed else limits.velocity_shaping,
         )
-        return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
+        level = acceleration is not None and place is None and speed is None
+        return target, (level, drop is not None and down is None and sink is None)
 
     def _take_attitude(self, m: Any, sender: MessageSender) -> None:
         if self._ignores_mode():
             return
-        mask, flight, limits = m.type_mask, self._context.flight, self._guidance.limits
         rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
-        masked = [bool(mask & bit) for bit in (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_TURN_RATE)]
-        sane = (math.isfinite(rate) and abs(rate) < _MAX_SETPOINT for rate in rates)
-        if not all(ignored or valid for ignored, valid in zip(masked, sane, strict=True)):
+        masks = (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_TURN_RATE)
+        masked = [bool(m.type_mask & bit) for bit in masks]
+        # What is masked is zero, whatever it holds.
+        roll_rate, pitch_rate, yaw_rate = (
+            0.0 if ignored else rate for ignored, rate in zip(masked, rates, strict=True)
+        )
+        lacks_thrust = bool(m.type_mask & _IGNORE_THRUST)
+        thrust = 0.0 if lacks_thrust else m.thrust
+        bound = max(abs(roll_rate), abs(pitch_rate), abs(yaw_rate))
+        numbers = (roll_rate, pitch_rate, yaw_rate, thrust)
+        sane = all(map(math.isfinite, numbers)) and bound < _MAX_SETPOINT
+        some_masked = any(masked) and not all(masked)
+        by_rates = bool(m.type_mask & _IGNORE_ATTITUDE)
+        angles = self._angles_beside_rates(masked) if by_rates else _euler_rad(m.q)
+        body_rates = (roll_rate, pitch_rate, yaw_rate) if by_rates else None
+        climbs_by_thrust = self._guidance.limits.thrust_is_climb
+        if not sane or angles is None or (climbs_by_thrust and (lacks_thrust or some_masked)):
             self._refuse(None)
-            return
-        if limits.thrust_is_climb and (mask & _IGNORE_THRUST or (any(masked) and not all(masked))):
-            self._refuse(None)
-            return
-        thrust = 0.0 if mask & _IGNORE_THRUST else m.thrust
-        yaw_rate = 0.0 if masked[2] else rates[2]
-        if not math.isfinite(thrust):
-            self._refuse(None)
-        elif not mask & _IGNORE_ATTITUDE:
-            angles = _euler_rad(m.q)
-            if angles is None:
-                self._refuse(None)
-            else:
-                self._tilt(angles[0], angles[1], angles[2], yaw_rate, thrust, None)
-        elif not (masked[0] or masked[1]):
-            self._tilt(0.0, 0.0, flight.yaw_rad, yaw_rate, thrust, (rates[0], rates[1], yaw_rate))
         else:
-            self._refuse(None)
+            self._tilt(*angles, yaw_rate, thrust, body_rates)
+
+    def _angles_beside_rates(self, masked: list[bool]) -> Vector | None:
+        """Rates alone need those of roll and pitch; None without them."""
+        return None if masked[0] or masked[1] else (0.0, 0.0, self._context.flight.yaw_rad)
 
     def _tilt(
         self, roll: float, pitch: float, yaw: float, yaw_rate: float, thrust: float, rates: Vector | None
@@ -359,15 +355,18 @@ def _masked(vector: Vector, mask: int, grouped: bool) -> Vector:
     return math.nan if mask & 1 else north, math.nan if mask & 2 else east, math.nan if mask & 4 else down
 
 
-def _without_nan(vector: Vector) -> Vector:
+def _axes(vector: Vector) -> tuple[NorthEast | None, float | None]:
+    """Both horizontal axes, which go together, and the vertical one; None for what is left open."""
     if vector is _NAN3:
-        return _ZERO3
+        return None, None
     north, east, down = vector
-    return (
-        0.0 if math.isnan(north) else north,
-        0.0 if math.isnan(east) else east,
-        0.0 if math.isnan(down) else down,
-    )
+    return None if math.isnan(north + east) else (north, east), None if math.isnan(down) else down
+
+
+def _filled(level: NorthEast | None, vertical: float | None) -> Vector:
+    """A vector that is zero on the axes that are left open."""
+    north, east = level or (0.0, 0.0)
+    return north, east, 0.0 if vertical is None else vertical
 
 
 def _turned(vector: Vector, yaw_rad: float) -> Vector:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -25,15 +26,17 @@ _PROMPT = "pxh> "
 _DISARMED, _ARMED = 1, 2
 
 
+@dataclass(eq=False)
 class Shell:
     """Echoes each line, answers it and prompts for the next, to the client that wrote last."""
 
-    def __init__(self, context: ServiceContext, policy: IdentityPolicy) -> None:
-        self._context = context
-        self._policy = policy
-        self._line = b""
-        self._output: deque[bytes] = deque()
-        self._channel: Channel | None = None
+    _context: ServiceContext
+    _policy: IdentityPolicy
+    _line: bytes = b""
+    _output: deque[bytes] = field(default_factory=deque)
+    _channel: Channel | None = None
+
+    def __post_init__(self) -> None:
         self._programs: dict[str, Callable[[list[str]], list[str]]] = {
             "help": self._help,
             "listener": self._listener,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import NamedTuple, Protocol
 
 from ._flight_state import Cause, FlightState, GpsQuality, ReferencePoint
@@ -67,6 +68,10 @@ class FlightSample(NamedTuple):
 
 SAMPLE = struct.Struct("<QI5?BI12f2if2if5f7f")
 _NOWHERE = (math.nan, math.nan)
+# Fields that the state has under the same names; and `mode`, which has its number.
+_STATE = attrgetter("time_us", "mode.custom", "armed", "flying", "on_ground", "gps_ok", "position_ok")
+_FIELDS = FlightSample._fields
+_MOTION = attrgetter(*_FIELDS[_FIELDS.index("gps_epoch") : _FIELDS.index("fix_latitude_e7")])
 
 
 def pack_sample(f: FlightState, battery_v: float, used_mah: float) -> bytes:
@@ -74,30 +79,9 @@ def pack_sample(f: FlightState, battery_v: float, used_mah: float) -> bytes:
     target = f.target
     north_m, east_m = target.north_east_m or _NOWHERE
     return SAMPLE.pack(
-        f.time_us,
-        f.mode.custom,
-        f.armed,
-        f.flying,
-        f.on_ground,
-        f.gps_lost_ns is None,
-        f.position_ok,
+        *_STATE(f),
         _NUMBER_OF_CAUSE[f.failsafe],
-        f.gps_epoch,
-        f.north_m,
-        f.east_m,
-        f.down_m,
-        f.vn_mps,
-        f.ve_mps,
-        f.vd_mps,
-        f.roll_rad,
-        f.pitch_rad,
-        f.yaw_rad,
-        f.p_radps,
-        f.q_radps,
-        f.r_radps,
-        f.latitude_e7,
-        f.longitude_e7,
-        f.altitude_m,
+        *_MOTION(f),
         *f.fix_e7,
         f.fix_altitude_m,
         battery_v,

@@ -1,4 +1,4 @@
-"""Parameters of an autopilot: their definitions, and the store of their values."""
+"""Parameters of an autopilot: their definitions, the tables that hold these, and the store of their values."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from bench.errors import Fault, SetupError
 
+from ..._read_table import read_table
+
 INT8, INT16, UINT32, INT32, REAL32 = 2, 4, 5, 6, 9
-
-
+KINDS_BY_NAME = {"float": REAL32, "int8": INT8, "int16": INT16, "int32": INT32}
 _RANGE = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 
 
@@ -33,6 +35,29 @@ class Parameter:
     description: str = ""
     volatile: bool = False
     needs_reboot: bool = False
+
+
+def read_parameters(table: Path) -> tuple[Parameter, ...]:
+    """The parameters of a CSV table, in its order, which is that of the autopilot's list.
+
+    The columns are name, type (float, int8, int16, int32), default, min, max, unit, group, flags (reboot,
+    volatile), description. All but the first three may be empty.
+    """
+    return tuple(
+        Parameter(
+            row["name"],
+            float(row["default"]),
+            KINDS_BY_NAME[row["type"]],
+            low=float(row["min"]) if row["min"] else None,
+            high=float(row["max"]) if row["max"] else None,
+            unit=row["unit"],
+            group=row["group"],
+            description=row["description"],
+            volatile="volatile" in row["flags"],
+            needs_reboot="reboot" in row["flags"],
+        )
+        for row in read_table(table)
+    )
 
 
 class ParameterStore:

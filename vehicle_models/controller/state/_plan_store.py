@@ -54,7 +54,7 @@ class StoredPlan:
 
     items: tuple[MissionItem, ...] = ()
     identity: int = 0
-    on_change: list[Callable[[], None]] = field(default_factory=list)
+    on_change: list[Callable[[], object]] = field(default_factory=list)
 
     def put(self, items: tuple[MissionItem, ...]) -> None:
         self.items = items

@@ -1,7 +1,6 @@
-"""How a service joins the flight controller: what it takes, carries out, streams and answers, each a protocol
-of its own.
+"""How a service joins the flight controller: what it takes, carries out, streams and answers.
 
-A service is any object that has one or more of these methods; the controller finds out which when it is
+A service is any object that has one or more of the methods of `Service`; the controller finds out which when it is
 built.
 """
 
@@ -43,6 +42,10 @@ class MessageSender:
     system: int
     component: int
     channel: Channel
+
+    def answer(self, name: str, **fields: Any) -> None:
+        """Queue a message that is addressed to the sender; the other fields by name."""
+        self.channel.send_message(name, target_system=self.system, target_component=self.component, **fields)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,26 +104,20 @@ MessageAnswer = Callable[[Command], "Fields | list[Fields] | None"]
 """Gives the message that a REQUEST_MESSAGE asks for, or several of them; None refuses the request."""
 
 
-class HandlesMessages(Protocol):
+class Service(Protocol):
+    """The methods that a service may have; the controller calls those that it has."""
+
     def handlers(self) -> Mapping[str, MessageHandler]:
         """Messages that the service takes, by name."""
 
-
-class HandlesCommands(Protocol):
     def commands(self) -> Mapping[int, CommandHandler]:
         """Commands that the service carries out, by number."""
 
-
-class StreamsMessages(Protocol):
     def streams(self) -> Mapping[str, AnyStream]:
         """Messages that may be streamed, by name."""
 
-
-class AnswersRequests(Protocol):
     def answers(self) -> Mapping[str, MessageAnswer]:
         """Messages that are sent on request only, by name."""
 
-
-class Ticks(Protocol):
     def tick(self) -> None:
         """Called once a step, after the messages of the step."""

@@ -1,21 +1,25 @@
-"""STATUSTEXT: what the autopilot reports in words."""
+"""STATUSTEXT: what the autopilot reports in words, and the events of PX4 that go with the words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
 
 from ..links._enums import MAV_TYPE
 from ..links._radio import Channel, Radio
 from ._flight_state import FlightState
-from ._service import MessageHandler, MessageSender
+from ._service import CommandResult, MessageHandler, MessageSender, Refusal
 
 StatusText = tuple[int, str]
 """A text with its MAV_SEVERITY."""
 
-EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)
+SEVERITIES = ("EMERGENCY", "ALERT", "CRITICAL", "ERROR", "WARNING", "NOTICE", "INFO", "DEBUG")
+EMERGENCY, _ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(len(SEVERITIES))
 _CHUNK_BYTES = 50
+# In the numbers of PX4's events.
+_EVENT_COMPONENT = 1
 
 
 class FlightEvent(Enum):
@@ -39,6 +43,23 @@ class FlightEvent(Enum):
     CRASHED = auto()
 
 
+@dataclass(frozen=True, slots=True)
+class EventName:
+    """An event that goes with every text beginning with `text`."""
+
+    text: str
+    name: str
+
+    @property
+    def number(self) -> int:
+        """The component, and the low 24 bits of the FNV-1a hash of the name."""
+        digest = 0x811C9DC5
+        for byte in self.name.encode():
+            digest = (digest ^ byte) * 0x01000193 & 0xFFFFFFFF
+        return _EVENT_COMPONENT << 24 | digest & 0xFFFFFF
+
+
+@dataclass(eq=False)
 class Texts:
     """Sends texts; long ones in chunks with one id, as the specification asks.
 
@@ -47,24 +68,16 @@ class Texts:
     of a ground station was heard within that time; None over all.
     """
 
-    def __init__(
-        self,
-        radio: Radio,
-        flight: FlightState,
-        by_event: Mapping[FlightEvent, StatusText],
-        ending: str,
-        for_stations_s: float | None = None,
-    ) -> None:
-        self._radio = radio
-        self._flight = flight
-        self._for_stations_s = for_stations_s
-        self._stations_s: dict[str, float] = {}  # when a channel's station was heard last
-        self._by_event = by_event
-        self._ending = ending
-        self._id = 0
-        self._kept: list[StatusText] | None = None  # while they are kept back
-        self.listeners: list[Callable[[int, str], None]] = []
-        self.text_listeners: list[Callable[[int, str], None]] = []  # of texts alone
+    _radio: Radio
+    _flight: FlightState
+    _by_event: Mapping[FlightEvent, StatusText]
+    _ending: str
+    _for_stations_s: float | None = None
+    _stations_s: dict[str, float] = field(default_factory=dict)  # when a channel's station was heard last
+    _id: int = 0
+    _kept: list[StatusText] | None = None  # while they are kept back
+    listeners: list[Callable[[int, str], None]] = field(default_factory=list)
+    text_listeners: list[Callable[[int, str], None]] = field(default_factory=list)  # of texts alone
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {} if self._for_stations_s is None else {"HEARTBEAT": self._take_heartbeat}
@@ -89,9 +102,22 @@ class Texts:
         """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
         it.
         """
-        if event in self._by_event:
-            severity, text = self._by_event[event]
+        self.report(self._by_event.get(event), *values)
+
+    def report(self, status_text: StatusText | None, *values: float | str) -> None:
+        """Send a text with `values` in its braces; nothing where the autopilot has no such text."""
+        if status_text:
+            severity, text = status_text
             self.send(severity, text.format(*values) if values else text)
+
+    def send_all(self, texts: Iterable[StatusText]) -> None:
+        for severity, text in texts:
+            self.send(severity, text)
+
+    def refuse(self, refusal: Refusal) -> CommandResult | None:
+        """Send the texts of a refusal; returns its result."""
+        self.send_all(refusal.texts)
+        return refusal.result
 
     def send(self, severity: int, text: str) -> None:
         self.notify(severity, text)

@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from ..state._event_names import EventName
 from ..state._service import Fields, MessageAnswer, MessageHandler, MessageSender, Stream
 from ..state._service_context import ServiceContext
+from ..state._texts import EventName
 
 _STORED = 64
 # MAV_EVENT_ERROR_REASON
@@ -64,11 +64,6 @@ class EventService:
             sender.channel.send_message("EVENT", **event)
         if not requested or requested[0]["sequence"] != first:
             oldest = self._stored[0]["sequence"] if self._stored else self._next
-            sender.channel.send_message(
-                "RESPONSE_EVENT_ERROR",
-                target_system=sender.system,
-                target_component=sender.component,
-                sequence=first,
-                sequence_oldest_available=oldest,
-                reason=_UNAVAILABLE,
+            sender.answer(
+                "RESPONSE_EVENT_ERROR", sequence=first, sequence_oldest_available=oldest, reason=_UNAVAILABLE
             )

@@ -36,11 +36,9 @@ class GroundTexts:
             self._contact_ns = flight.time_ns
         elif not self._cleared and self._ground_m - flight.down_m > _CLEAR_M:
             self._cleared = True
-            for text in self._policy.climbed_clear_texts:
-                self._context.texts.send(*text)
+            self._context.texts.send_all(self._policy.climbed_clear_texts)
         self._was_on_ground, self._sink_mps = flight.on_ground, flight.vd_mps
 
     def _report_contact(self, speed_mps: float) -> None:
-        text = self._policy.ground_contact_text
-        if text and not self._was_on_ground and self._context.flight.time_ns - self._contact_ns > _REPEAT_NS:
-            self._context.texts.send(text[0], text[1].format(speed_mps))
+        if not self._was_on_ground and self._context.flight.time_ns - self._contact_ns > _REPEAT_NS:
+            self._context.texts.report(self._policy.ground_contact_text, speed_mps)

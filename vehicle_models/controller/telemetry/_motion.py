@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from ..links._frames import heading_cdeg, hundredths
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import HalfwayStream, Stream, Values
 from ..state._service_context import ServiceContext
 from ._attitude import AttitudeCache
-from ._units import heading_cdeg, hundredths
 
 _NAN = math.nan
 # Of pose and velocity: NaN in the first element means unknown.

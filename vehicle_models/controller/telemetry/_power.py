@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
+from ..links._frames import hundredths
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import Stream, Values
 from ..state._service_context import ServiceContext
 from ._battery_monitor import BatteryMonitor
-from ._units import hundredths
 
 # Chosen, not measured.
 _MAX_ROTOR_RPM = 8000.0
@@ -19,21 +20,17 @@ _ESC_TEMPERATURE_C = 25
 _NOMINAL_V = 14.8
 
 
+@dataclass(eq=False)
 class PowerTelemetry:
     """Values in wire order."""
 
-    def __init__(
-        self,
-        context: ServiceContext,
-        policy: TelemetryPolicy,
-        battery: BatteryMonitor,
-        charge_state: Callable[[], int],
-    ) -> None:
-        self._context = context
-        self._flight = context.flight
-        self._policy = policy
-        self._battery = battery
-        self._charge_state = charge_state
+    _context: ServiceContext
+    _policy: TelemetryPolicy
+    _battery: BatteryMonitor
+    _charge_state: Callable[[], int]
+
+    def __post_init__(self) -> None:
+        self._flight = self._context.flight
 
     def streams(self) -> Mapping[str, Stream]:
         return {

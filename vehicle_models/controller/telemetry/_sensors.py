@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from ..links._frames import heading_cdeg, int16
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import Stream, Values
 from ..state._service_context import ServiceContext
 from ._attitude import AttitudeCache
-from ._units import heading_cdeg, int16
 
 _SEA_LEVEL_HPA = 1013.25
 _STANDARD_GRAVITY_MPS2 = 9.80665

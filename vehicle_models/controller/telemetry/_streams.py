@@ -10,8 +10,9 @@ from typing import Any
 from bench.errors import Fault, SetupError
 
 from ..links._enums import MAV_CMD, MAV_DATA_STREAM
-from ..links._frames import KINDS
+from ..links._frames import KINDS, MESSAGE_NAMES
 from ..links._radio import Channel
+from ..policies._message_table import SENDING_ORDER
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import (
     AnyStream,
@@ -28,73 +29,10 @@ from ..state._service import (
 )
 from ..state._service_context import ServiceContext
 
-_NAMES = {kind.id: name for name, kind in KINDS.items()}
 _HEARTBEAT = KINDS["HEARTBEAT"].id
 _SECOND_NS = 1_000_000_000
 
-# The order in which a step sends the messages that are due. Recordings hold them in this order, so it does
-# not change.
-_SENDING_ORDER = (
-    "HEARTBEAT",
-    "ATTITUDE",
-    "ATTITUDE_QUATERNION",
-    "LOCAL_POSITION_NED",
-    "GLOBAL_POSITION_INT",
-    "ODOMETRY",
-    "HIGHRES_IMU",
-    "RAW_IMU",
-    "SERVO_OUTPUT_RAW",
-    "ATTITUDE_TARGET",
-    "POSITION_TARGET_LOCAL_NED",
-    "POSITION_TARGET_GLOBAL_INT",
-    "GPS_RAW_INT",
-    "VFR_HUD",
-    "ALTITUDE",
-    "DISTANCE_SENSOR",
-    "TIMESYNC",
-    "SYS_STATUS",
-    "EXTENDED_SYS_STATE",
-    "SYSTEM_TIME",
-    "PING",
-    "SCALED_PRESSURE",
-    "MISSION_CURRENT",
-    "FENCE_STATUS",
-    "ESTIMATOR_STATUS",
-    "BATTERY_STATUS",
-    "HOME_POSITION",
-    "CURRENT_MODE",
-    "CURRENT_EVENT_SEQUENCE",
-    "GPS_GLOBAL_ORIGIN",
-    "ORBIT_EXECUTION_STATUS",
-    "VIBRATION",
-    "POWER_STATUS",
-    "MEMINFO",
-    "NAV_CONTROLLER_OUTPUT",
-    "RC_CHANNELS",
-    "AHRS",
-    "AHRS2",
-    "EKF_STATUS_REPORT",
-    "LINK_NODE_STATUS",
-    "OPEN_DRONE_ID_LOCATION",
-    "OPEN_DRONE_ID_SYSTEM",
-    "TIME_ESTIMATE_TO_TARGET",
-    "SCALED_IMU",
-    "SCALED_IMU2",
-    "SCALED_IMU3",
-    "SCALED_PRESSURE2",
-    "SIMSTATE",
-    "ESC_TELEMETRY_1_TO_4",
-    "ESC_INFO",
-    "ESC_STATUS",
-    "WIND",
-    "TERRAIN_REQUEST",
-    "TERRAIN_REPORT",
-    "MAG_CAL_PROGRESS",
-    "GIMBAL_DEVICE_ATTITUDE_STATUS",
-    "GIMBAL_MANAGER_STATUS",
-    "HIL_STATE_QUATERNION",
-)
-_ORDER = {KINDS[name].id: position for position, name in enumerate(_SENDING_ORDER)}
+_ORDER = {KINDS[name].id: position for position, name in enumerate(SENDING_ORDER)}
 # Known to every autopilot whose vehicle carries the equipment.
 _EQUIPMENT_MESSAGES = frozenset(
     {"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS", "HIL_STATE_QUATERNION"}
@@ -209,11 +147,11 @@ class Streams:
             self._schedule(channel, KINDS[message].id, round(1e9 / hz))
 
     def _default_interval_ns(self, channel: Channel, number: int) -> int | None:
-        hz = self._policy.stream_sets[channel.link.spec.streams].get(_NAMES[number])
+        hz = self._policy.stream_sets[channel.link.spec.streams].get(MESSAGE_NAMES[number])
         if hz is None:
             index = self._context.radio.channels.index(channel)
             for group, names in self._policy.stream_groups.items():
-                if _NAMES[number] in names:
+                if MESSAGE_NAMES[number] in names:
                     hz = self._group_rates.get((index, group))
         return round(1e9 / hz) if hz else _SECOND_NS if number == _HEARTBEAT else None
 
@@ -237,7 +175,7 @@ class Streams:
         """Change the interval of one message; None stops it."""
         streams = [stream for stream in self._schedules[channel.name] if stream.number != number]
         if interval_ns is not None:
-            max_hz = self._policy.max_rates_hz.get(_NAMES[number])
+            max_hz = self._policy.max_rates_hz.get(MESSAGE_NAMES[number])
             interval_ns = max(interval_ns, round(1e9 / max_hz)) if max_hz else interval_ns
             due_ns = self._context.flight.time_ns + min(interval_ns, _SECOND_NS)
             values = self._values[number]
@@ -276,9 +214,7 @@ class Streams:
         return CommandResult.ACCEPTED
 
     def _refuse_interval(self, number: int) -> CommandResult:
-        if self._policy.unknown_interval_text:
-            severity, text = self._policy.unknown_interval_text
-            self._context.texts.send(severity, text.format(number))
+        self._context.texts.report(self._policy.unknown_interval_text, number)
         return self._policy.unknown_interval
 
     def _get_interval(self, command: Command) -> CommandResult | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from ..links._frames import hundredths
 from ..links._radio import Channel
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
@@ -12,7 +13,6 @@ from ..policies._telemetry import TelemetryPolicy
 from ..state._service import ChannelStream, Stream, Values
 from ..state._service_context import ServiceContext
 from ._battery_monitor import BatteryMonitor
-from ._units import hundredths
 
 # Of HEARTBEAT; it did not change with MAVLink 2.
 _MAVLINK_VERSION = 3
