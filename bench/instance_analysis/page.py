@@ -32,6 +32,7 @@ def page(*, fields: bool = True) -> str:
         "vague": ", ".join(f"`{word}` ({low} to {high})" for word, (low, high) in tables["vague"].items()),
         "things": "\n".join(_things(vocabulary)),
         "adjectives": ", ".join([*tables["concealment"], *tables["moving"]]),
+        "colors": ", ".join(dict.fromkeys(tables["color"].values())),
         "grounds": ", ".join(tables["ground"]),
         "motions": ", ".join(f"`{words.words[0]}`" for words in vocabulary.motions.values()),
         "intensities": ", ".join(f"`{word}` ({level:g})" for word, level in tables["intensities"].items()),

@@ -43,6 +43,8 @@ class Quantity:
     low: float
     high: float
     vague: bool = False
+    values: tuple[float, ...] = ()
+    """Where it is one of several numbers."""
 
     @property
     def single(self) -> bool:

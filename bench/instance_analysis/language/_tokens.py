@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 _UNIT_AHEAD = r"(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))"
@@ -102,6 +102,20 @@ def _wrapped(text: str, at: int) -> bool:
         and _ITEM.match(following) is None
         and not line.rstrip().endswith((".", ";", "!", "?", ":"))
     )
+
+
+_AMBIGUOUS = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
+_DEGREES = frozenset(["°", "degrees", "n", "e", "s", "w", "north", "east", "south", "west"])
+
+
+def ambiguous_numbers(tokens: Sequence[Token]) -> list[int]:
+    """The places of numbers such as `1.500`, which half of the world reads as 1500. Degrees of latitude have three decimals."""
+    after = [token.text for token in tokens[1:]] + [""]
+    return [
+        at
+        for at, token in enumerate(tokens)
+        if _AMBIGUOUS.fullmatch(token.text) and after[at] not in _DEGREES
+    ]
 
 
 def number_of(token: Token) -> float | None:

@@ -100,6 +100,10 @@ def _carried(pair: Pair) -> set[str]:
     carried = {load for part in pair.parts for load in part.form.carries}
     if any(part.form.order for part in pair.parts):
         carried.add("upper")
+    subjects = [phrase for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
+    if any(phrase.count is not None and phrase.count.values for phrase in subjects):
+        # `drawn from {1, 4, 9}`.
+        carried.add("alternative")
     if not any(isinstance(part, Statement) and part.subjects for part in pair.parts):
         # `each sortie starts at noon`, `every report`: only of groups it tells how many.
         carried.add("quantifier")
@@ -176,6 +180,14 @@ def _directions(text: TextLoads) -> list[float]:
         if not letter and (direction := text.direction(at)) is not None:
             directions.append(direction)
     return directions
+
+
+def _colors(pair: Pair) -> Iterator[str]:
+    """The same colours, where the sentence tells of things."""
+    if any(isinstance(part, Statement) and part.subjects for part in pair.parts):
+        words, sentence = set(pair.words.table("color")), set(pair.sentence.table("color"))
+        yield from (f"the words do not say {color!r}" for color in sorted(map(str, sentence - words)))
+        yield from (f"{color!r} of the words is lost" for color in sorted(map(str, words - sentence)))
 
 
 def _things(pair: Pair) -> Iterator[str]:
@@ -259,5 +271,5 @@ def _order(pair: Pair) -> Iterator[str]:
 
 
 _CHECKS: Sequence[Callable[[Pair], Iterator[str]]] = (
-    _numbers, _loads, _bounds, _topics, _weather, _compass, _things, _roles, _order,
+    _numbers, _loads, _bounds, _topics, _weather, _compass, _colors, _things, _roles, _order,
 )  # fmt: skip
