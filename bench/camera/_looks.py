@@ -29,7 +29,25 @@ _COLORS: dict[str, str] = {
     "pink": "#f078b0", "purple": "#7a3a9a", "red": "#c82828", "silver": "#c4c8cc", "white": "#f0f0ec", "yellow": "#f0cc28",
 }  # fmt: skip
 _COLORED = frozenset(
-    "bus cab car canvas dress fur hide leaves needles olive shirt tank timber uniform vest wall wool".split()
+    [
+        "bus",
+        "cab",
+        "car",
+        "canvas",
+        "dress",
+        "fur",
+        "hide",
+        "leaves",
+        "needles",
+        "olive",
+        "shirt",
+        "tank",
+        "timber",
+        "uniform",
+        "vest",
+        "wall",
+        "wool",
+    ]
 )
 """The paints that a stated colour replaces: what people would call the colour of the thing. Chosen for the tables as they are."""
 _SIDES = ("right", "front", "left", "back")  # in the order of a rectangle's edges

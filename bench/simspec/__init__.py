@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from ._orders import Order as Order
     from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
-    from ._perception import LEAST_CONTRAST_DEPTH as LEAST_CONTRAST_DEPTH
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
+    from ._perception import LEAST_CONTRAST_DEPTH as LEAST_CONTRAST_DEPTH
     from ._perception import DetectionModel as DetectionModel
     from ._perception import Perception as Perception
     from ._perception import PerceptionSource as PerceptionSource

@@ -124,11 +124,9 @@ class EventReader:
         model = self._draft.entries.get(("vehicle", "model"))
         rotors = ROTORS["x500" if model is None else str(model.value)]
         for path, entry in self._draft.entries.items():
-            if path[:2] == ("vehicle", "failures") and path[-1] == "instance" and entry.span is not None:
-                if not 1 <= entry.value <= rotors:
-                    self._draft.fault(
-                        entry.span, f"the vehicle has no motor {entry.value}", f"it has {rotors}"
-                    )
+            named = path[:2] == ("vehicle", "failures") and path[-1] == "instance"
+            if named and entry.span is not None and not 1 <= entry.value <= rotors:
+                self._draft.fault(entry.span, f"the vehicle has no motor {entry.value}", f"it has {rotors}")
 
     # Intelligence.
 

@@ -94,7 +94,8 @@ class WeatherReader:
         seen, fog = (self._draft.entries.get(path) for path in (VISIBILITY, FOG))
         if seen is None or fog is None or not fog.value:
             return
-        assert seen.span is not None and fog.span is not None
+        assert seen.span is not None
+        assert fog.span is not None
         readings = [f"visibility {seen.value:g} m", f"fog level {fog.value:g}"]
         question = "visibility and fog say one thing twice; which holds?"
         kept = self._draft.ask(seen.span.joined(fog.span), question, readings)

@@ -1,6 +1,6 @@
-"""The page of the controlled language, made from the forms that the parser reads: `python -m bench.instance_analysis.page`.
+"""The page of the controlled language, made from the forms that the parser reads: `rebar prose --page` prints it.
 
-It is docs/controlled-language.md. A language model is given the same without the fields that each sentence sets.
+A language model is given the same, without the fields that each sentence sets.
 """
 
 from __future__ import annotations
@@ -68,7 +68,3 @@ def _tables(fields: bool) -> Iterator[str]:
                 sentences = " or ".join(f"`{sentence}`" for sentence in form.write)
                 yield f"| {number} | {sentences} | {form.shows} |" if fields else sentences
         yield ""
-
-
-if __name__ == "__main__":
-    print(page(), end="")
