@@ -41,7 +41,10 @@ def _whole_path(written: str) -> str:
         if who.split("[")[0] not in SimSpec.model_fields:
             inner = f"placement.{rest}" if re.split(r"[.\[]", rest)[0] in _PLACEMENT else rest
             path = f"actors[asset={who}].{inner}"
-        paths += [path, *([f"{path.removesuffix('near')}distances"] if path.endswith("placement.near") else [])]
+        paths += [
+            path,
+            *([f"{path.removesuffix('near')}distances"] if path.endswith("placement.near") else []),
+        ]
     return "|".join(paths)
 
 

@@ -86,7 +86,9 @@ def _loads(pair: Pair) -> Iterator[str]:
     words, sentence = pair.words.counted(), pair.sentence.counted()
     # `stay below 100 m` is `never above 100 m`.
     turned = _directions_of_bounds(pair.words) & _directions_of_bounds(pair.sentence)
-    may_deny = bool(words["negation"] or turned) or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
+    may_deny = (
+        bool(words["negation"] or turned) or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
+    )
     if words["lower"] and words["upper"] and not pair.sentence.counted()["lower"]:
         # `minimum 30 and maximum 45` is a range.
         carried |= {"lower", "upper"}
@@ -250,7 +252,11 @@ def _roles(pair: Pair) -> Iterator[str]:
         if not pair.assumes and not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
             yield f"the words do not say {role}"
     called = any("role" in part.form.topic for part in pair.parts)
-    yield from (f"{role} of the words is lost" for role in of_words - of_sentence - natural - set(pair.sentence.table("role")) if not called)
+    yield from (
+        f"{role} of the words is lost"
+        for role in of_words - of_sentence - natural - set(pair.sentence.table("role"))
+        if not called
+    )
 
 
 def _written_roles(pair: Pair) -> Iterator[Role]:

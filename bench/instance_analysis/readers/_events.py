@@ -132,11 +132,13 @@ class EventReader:
 
     def _place_reports(self) -> None:
         """Keep whoever was last seen at a place within the accuracy of the report on it."""
-        for path in [
-            path for path in self._draft.entries if path[0] == "intelligence" and path[2:] == ("at", "east_m")
-        ]:
-            report, span = path[1], self._draft.entries[path].span
-            point = {name: self._draft.entries[*path[:3], name].value for name in ("east_m", "north_m")}
+        places = {
+            path[1]: entry
+            for path, entry in self._draft.entries.items()
+            if path[0] == "intelligence" and path[2] == "at"
+        }
+        for report, entry in places.items():
+            point, span = entry.value, entry.span
             group = self._draft.entries["intelligence", report, "about"].value
             accuracy = self._draft.entries.get(("intelligence", report, "uncertainty_m"))
             if accuracy is None:

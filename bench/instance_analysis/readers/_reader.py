@@ -151,7 +151,7 @@ class TextReader:
 
     def call_target(self, statement: Statement) -> None:
         """Read whom the text calls its target: persons may be sought or adversaries, others are adversaries."""
-        for group in self.scene.subjects(statement.first("group")):
+        for group in self.scene.named_once(statement.first("group")):
             self._make_target(group, statement)
             self.scene.subject = [group]
 

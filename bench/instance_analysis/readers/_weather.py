@@ -31,7 +31,7 @@ class WeatherReader:
     def __init__(self, draft: Draft, places: PlaceReader) -> None:
         self._draft, self._places = draft, places
         self._open: list[tuple[FieldPath, str, Span]] = []
-        self._gusts: list[tuple[float, Span]] = []
+        self._gusts: list[tuple[Quantity, Span]] = []
         self._starts: list[Part] = []
 
     def weather(self, part: Part) -> None:
@@ -55,7 +55,7 @@ class WeatherReader:
         """Read wind; its gusts become turbulence at the end, when the mean wind is known."""
         put_fields(self._draft, (), part)
         if (gust := part.first("gust")) is not None:
-            self._gusts.append((gust.high, part.span))
+            self._gusts.append((gust, part.span))
             self._draft.acknowledge(part.span)
 
     def start(self, part: Part) -> None:
@@ -70,24 +70,25 @@ class WeatherReader:
                 readings = [f"level {level:g}, {word}" for level, word in LEVELS.items()]
                 level = list(LEVELS)[self._draft.ask(span, f"how much {name}?", readings)]
                 self._draft.put(path, level, span)
-        for gust_mps, span in self._gusts:
-            self._put_gusts(gust_mps, span)
+        for gust, span in self._gusts:
+            self._put_gusts(gust, span)
         self._see_once()
         if self._starts:
             self._moment()
 
-    def _put_gusts(self, gust_mps: float, span: Span) -> None:
+    def _put_gusts(self, gust: Quantity, span: Span) -> None:
         """The turbulence whose gusts reach a speed: three standard deviations above the mean wind at 6 m."""
         mean = self._draft.entries.get(("environment", "wind", "speed_mps"))
         mean_mps = 0.0 if mean is None else float(mean.value)
-        if gust_mps <= mean_mps:
+        if gust.low <= mean_mps:
             self._draft.fault(
-                span, f"gusts of {gust_mps:g} m/s are no more than the wind", "state stronger gusts"
+                span, f"gusts of {gust.low:g} m/s are no more than the wind", "state stronger gusts"
             )
             return
-        turbulence = round((gust_mps - mean_mps) / GUST_PER_TURBULENCE, 6)
-        note = f"gusts of {gust_mps:g} m/s are the wind and three standard deviations"
-        self._draft.put(("environment", "wind", "turbulence_mps"), turbulence, span, note)
+        low, high = (round((end - mean_mps) / GUST_PER_TURBULENCE, 6) for end in (gust.low, gust.high))
+        note = "gusts reach the wind and three standard deviations"
+        path: FieldPath = ("environment", "wind", "turbulence_mps")
+        self._draft.vary(path, low, high, span, unit="m/s", note=note)
 
     def _see_once(self) -> None:
         """Of a visibility and a level of fog one holds."""
