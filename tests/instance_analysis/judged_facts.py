@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 from bench.instance_analysis import BaseSimSpec
@@ -90,6 +91,9 @@ def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
     ):
         # A group that is divided.
         return True
+    if not fact["value"] and "[" not in fact["path"] and not list(_found(document, fact["path"])):
+        # A field that came later is left out of the document at its default.
+        return bool(attrgetter(fact["path"])(result.simspec) == fact["value"])
     return any(
         _same(value, fact["value"], path, document, ranges)
         for written in fact["path"].split("|")
@@ -196,3 +200,13 @@ def _close(value: Any, wanted: Any) -> bool:
     return isinstance(value, int | float) and abs(float(value) - float(wanted)) <= TOLERANCE * max(
         1.0, abs(float(wanted))
     )
+
+
+def is_understood(result: BaseSimSpec, words: str) -> bool:
+    """Whether the clauses with the words of a fact claim to be read, and tell of no default."""
+    begin = result.prose.find(words.split("...")[0].strip())
+    end = begin + len(words.split("...")[0].strip())
+    clauses = [
+        clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end
+    ]
+    return bool(clauses) and all(clause.status == "understood" for clause in clauses)
