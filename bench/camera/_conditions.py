@@ -64,15 +64,23 @@ def conditions_of(simspec: SimSpec, camera: Camera | None = None) -> Conditions:
     """
     sun, camera = sun_of(simspec), camera or simspec.vehicle.camera
     weather, model = simspec.environment, simspec.perception.model
+    # The same air for pixels as for simulated detections (docs/detection.md). Dust is added apart: it is brown.
+    air_per_m = model.extinction_per_m(weather.model_copy(update={"dust_level": 0.0}))
+    dust_per_m = model.dust_extinction_per_m
+    if weather.visibility_m is not None:
+        # Clear air, which is always added, and dust are part of it.
+        rest_per_m = max(0.0, air_per_m - _CLEAR_EXTINCTION_PER_M)
+        level = weather.dust_level**2
+        dust_per_m = min(dust_per_m, rest_per_m / level) if level else dust_per_m
+        air_per_m = rest_per_m - dust_per_m * level
     return Conditions(
         sun.elevation_rad,
         sun.azimuth_rad,
-        # The same air for pixels as for simulated detections (docs/detection.md). Dust is added apart: it is brown.
-        model.extinction_per_m(weather.model_copy(update={"dust_level": 0.0})),
+        air_per_m,
         weather.rain_level,
-        weather.fog_level,
+        model.fog_level(weather),
         weather.dust_level,
-        model.dust_extinction_per_m,
+        dust_per_m,
         exposure_ev=camera.exposure_ev,
         shutter_s=camera.shutter_s,
         noise=camera.noise,

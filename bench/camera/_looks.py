@@ -24,6 +24,32 @@ from ._concealment import concealed
 from ._solids import MAX_CORNERS, Face, circle, geometry_of, loft, rectangle
 
 _TABLES = Path(__file__).parent / "looks"
+_COLORS: dict[str, str] = {
+    "black": "#202224", "blue": "#2050b0", "brown": "#6a4428", "green": "#2e7a3e", "grey": "#808488", "orange": "#f07818",
+    "pink": "#f078b0", "purple": "#7a3a9a", "red": "#c82828", "silver": "#c4c8cc", "white": "#f0f0ec", "yellow": "#f0cc28",
+}  # fmt: skip
+_COLORED = frozenset(
+    [
+        "bus",
+        "cab",
+        "car",
+        "canvas",
+        "dress",
+        "fur",
+        "hide",
+        "leaves",
+        "needles",
+        "olive",
+        "shirt",
+        "tank",
+        "timber",
+        "uniform",
+        "vest",
+        "wall",
+        "wool",
+    ]
+)
+"""The paints that a stated colour replaces: what people would call the colour of the thing. Chosen for the tables as they are."""
 _SIDES = ("right", "front", "left", "back")  # in the order of a rectangle's edges
 
 Triple = tuple[float, float, float]
@@ -159,7 +185,9 @@ def look_of(member: CastMember, concealment: float, random: np.random.Generator,
     level = round(min(1.0, max(0.0, concealment)) * 4.0)
     geometry, paints, glows = _geometry(member.asset, chosen, scale, level)
     colours = np.random.Generator(np.random.PCG64(int(seed * 2**32)))
-    return Look(geometry, _coloured(paints, look, table, level / 4.0, colours, ground_bgr), glows)
+    return Look(
+        geometry, _coloured(paints, look, table, level / 4.0, colours, ground_bgr, member.color), glows
+    )
 
 
 def _coloured(
@@ -169,12 +197,15 @@ def _coloured(
     concealment: float,
     random: np.random.Generator,
     ground_bgr: Floats,
+    stated: str | None,
 ) -> Floats:
-    """(f, 3) the colours of faces."""
+    """(f, 3) the colours of faces. With a stated colour as many are drawn, so that others stay as they are."""
     palette = {
         name: _bgr(options[int(random.random() * len(options))])
         for name, options in sorted((table.paints | look.paints).items())
     }
+    if stated is not None:
+        palette |= dict.fromkeys(_COLORED & palette.keys(), _bgr(_COLORS[stated]))
     colours = np.array([palette[paint] if paint in palette else _bgr(paint) for paint in paints])
     # No two faces are worn alike; without it, flat colours look drawn.
     colours *= random.uniform(0.94, 1.06, (len(colours), 1))

@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.arrays import Counts, Floats
 from bench.contracts import CameraPose, Lens, Light
+from bench.simspec import LEAST_CONTRAST_DEPTH
 
 NEAR_M = 0.2
 """Faces are cut this far in front of the camera, which is inside any vehicle's own body."""
@@ -16,12 +17,11 @@ LEAST_BODY_PX = 0.8
 """Smaller bodies and solids are not drawn: anti-aliased they would not change a pixel visibly."""
 
 _FARTHEST_M = 4000.0
-_LEAST_CONTRAST = 0.02  # Koschmieder's threshold, as in docs/detection.md
 
 
 def reach_m(light: Light) -> float:
     """How far something can be seen through the air."""
-    return min(_FARTHEST_M, -math.log(_LEAST_CONTRAST) / light.extinction_per_m)
+    return min(_FARTHEST_M, LEAST_CONTRAST_DEPTH / light.extinction_per_m)
 
 
 def in_view(lens: Lens, light: Light, pose: CameraPose, centres: Floats, radii: Floats) -> Counts:

@@ -1,4 +1,4 @@
-"""A reading of prose, clause by clause: as lines for a terminal, and as one page of HTML."""
+"""A reading of prose, clause by clause, as lines for a terminal."""
 
 from __future__ import annotations
 
@@ -121,24 +121,3 @@ def _one_line(text: str) -> str:
 
 def _shortened(line: str, width: int) -> str:
     return line if len(line) <= width else f"{line[: width - 3]}..."
-
-
-def clause_page(result: BaseSimSpec) -> str:
-    """The text with each clause marked, its fields and notes beside it, and the choices, as one page."""
-    from jinja2 import Environment, PackageLoader
-
-    from bench.visible_text import visible_values
-
-    loader = PackageLoader("bench.cli", "templates")
-    environment = Environment(loader=loader, autoescape=True, finalize=visible_values)
-    values = {receipt.path: receipt.value for receipt in result.receipts}
-    pieces: list[tuple[str, str]] = []
-    end = 0
-    for clause in result.clauses:
-        pieces += [("", result.prose[end : clause.start]), (clause.status, clause.quote)]
-        end = clause.end
-    pieces.append(("", result.prose[end:]))
-    rows = [(clause, field_summary(clause, values)) for clause in result.clauses]
-    return environment.get_template("clauses.html").render(
-        result=result, pieces=pieces, rows=rows, ranges=[range_text(varied) for varied in result.ranges]
-    )

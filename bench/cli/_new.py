@@ -45,7 +45,7 @@ CONDITIONS = (
     Step("rules.bystander_standoff_m", "Metres to keep from people", "Keep at least {} m away from people."),
 )
 THINGS = "What is there? One sentence, as: A radar vehicle at (120, -40)"
-MORE = "Anything else? One sentence of docs/controlled-language.md"
+MORE = "Anything else? One sentence of the controlled language (`rebar prose --page`)"
 
 
 class Interview:

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._tables import plain_console, print_lines
-
 if TYPE_CHECKING:
     from bench.errors import Fault
     from bench.instance_analysis import BaseSimSpec, RewrittenResult, VariedField, Vocabulary
@@ -24,10 +22,10 @@ if TYPE_CHECKING:
 KEY_VARIABLE = "REBAR_LLM_KEY"
 MAX_PATH_CHARACTERS = 255
 """From here on, file systems refuse a name, and a text is no path."""
+POINTS = 17
+"""Design points of a campaign over ranges. Chosen: the file says it, and is edited."""
 NAME_WORDS, NAME_CHARACTERS = 5, 40
 """Words and characters of a text that name its campaign."""
-MAX_VARIATIONS = 256
-"""Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
 
 
 def register(app: typer.Typer) -> None:
@@ -38,9 +36,6 @@ def register(app: typer.Typer) -> None:
 def prose(
     text: Annotated[str | None, typer.Argument(help="The description, or use --file")] = None,
     file: Annotated[Path | None, typer.Option("--file", "-f", help="File with the description")] = None,
-    explain: Annotated[
-        bool, typer.Option(help="Show where every field comes from: the words, or a default")
-    ] = False,
     accept: Annotated[
         list[int] | None,
         typer.Option(help="Number of the reading that answers the next choice, from 1. Repeatable"),
@@ -57,21 +52,19 @@ def prose(
             "--checked", help="You have compared the values of all `check` clauses with their words"
         ),
     ] = False,
+    page: Annotated[
+        bool, typer.Option("--page", help="Print the whole page of the controlled language, and read nothing")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts, clauses and choices")
     ] = False,
-    html: Annotated[
-        Path | None, typer.Option(help="File to write the text, clause by clause, as a page")
-    ] = None,
     out: Annotated[Path | None, typer.Option(help="File to write the base SimSpec to")] = None,
     campaign: Annotated[
         Path | None, typer.Option(help="File to write a campaign to that varies the ranges")
     ] = None,
-    points: Annotated[int, typer.Option(min=1, max=10_000, help="Design points of that campaign")] = 17,
-    groups: Annotated[bool, typer.Option(help="Group the variations by difficulty configuration")] = False,
-    decomposition: Annotated[
-        str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")
-    ] = ("search-and-report"),
+    decomposition: Annotated[str, typer.Option(help="For --campaign: name or file of a decomposition")] = (
+        "search-and-report"
+    ),
     agent: Annotated[
         list[str] | None, typer.Option(help="For --campaign: manifest of an agent that flies. Repeatable")
     ] = None,
@@ -99,27 +92,27 @@ def prose(
     With --llm and --out, the rewrite is written beside the SimSpec, and --rewrite reads it again without a model.
 
     Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, fly at 80 m"
-    --explain
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
     from bench.instance_analysis import annotated_yaml, load_vocabulary
+    from bench.instance_analysis import page as language_page
 
+    if page:
+        print(language_page(), end="")
+        return
     description, words = _description(text, file), load_vocabulary(vocabulary)
     result, rewritten = _read(description, words, accept or (), llm, llm_url, rewrite)
     result = result.model_copy(update={"checked": checked})
     _show(result, rewritten, as_json)
     if strict and not result.certain:
         raise typer.Exit(1)
-    if explain and not as_json:
-        print_lines(plain_console(), _explained(result))
-    _write(result, rewritten, html, out)
+    if out is not None:
+        _write(result, rewritten, out)
     if campaign is not None:
-        _write_campaign(campaign, result, points, decomposition, agent or ())
-    if groups:
-        print_lines(plain_console(), _grouped(result, decomposition))
+        _write_campaign(campaign, result, decomposition, agent or ())
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
-    if not any((as_json, explain, groups, html, out, campaign, sys.stdout.isatty())):
+    if not any((as_json, out, campaign, sys.stdout.isatty())):
         print(annotated_yaml(result), end="")
 
 
@@ -137,19 +130,11 @@ def _show(result: BaseSimSpec, rewritten: RewrittenResult | None, as_json: bool)
         print(line, file=sys.stderr)
 
 
-def _write(
-    result: BaseSimSpec, rewritten: RewrittenResult | None, html: Path | None, out: Path | None
-) -> None:
-    """Write the page of clauses, and the SimSpec with the rewrite beside it."""
+def _write(result: BaseSimSpec, rewritten: RewrittenResult | None, out: Path) -> None:
+    """Write the SimSpec, and the rewrite beside it."""
     from bench.documents import dump_value
     from bench.instance_analysis import annotated_yaml
 
-    from ._clause_view import clause_page
-
-    if html is not None:
-        html.write_text(clause_page(result), encoding="utf-8")
-    if out is None:
-        return
     out.write_text(annotated_yaml(result), encoding="utf-8")
     if rewritten is not None and rewritten.rewrite.pairs:
         values = rewritten.rewrite.model_dump(mode="json", exclude_defaults=True)
@@ -157,15 +142,13 @@ def _write(
         out.with_suffix(".rewrite.yaml").write_text(text, encoding="utf-8")
 
 
-def _write_campaign(
-    path: Path, result: BaseSimSpec, points: int, decomposition: str, agents: Sequence[str]
-) -> None:
+def _write_campaign(path: Path, result: BaseSimSpec, decomposition: str, agents: Sequence[str]) -> None:
     """Write the campaign, and print what the text lacks to be scored."""
     from bench.documents import dump_value
 
     unrated = _unrated(result.simspec, decomposition)
     manifests = [_from_folder(manifest, path.parent) for manifest in agents]
-    document = _campaign(result, points, decomposition, manifests)
+    document = _campaign(result, decomposition, manifests)
     path.write_text(dump_value(document), encoding="utf-8")
     for fault in unrated:
         print(f"cannot be scored yet: {fault}", file=sys.stderr)
@@ -229,16 +212,6 @@ def _rewritten_lines(rewritten: RewrittenResult | None) -> Iterator[str]:
     )
 
 
-def _explained(base_simspec: BaseSimSpec) -> Iterator[str]:
-    for receipt in base_simspec.receipts:
-        if receipt.path == "description":
-            continue
-        note = f" ({receipt.note})" if receipt.note else ""
-        source = f"{receipt.quote!r} {receipt.start}-{receipt.end}" if receipt.start is not None else ""
-        word = receipt.source if receipt.source != "prose" else ""
-        yield f"{receipt.path} = {json.dumps(receipt.value)} <- {' '.join(filter(None, (word, source)))}{note}"
-
-
 def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
     factors: list[dict[str, Any]] = []
     for varied in ranges:
@@ -279,9 +252,7 @@ def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
     return ()
 
 
-def _campaign(
-    base_simspec: BaseSimSpec, points: int, decomposition: str, agents: Sequence[str]
-) -> dict[str, Any]:
+def _campaign(base_simspec: BaseSimSpec, decomposition: str, agents: Sequence[str]) -> dict[str, Any]:
     """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only
     levels. It carries the text, and what was open when it was written.
     """
@@ -292,7 +263,7 @@ def _campaign(
     factors = _factors(base_simspec.ranges)
     ranged = any("range" in factor for factor in factors)
     # A range has no levels to combine, so the points are spread over it instead.
-    method = {"kind": "latin_hypercube", "points": points} if ranged else {"kind": "full_factorial"}
+    method = {"kind": "latin_hypercube", "points": POINTS} if ranged else {"kind": "full_factorial"}
     document = {
         "format": "rebar.campaign/1",
         "name": _campaign_name(base_simspec.prose),
@@ -328,42 +299,3 @@ def _campaign_description(base_simspec: BaseSimSpec) -> str:
     ]
     unread = [f"Not read: {item.quote!r}" for item in base_simspec.not_understood]
     return "\n".join([base_simspec.prose.strip(), *choices, *unread])
-
-
-def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
-    """Combinations of the ends of every range and of every level, up to MAX_VARIATIONS."""
-    from bench.documents import validate_document
-    from bench.realization import Design, situations
-
-    if not base_simspec.ranges:
-        yield "unchanged", base_simspec.simspec
-        return
-    factors = _factors(base_simspec.ranges)
-    for factor in factors:
-        if ends := factor.pop("range", None):
-            clean = int if ends["integer"] else float
-            factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
-    design = validate_document({"factors": factors}, Design, source="ranges")
-    points = design.pairs()[:MAX_VARIATIONS]
-    for (point, _), varied in zip(
-        points, situations(base_simspec.simspec, design, [point for point, _ in points]), strict=True
-    ):
-        yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
-
-
-def _grouped(base_simspec: BaseSimSpec, name: str) -> Iterator[str]:
-    from bench.scoring import configuration_of, configuration_tension, difficulty_of
-
-    from ._scores import rated_decomposition
-
-    tree = rated_decomposition(name)
-    configurations: dict[str, list[str]] = {}
-    tensions: dict[str, int | None] = {}
-    for variation, varied in _variations(base_simspec):
-        rated = difficulty_of(tree, varied)
-        key = configuration_of(tree, rated)
-        configurations.setdefault(key, []).append(variation)
-        tensions[key] = configuration_tension(tree, rated)
-    for key, members in configurations.items():
-        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations"
-        yield from (f"  {variation}" for variation in members)

@@ -10,7 +10,7 @@ from typing import Self
 
 from pydantic import Field
 
-from bench.documents import Document
+from bench.documents import Document, added_field
 from bench.simspec import ASSETS, ActorGroup, Identifier, Role, SimSpec
 
 
@@ -26,6 +26,7 @@ class CastMember(Document):
     width_m: float
     height_m: float
     concealment: float
+    color: str | None = added_field(None)
 
     @classmethod
     def of(cls, actor_id: str, group: ActorGroup) -> Self:
@@ -41,6 +42,7 @@ class CastMember(Document):
             width_m=asset.width_m,
             height_m=asset.height_m,
             concealment=group.concealment,
+            color=group.color,
         )
 
 

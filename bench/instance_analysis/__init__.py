@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ._annotated import annotated_yaml as annotated_yaml
 from ._annotated import stated_values as stated_values
+from ._page import page as page
 from ._prose import MAX_CHARACTERS as MAX_CHARACTERS
 from ._prose import read_prose as read_prose
 from ._result import BaseSimSpec as BaseSimSpec

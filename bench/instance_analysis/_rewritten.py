@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ._page import page
 from ._prose import check_text, read_prose
 from ._result import UnreadText
 from .language._vocabulary import Vocabulary
@@ -18,8 +19,6 @@ def rewrite_prose(
     Without an answer that holds, the document is that of `read_prose`. Raises as `read_prose`, and SetupError where a
     key, a model or a package is missing.
     """
-    from .page import page
-
     check_text(text)
     provider = endpoint.provider
     answer = ask_for_rewrite(text, page(fields=False), vocabulary, endpoint)

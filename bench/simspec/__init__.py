@@ -13,6 +13,7 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._actors import ActorGroup as ActorGroup
+    from ._actors import Color as Color
     from ._actors import CountRange as CountRange
     from ._actors import Motion as Motion
     from ._assets import ASSETS as ASSETS
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
+    from ._perception import LEAST_CONTRAST_DEPTH as LEAST_CONTRAST_DEPTH
     from ._perception import DetectionModel as DetectionModel
     from ._perception import Perception as Perception
     from ._perception import PerceptionSource as PerceptionSource

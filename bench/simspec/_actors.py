@@ -75,6 +75,11 @@ Count = Annotated[
 ]
 
 
+Color = Literal[
+    "black", "blue", "brown", "green", "grey", "orange", "pink", "purple", "red", "silver", "white", "yellow"
+]
+
+
 class ActorGroup(Document):
     """A group of actors of one kind: how many, where they are, and how they move."""
 
@@ -100,6 +105,11 @@ class ActorGroup(Document):
     )
     placement: Placement = Placement()
     motion: Motion = Motion()
+    color: Color | None = added_field(
+        None,
+        "The colour in which the camera draws it: paintwork, clothes, walls. Without effect on simulated detections. Drawn from "
+        "the asset's colours when absent.",
+    )
 
     @model_validator(mode="after")
     def _count_or_density(self) -> Self:

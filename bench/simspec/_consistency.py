@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -265,6 +266,24 @@ def _intelligence_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 f"intelligence {report.id!r} is about group {report.about!r}, which is not one of {group_ids}"
             )
             yield ("intelligence", index, "about"), message
+            continue
+        place = simspec.group(report.about).placement
+        if report.at is None or simspec.realized is not None:
+            continue
+        if place.at is not None:
+            apart_m = math.hypot(place.at.east_m - report.at.east_m, place.at.north_m - report.at.north_m)
+            is_kept = apart_m <= report.uncertainty_m
+        else:
+            is_kept = any(
+                distance.point == report.at and (distance.max_m or math.inf) <= report.uncertainty_m
+                for distance in place.distances
+            )
+        if not is_kept:
+            yield (
+                ("intelligence", index, "at"),
+                f"nothing keeps {report.about!r} within {report.uncertainty_m:g} m of it; give that group's "
+                "placement.distances this point with that max_m",
+            )
 
 
 def _order_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -28,7 +28,7 @@ from bench.visible_text import visible
 from ._actors import ActorGroup
 from ._assets import asset_fault
 from ._consistency import raise_inconsistencies, situation_inconsistencies
-from ._ground import World
+from ._ground import Point, World
 from ._orders import Order
 from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
@@ -52,6 +52,11 @@ class Intelligence(Document):
     )
     latency_s: NotNegative = Field(0.0, description="Age of the sighting when the report is delivered.")
     delivered_s: NotNegative = Field(0.0, description="Simulated time of delivery.")
+    at: Point | None = added_field(
+        None,
+        "Centre of the sub-area: where somebody was last seen. The group's placement then keeps it inside. Drawn near the "
+        "truth when absent.",
+    )
 
 
 class Escort(Document):

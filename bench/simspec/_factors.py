@@ -240,7 +240,12 @@ FACTORS: dict[str, FactorDefinition] = {
         "environment.start_utc",
     ),
     "rain_level": _field("level", "Rain, 0 to 9.", "environment.rain_level"),
-    "fog_level": _field("level", "Fog, 0 to 9.", "environment.fog_level"),
+    "fog_level": FactorDefinition(
+        "level",
+        "Fog, 0 to 9; of a stated visibility the level that leaves it.",
+        lambda s: s.perception.model.fog_level(s.environment),
+        "environment.visibility_m else environment.fog_level",
+    ),
     "wind_mps": _field("m/s", "Mean wind speed.", "environment.wind.speed_mps"),
     "turbulence_mps": _field(
         "m/s", "Wind at 6 m height, which scales the gusts.", "environment.wind.turbulence_mps"

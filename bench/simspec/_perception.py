@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
@@ -15,6 +16,9 @@ from ._weather import Environment
 
 DUST_EXTINCTION_PER_M = 0.00024
 """Assumed: a meteorological range of 200 m at level 9."""
+
+LEAST_CONTRAST_DEPTH = -math.log(0.02)
+"""Optical depth at which 2 % of the contrast is left: Koschmieder (1924), as in docs/detection.md."""
 
 FALSE_SCORE_MEAN = 2.0 / 7.0
 
@@ -173,14 +177,26 @@ class DetectionModel(Document):
         return self
 
     def extinction_per_m(self, weather: Environment) -> float:
-        """Extinction by all that the weather puts into the air."""
+        """Extinction by all that the weather puts into the air; with a stated visibility, the extinction that leaves it."""
         # Fog and dust count with their square: the default levels of fog then span the meteorological ranges of
         # docs/detection.md, 1300 m at level 5 and 400 m at level 9.
+        if weather.visibility_m is not None:
+            return LEAST_CONTRAST_DEPTH / weather.visibility_m
         return (
             self.fog_extinction_per_m * weather.fog_level**2
             + self.rain_extinction_per_m * weather.rain_level
             + self.dust_extinction_per_m * weather.dust_level**2
         )
+
+    def fog_level(self, weather: Environment) -> float:
+        """The stated level of fog; with a stated visibility the level of what rain and dust leave of it, 9 at the most."""
+        if weather.visibility_m is None:
+            return weather.fog_level
+        others = weather.model_copy(update={"visibility_m": None})
+        fog_per_m = self.extinction_per_m(weather) - self.extinction_per_m(others)
+        if fog_per_m <= 0.0 or self.fog_extinction_per_m == 0.0:
+            return 9.0 * (fog_per_m > 0.0)
+        return min(9.0, math.sqrt(fog_per_m / self.fog_extinction_per_m))
 
     @property
     def longest_latency_s(self) -> float:

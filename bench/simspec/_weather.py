@@ -71,7 +71,20 @@ class Environment(Document):
     rain_level: WeatherLevel = 0.0
     fog_level: WeatherLevel = 0.0
     dust_level: WeatherLevel = added_field(0.0)
+    visibility_m: float | None = added_field(
+        None,
+        "Distance at which 2 % of the contrast is left, through all that is in the air together. The fog level follows from it, "
+        "and is not stated then.",
+        gt=0.0,
+        le=25_000.0,
+    )
     wind: Wind = Wind()
+
+    @model_validator(mode="after")
+    def _fog_is_stated_once(self) -> Self:
+        if self.visibility_m is not None and self.fog_level:
+            raise ValueError("give either fog_level or visibility_m, from which the fog level follows")
+        return self
 
     @model_validator(mode="after")
     def _satellites_count_the_year(self) -> Self:

@@ -282,7 +282,7 @@ def fit_logistic(
     return FirthFit(FIRTH, beta, likelihood, rows, design_effect)
 
 
-def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: NDArray[np.int64]) -> LikelihoodFit:
+def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: Counts) -> LikelihoodFit:
     """A fit with the inverse of its information or, where clusters have several rows, with the sandwich by cluster.
 
     The sandwich has the usual correction for few clusters (Cameron, A. C. and Miller, D. L. (2015), "A practitioner's

@@ -216,5 +216,5 @@ def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpe
 
 def _is_bad_weather(simspec: SimSpec) -> bool:
     weather = simspec.environment
-    worst = max(weather.fog_level, weather.rain_level, weather.dust_level)
+    worst = max(simspec.perception.model.fog_level(weather), weather.rain_level, weather.dust_level)
     return worst >= BAD_LEVEL or sun_of(simspec).elevation_rad < 0.0

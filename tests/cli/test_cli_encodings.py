@@ -94,7 +94,7 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
         ["decomposition", "check", "search-and-report-full"],
         ["difficulty", str(EXAMPLE)],
         ["tension", "KA-18", "3"],
-        ["prose", f"A radar vehicle in {WORDS}, 5–10 civilians within 50 m of it", "--explain"],
+        ["prose", f"A radar vehicle in {WORDS}, 5–10 civilians within 50 m of it"],
         ["examples"],
         ["run", "--help"],
     ],

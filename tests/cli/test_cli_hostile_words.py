@@ -191,7 +191,7 @@ COMMANDS = {
     "decomposition": ["decomposition", "check", "{0}/decomposition.yaml"],
     "tension": ["tension", "KA-18", "3", "--decomposition", "{0}/decomposition.yaml"],
     "graph": ["graph", "{0}/decomposition.yaml", "--out", "{0}/graph"],
-    "prose": ["prose", "--file", "{0}/prose.txt", "--explain"],
+    "prose": ["prose", "--file", "{0}/prose.txt"],
     "prose --json": ["prose", "--file", "{0}/prose.txt", "--json"],
     "prose --out": [
         "prose",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 from bench.instance_analysis import BaseSimSpec
+from bench.simspec import SimSpec
 
 _STEP = re.compile(r"([a-z_0-9]+)((?:\[[^\]]*\])*)")
 _KINDS = {
@@ -19,6 +21,32 @@ _KINDS = {
 _MEMBER_OF = {"of": "actors", "about": "actors", "group": "actors", "intelligence": "intelligence"}
 TOLERANCE = 0.02
 """Facts are rounded: 45.7 m are 150 ft."""
+
+
+_PLACEMENT = ("near", "along", "bearing", "facing", "inside", "mean_distance", "spread_m", "extent_m", "between", "separation_m")  # fmt: skip
+
+
+def facts_of(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The facts of a compact entry for which a field exists: `van.near` is a path of the actors whose asset is a van."""
+    return [
+        {"words": " ".join(fact[0].split()), "path": _whole_path(fact[1]), "value": fact[2]}
+        for fact in entry["facts"]
+        if len(fact) == 3
+    ]
+
+
+def _whole_path(written: str) -> str:
+    paths: list[str] = []
+    for path in written.split("|"):
+        who, _, rest = path.partition(".")
+        if who.split("[")[0] not in SimSpec.model_fields:
+            inner = f"placement.{rest}" if re.split(r"[.\[]", rest)[0] in _PLACEMENT else rest
+            path = f"actors[asset={who}].{inner}"
+        paths += [
+            path,
+            *([f"{path.removesuffix('near')}distances"] if path.endswith("placement.near") else []),
+        ]
+    return "|".join(paths)
 
 
 def can_be_judged(fact: Mapping[str, Any]) -> bool:
@@ -46,7 +74,11 @@ def can_be_judged(fact: Mapping[str, Any]) -> bool:
 def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
     """Whether the document holds a fact on one of its paths."""
     document = result.simspec.model_dump(mode="json")
-    ranges = {path: (item.low, item.high) for item in result.ranges for path in item.paths}
+    ranges = {
+        path: (item.low, item.high) if item.low is not None else item.levels
+        for item in result.ranges
+        for path in item.paths
+    }
     counts = [
         value
         for path, value in _found(document, fact["path"].split("|")[0].strip())
@@ -59,6 +91,9 @@ def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
     ):
         # A group that is divided.
         return True
+    if not fact["value"] and "[" not in fact["path"] and not list(_found(document, fact["path"])):
+        # A field that came later is left out of the document at its default.
+        return bool(attrgetter(fact["path"])(result.simspec) == fact["value"])
     return any(
         _same(value, fact["value"], path, document, ranges)
         for written in fact["path"].split("|")
@@ -101,6 +136,11 @@ def _members(where: str, value: Any, choices: list[str], document: Any) -> list[
 
 def _is(member: Any, name: str, wanted: str, document: Any) -> bool:
     value = member.get(name)
+    if name == "asset" and wanted in ("armed-person", "soldier"):
+        # Both are combatants: a gunman may be either.
+        return value in ("armed-person", "soldier")
+    if isinstance(value, int | float):
+        return f"{value:g}" == wanted
     return value == wanted or wanted in _names_of(value, document)
 
 
@@ -112,7 +152,7 @@ def _names_of(member: Any, document: Any) -> set[str]:
     return {str(member), groups.get(member, ""), str(member).split("-")[0]} - {""}
 
 
-def _same(value: Any, wanted: Any, path: str, document: Any, ranges: Mapping[str, tuple[Any, Any]]) -> bool:
+def _same(value: Any, wanted: Any, path: str, document: Any, ranges: Mapping[str, tuple[Any, ...]]) -> bool:
     if isinstance(wanted, dict):
         return _same_dict(value, wanted, path, document, ranges)
     if isinstance(wanted, bool):
@@ -125,10 +165,15 @@ def _same(value: Any, wanted: Any, path: str, document: Any, ranges: Mapping[str
 
 
 def _same_dict(
-    value: Any, wanted: Mapping[str, Any], path: str, document: Any, ranges: Mapping[str, tuple[Any, Any]]
+    value: Any, wanted: Mapping[str, Any], path: str, document: Any, ranges: Mapping[str, tuple[Any, ...]]
 ) -> bool:
+    if "values" in wanted:
+        return ranges.get(path) == tuple(wanted["values"])
+    if "contains_deg" in wanted:
+        width = (value["to_deg"] - value["from_deg"]) % 360
+        return bool((wanted["contains_deg"] - value["from_deg"]) % 360 <= width)
     if {"low", "high"} <= set(wanted):
-        low, high = ranges.get(path, (value, value))
+        low, *_, high = ranges.get(path, (value, value))
         inside = (
             path.startswith("environment")
             and isinstance(value, int | float)
@@ -155,3 +200,13 @@ def _close(value: Any, wanted: Any) -> bool:
     return isinstance(value, int | float) and abs(float(value) - float(wanted)) <= TOLERANCE * max(
         1.0, abs(float(wanted))
     )
+
+
+def is_understood(result: BaseSimSpec, words: str) -> bool:
+    """Whether the clauses with the words of a fact claim to be read, and tell of no default."""
+    begin = result.prose.find(words.split("...")[0].strip())
+    end = begin + len(words.split("...")[0].strip())
+    clauses = [
+        clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end
+    ]
+    return bool(clauses) and all(clause.status == "understood" for clause in clauses)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose
+from bench.cli._app import run
+from bench.instance_analysis import annotated_yaml, load_vocabulary, page, read_prose
 from bench.instance_analysis.language._grammar import Form, forms
-from bench.instance_analysis.page import page
 from bench.simspec import ASSETS
 
-PAGE = Path(__file__).parents[2] / "docs" / "controlled-language.md"
+SHORT_PAGE = Path(__file__).parents[2] / "docs" / "controlled-language.md"
 VOCABULARY = load_vocabulary()
 FORMS = [form for section in forms().sections for form in section.forms]
 SENTENCES = [(form, sentence) for form in FORMS for sentence in form.write]
@@ -20,11 +20,21 @@ ASKS = {"Do not mark near civilians."}
 """Sentences of the page that leave something open, as it says."""
 
 
-def test_the_page_is_made_of_the_forms() -> None:
-    """Whoever changes a form writes the page again."""
-    assert PAGE.read_text(encoding="utf-8") == page(), (
-        "python -m bench.instance_analysis.page > docs/controlled-language.md"
-    )
+def test_the_short_page_is_a_situation_whose_sentences_are_all_read() -> None:
+    """Sentence by sentence, each as one of the controlled language, on a page of at most 400 words."""
+    text = SHORT_PAGE.read_text(encoding="utf-8")
+    assert len(text.split()) <= 400
+    [situation] = re.findall(r"```\n(.*?)```", text, re.DOTALL)
+    result = read_prose(situation, VOCABULARY)
+    assert result.complete, [clause for clause in result.clauses if clause.notes]
+    assert {clause.status for clause in result.clauses} == {"understood"}
+    assert len(result.clauses) >= len(situation.split("\n")) - 8
+
+
+def test_the_whole_page_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["prose", "--page"]) == 0
+    assert capsys.readouterr().out == page()
+    assert all(sentence in page() for _, sentence in SENTENCES)
 
 
 def test_every_form_has_a_sentence_or_a_neighbour_that_shows_it() -> None:

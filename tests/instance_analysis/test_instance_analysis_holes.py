@@ -69,9 +69,83 @@ def test_nobody_and_somebody_is_a_contradiction(text: str, asks: bool) -> None:
 
 
 def test_the_target_is_one_that_the_text_has_named() -> None:
-    """`The target is the van` adds no third one."""
+    """`The target is the van` adds no third one, and whether `a van` is one is asked."""
     result = read("Two hostile vans. The target is the van.")
     assert groups(result.simspec) == [("van", 2)]
+    result = read("Two hostile vans. The target is a van.")
+    assert groups(result.simspec) == [("van", 2)]
+    assert result.choices[0].readings == ("van", "no, another one")
+
+
+@pytest.mark.parametrize(
+    ("text", "readings"),
+    [
+        ("Fly at 1.500 m.", (1.5, 1500.0)),
+        ("Wind 12.250 m/s.", (12.25, 12250.0)),
+        ("Fly at 100.500 m.", (100.5, 100_500.0)),
+    ],
+)
+def test_a_number_with_three_decimals_may_be_thousands(text: str, readings: tuple[float, float]) -> None:
+    """Half of the world writes thousands so; a coordinate in degrees, 0.500 and 1.50 are plain."""
+    choice = read(text).choices[0]
+    assert "is a decimal" in choice.ask
+    shown = [float(reading.rpartition(" m")[0].rpartition(" ")[2]) for reading in choice.readings[:2]]
+    assert tuple(shown) == readings
+    for plain in ("A truck at 47.398 N, 8.546 E.", "Visibility 0.500 km.", "Visibility 1.50 km."):
+        assert read(plain).choices == ()
+
+
+def test_a_motor_is_one_of_the_vehicle() -> None:
+    """Four of the quadrotor, one of the wing, whatever the text tells first."""
+    assert read("Motor 4 fails at 60 s.").simspec.vehicle.failures[0].instance == 4
+    assert read("Fixed wing. Motor 1 fails at 60 s.").complete
+    for text in ("Motor 5 fails at 60 s.", "Motor 0 fails at 60 s.", "Motor 2 fails at 60 s. Fixed wing."):
+        result = read(text)
+        assert result.simspec.vehicle.failures == ()
+        assert "the vehicle has no motor" in result.not_understood[0].why
+
+
+@pytest.mark.parametrize("text", ["4 or 4 civilians.", "1.5 or 2 civilians.", "3 or more civilians."])
+def test_a_set_of_numbers_has_different_whole_ones(text: str) -> None:
+    assert read(text).simspec.actors == ()
+    assert not read(text).complete
+
+
+def test_a_number_from_a_set_is_a_factor_of_the_design() -> None:
+    """The SimSpec holds the first one."""
+    result = read("A house. 4, 9 or 1 civilians.")
+    assert groups(result.simspec)[1] == ("civilian", 4)
+    assert [(item.paths, item.levels) for item in result.ranges] == [(("actors[civilian].count",), (4, 9, 1))]
+
+
+def test_visibility_and_fog_are_one_thing() -> None:
+    """Both stated, it is asked which holds; either answer gives a document."""
+    for answer, fields in ((1, (2000.0, 0.0)), (2, (None, 3.0))):
+        environment = read_prose("Fog level 3. Visibility 2 km.", VOCABULARY, [answer]).simspec.environment
+        assert (environment.visibility_m, environment.fog_level) == fields
+
+
+def test_gusts_are_stronger_than_the_wind() -> None:
+    """A range of gusts is a factor; what the wind reaches anyway is left out."""
+    [varied] = read("Gusts of 8 to 12 m/s. Wind 3 m/s.").ranges
+    assert varied.paths == ("environment.wind.turbulence_mps",)
+    assert not read("Wind 5 m/s. Gusts of 5 m/s.").complete
+
+
+def test_where_somebody_was_last_seen_contradicts_no_place() -> None:
+    """A place of its own beyond the accuracy costs the report, not the document."""
+    result = read("A radar at (10, 10). The radar was last seen at (200, 0), accurate to 60 m.")
+    assert not result.complete
+    assert result.simspec.intelligence == () or result.simspec.intelligence[0].at is None
+    result = read("A radar at (10, 10). The radar was last seen at (50, 0), accurate to 60 m.")
+    assert result.complete
+    assert result.simspec.intelligence[0].at is not None
+
+
+def test_a_colour_of_people_may_be_none_of_their_clothes() -> None:
+    assert "of what does 'white' tell?" in read("A white man.").choices[0].ask
+    assert read_prose("A white man.", VOCABULARY, [2]).simspec.actors[0].color is None
+    assert read("A red man. A white van.").choices == ()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Facts that people judged in 60 descriptions: which share the documents hold without a model, and that none is wrong unmarked."""
+"""Facts that people judged in 30 descriptions in nine registers: none is wrong unmarked, and true rewrites hold them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 import yaml
-from judged_facts import can_be_judged, holds
+from judged_facts import can_be_judged, holds, is_understood
 
-from bench.instance_analysis import BaseSimSpec, Rewrite, load_vocabulary, read_prose
+from bench.instance_analysis import Rewrite, load_vocabulary, read_prose
 from bench.instance_analysis.rewriting._rewrite import RewriteJudge
 
 VOCABULARY = load_vocabulary()
@@ -33,25 +33,9 @@ def verdicts() -> Counter[str]:
     return counts
 
 
-def is_understood(result: BaseSimSpec, words: str) -> bool:
-    """Whether the clauses with the words of a fact claim to be read, and tell of no default."""
-    begin = result.prose.find(words.split("...")[0].strip())
-    end = begin + len(words.split("...")[0].strip())
-    clauses = [
-        clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end
-    ]
-    return bool(clauses) and all(clause.status == "understood" for clause in clauses)
-
-
 def test_no_fact_is_wrong_or_missing_unmarked(verdicts: Counter[str]) -> None:
     """What a clause that is `understood` says stands in the document."""
     assert verdicts["silent"] == 0
-
-
-def test_the_share_of_facts_is_that_of_the_documentation(verdicts: Counter[str]) -> None:
-    """Measured, not promised: docs/prose.md states it."""
-    page = (Path(__file__).parents[2] / "docs" / "prose.md").read_text(encoding="utf-8")
-    assert f"{verdicts['held']} of {verdicts['all']} facts" in " ".join(page.split())
 
 
 REWRITES: dict[str, list[dict[str, Any]]] = yaml.safe_load(

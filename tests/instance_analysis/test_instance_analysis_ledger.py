@@ -173,3 +173,13 @@ def test_every_load_of_the_text_stands_in_one_quote() -> None:
     twice = {"quotes": ["Five men"], "sentence": "Five men."}
     judged = RewriteJudge(text, VOCABULARY).judge(Rewrite.model_validate({"pairs": [twice, twice]}))
     assert ("Five men", "the quote is not in the text, or is quoted twice") in judged.faults
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"), [("cheers, Paul", "Fixed wing."), ("the coffee is good here", "Return home."), ("fly at 80 m", "Fly at 90 m."), ("two vans", "A red van."), ("wind from the west", "Wind from the east at 5 m/s.")]
+)  # fmt: skip
+def test_an_assumption_lets_no_planted_error_pass(words: str, sentence: str) -> None:
+    """It may name what the words mean, and add neither numbers, colours and directions nor a subject out of nothing."""
+    pair = {"quotes": [words], "sentence": sentence, "taken_to_mean": "what is meant"}
+    judge = RewriteJudge(f"{words}.", VOCABULARY)
+    assert judge.judge(Rewrite.model_validate({"pairs": [pair]})).faults

@@ -174,11 +174,10 @@ def test_accept_takes_another_reading_and_strict_wants_all_of_them(
     assert "there is no choice 3" in capsys.readouterr().err
 
 
-def test_the_text_is_shown_clause_by_clause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each clause with its status, on few lines; the page has the same."""
+def test_the_text_is_shown_clause_by_clause(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each clause with its status, on few lines."""
     text = "A radar. Five civilians near the radar. Some <b>bananas</b>. If it rains, hold. Altitude 80 m."
-    page = tmp_path / "page.html"
-    assert run(["prose", text, "--html", str(page)]) == 0
+    assert run(["prose", text]) == 0
     shown = capsys.readouterr().err.splitlines()
     assert any(line.startswith("understood") and line.endswith("Altitude 80 m") for line in shown)
     assert any(
@@ -186,8 +185,6 @@ def test_the_text_is_shown_clause_by_clause(tmp_path: Path, capsys: pytest.Captu
     )
     assert any(line.startswith("not understood") and "If it rains" in line for line in shown)
     assert len(shown) < 30
-    assert "&lt;b&gt;" in page.read_text()
-    assert "<b>" not in page.read_text()
 
 
 @pytest.mark.parametrize(("status", "shown"), [("check", "nothing"), ("understood", "")])
@@ -225,30 +222,18 @@ def test_ranges_become_a_campaign_that_can_be_realized(
     """The campaign's factors are the text's ranges, and its design places scenes."""
     text = "A radar. Between 5 and 10 civilians 20 to 40 m from it. Altitude 60-100 m. Light or heavy rain."
     campaign = tmp_path / "campaign.yaml"
-    assert run(["prose", text, "--campaign", str(campaign), "--points", "4"]) == 0
+    assert run(["prose", text, "--campaign", str(campaign)]) == 0
     factors = {entry.name: entry for entry in load_campaign(campaign).design.factors}
     assert sorted(factors) == ["civilian-count", "mission-altitude-m", "rain"]
     assert factors["rain"].levels == (2.0, 7.0)
     assert run(["realize", str(campaign), "--out", str(tmp_path / "scenes")]) == 0
     scenes = [load_simspec(path) for path in sorted((tmp_path / "scenes").rglob("*.json"))]
-    assert len(scenes) == 4
+    assert len(scenes) == 17
     for scene in scenes:
         assert scene.realized is not None
         assert 60.0 <= scene.mission.altitude_m <= 100.0
         assert 5 <= sum(actor.group == "civilian" for actor in scene.realized.actors) <= 10
         assert scene.environment.rain_level in (2.0, 7.0)
-
-
-def test_explain_names_words_or_default(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each field is said with the words it comes from and their place, or the word default."""
-    assert run(["prose", "A camouflaged radar, fly at 80 m. Some bananas.", "--explain"]) == 0
-    shown = capsys.readouterr()
-    assert (
-        "mission.altitude_m = 80.0 <- 'fly at 80 m' 22-33" not in shown.out
-    )  # the place is that of the words
-    assert "mission.altitude_m = 80.0 <- 'fly at 80 m' 21-32" in shown.out
-    assert "mission.speed_mps = 12.0 <- default" in shown.out
-    assert "! 'Some bananas': it is none of the sentences that are read" in shown.err
 
 
 def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,20 +280,6 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
     vocabulary.write_text("assets: {ufo: {asset: saucer, role: adversary, words: [ufo]}}")
     with pytest.raises(SetupError, match="there is no asset 'saucer'"):
         load_vocabulary(vocabulary)
-
-
-def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Variations are listed under the difficulty configuration that they share."""
-    monkeypatch.setenv("COLUMNS", "2000")
-    text = (
-        "A camouflaged radar. 313.3 to 453.3 civilians per square kilometre, on average 259.1 m from the radar. Fog level 1. "
-        "Light rain. Altitude 60-62 m. Intelligence on the radar, 2 minutes old, accurate to 60 m. Three children within 40 m of the radar."
-    )
-    assert run(["prose", text, "--groups"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    heads = [entry for entry in lines if not entry.startswith(" ")]
-    assert all(entry.endswith("variations") and "KA-03=" in entry for entry in heads)
-    assert len(lines) - len(heads) == 4
 
 
 def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(

@@ -23,10 +23,10 @@ from bench.instance_analysis import (
     Rewrite,
     RewrittenResult,
     load_vocabulary,
+    page,
     read_prose,
     rewrite_prose,
 )
-from bench.instance_analysis.page import page
 from bench.instance_analysis.rewriting._endpoint import is_on_this_machine
 
 VOCABULARY = load_vocabulary()

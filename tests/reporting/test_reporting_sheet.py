@@ -29,10 +29,10 @@ from bench.reporting import (
     requirements_table,
     runs_table,
 )
-from bench.reporting.text._sheet import MAX_WORDS
 from bench.scoring import NodeFloor
 
 CAUGHT = "p000-r0-reference-naive"
+MAX_WORDS = 250
 HOSTILE = 'exit 1: <b>"=1+1",\n\x1b[31m|</testcase>'
 
 
@@ -90,7 +90,7 @@ def test_the_page_to_sign_has_at_most_250_words(folder: Path) -> None:
         assert len(texts) == len(AGENTS)
         for text in texts:
             # Five principles have three rows of some ten words more than these two.
-            assert len(text.split()) + 3 * 11 <= MAX_WORDS == 250, text
+            assert len(text.split()) + 3 * 11 <= MAX_WORDS, text
 
 
 def test_who_reads_it_alone_knows_what_weakens_it(folder: Path) -> None:

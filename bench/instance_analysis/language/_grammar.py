@@ -122,7 +122,7 @@ def _group_form() -> Form:
 _VERBS = (
     ("shall", "stand"), ("shall", "be", "placed"), ("shall", "be", "located"), ("shall", "be"), ("must", "be"), ("is", "located"), ("are", "located"), ("is", "placed"), ("are", "placed"),
     ("is", "standing"), ("are", "standing"), ("shall",), ("is",), ("are",), ("was",), ("were",), ("stands",), ("stand",), ("stays",), ("stay",),
-    ("lies",), ("lie",), ("sits",), ("sit",), ("remains",), ("remain",),
+    ("has",), ("have",), ("lies",), ("lie",), ("sits",), ("sit",), ("remains",), ("remain",),
 )  # fmt: skip
 _LINKS = ((",", "and"), (",", "which"), (",", "who"), (",",), ("and",), ("which",), ("who",), ("that",), ())
 

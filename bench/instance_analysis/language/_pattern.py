@@ -126,6 +126,7 @@ _SLOTS: Mapping[str, Callable[[SlotParser, int], Iterator[tuple[Any, int]]]] = {
     "winds": _from_table("winds"),
     "motion": _from_table("motion"),
     "concealment": _from_table("concealment"),
+    "color": _from_table("color"),
     "role": _from_table("role"),
 }
 

@@ -138,12 +138,32 @@ class PhraseParser(QuantityParser):
         yield from self._bounded(at)
         for (low, high), end in self.vocabulary.longest("vague", self.words, at):
             yield Determiner(end, Quantity("COUNT", low, high, vague=True))
+        yield from self._several_counts(at)
         for count, end in self.counts(at):
             # `2 x vans`.
             yield Determiner(end + (self.word(end) in ("x", "×")), count)
         if self.word(at) in ("a", "an"):
             yield Determiner(at + 1, Quantity("COUNT", 1, 1), {"article": True})
         yield Determiner(at)
+
+    def _several_counts(self, at: int) -> Iterator[Determiner]:
+        """`1, 4 or 9`: a number of each run."""
+        begin = at + (self.word(at) == "either")
+        values: list[float] = []
+        for value, end in self.numbers(begin):
+            values, joint = [value], self.word(end)
+            while joint in (",", "or") and (
+                following := next(self.numbers(end + 1 + (self.word(end + 1) == "or")), None)
+            ):
+                values.append(following[0])
+                last, (_, end), joint = (
+                    joint == "or" or self.word(end + 1) == "or",
+                    following,
+                    self.word(following[1]),
+                )
+                if last:
+                    yield Determiner(end, Quantity("COUNT", min(values), max(values), values=tuple(values)))
+                    return
 
     def _bounded(self, at: int) -> Iterator[Determiner]:
         """`at least 5 and at most 9`, `up to 10`, `at least 5`."""
@@ -186,7 +206,7 @@ class PhraseParser(QuantityParser):
         while len(runs) <= MAX_ADJECTIVES:
             adjectives, end = runs[-1]
             match = next(
-                ((name, value, after) for name in ("role", "concealment", "moving")
+                ((name, value, after) for name in ("role", "concealment", "moving", "color")
                  for value, after in self.vocabulary.longest(name, self.words, end)),
                 None,
             )  # fmt: skip

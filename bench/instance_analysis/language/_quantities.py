@@ -43,6 +43,8 @@ class Quantity:
     low: float
     high: float
     vague: bool = False
+    values: tuple[float, ...] = ()
+    """Where it is one of several numbers."""
 
     @property
     def single(self) -> bool:
@@ -81,10 +83,24 @@ class QuantityParser:
         table = self.vocabulary.tables["numbers"]
         if first in _TENS and second in table:
             yield table[first] + table[second], at + 1
+        if second == "odd" and first in table:
+            yield table[first], at + 1
         for number, end in self.vocabulary.longest("numbers", self.words, at):
-            if self.words[at] in _TENS and end == at + 1 and table.get(self.word(end), 10) < 10:
-                yield number + table[self.word(end)], end + 1
-            yield number, end
+            yield from self._grown(number, end)
+
+    def _grown(self, number: float, end: int) -> Iterator[tuple[float, int]]:
+        """A number in words with the hundreds, tens and ones that follow it: `two hundred and forty`."""
+        if self.word(end) == "hundred" and 1 < number < 10:
+            yield from self._grown(100 * number, end + 1)
+        after = end + (self.word(end) == "and")
+        limit = 100 if number >= 100 and number % 100 == 0 else 10 if number in range(20, 100, 10) else 0
+        if limit == 100 or after == end:
+            first, _, second = self.word(after).partition("-")
+            table = self.vocabulary.tables["numbers"]
+            value = table.get(first, limit) + (table.get(second, limit) if second else 0)
+            if self.tokens[after : after + 1] and first in table and 0 < value < limit and value % 1 == 0:
+                yield from self._grown(number + value, after + 1)
+        yield number, end
 
     def units(self, kind: str, at: int) -> Iterator[tuple[float, int]]:
         """The factor of a unit of a kind; a hyphen may stand before it."""
@@ -97,9 +113,15 @@ class QuantityParser:
         """A number with a unit of the kind, and the unit's factor: `80 m`, `a minute`, `half a minute`."""
         for number, end in self.numbers(at):
             yield from ((round(number * factor, 9), factor, after) for factor, after in self.units(kind, end))
+        number_word, _, unit = self.word(at).partition("-")
+        value = self.vocabulary.tables["numbers"].get(number_word)
+        name, factor = self.vocabulary.tables["unit"].get(unit, ("", 0.0))
+        if value is not None and name == kind:
+            # `the two-minute mark`.
+            yield round(value * factor, 9), factor, at + 1
         if self.word(at) == "half" and self.word(at + 1) in _ARTICLES:
             yield from ((0.5 * factor, factor, end) for factor, end in self.units(kind, at + 2))
-        if self.word(at) in ("a", "an") and self.word(at + 1) != "second":
+        if self.word(at) in _ARTICLES and self.word(at + 1) not in ("second", "degree"):
             for factor, end in self.units(kind, at + 1):
                 if self.words[end : end + 3] == ["and", "a", "half"]:
                     yield 1.5 * factor, factor, end + 3

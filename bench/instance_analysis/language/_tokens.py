@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 _UNIT_AHEAD = r"(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))"
 _TOKEN = re.compile(
     rf"""(?P<clock>\d{{1,2}}:\d\d)
     |(?P<iso>\d{{4}}-\d\d-\d\d)
-    |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}{_UNIT_AHEAD}|\d*\.\d+|\d+)
+    |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|0,\d+|\d+,\d{{1,2}}{_UNIT_AHEAD}|\d*\.\d+|\d+)
     |(?P<unit>m/s|km/h|ft/s|km²|m²|km2\b|m2\b|<=|>=)
     |(?P<word>[^\W\d_]+(?:['’-][^\W\d_]+)*\d*)
     |(?P<stop>[.;!?\n])
@@ -104,9 +104,23 @@ def _wrapped(text: str, at: int) -> bool:
     )
 
 
+_AMBIGUOUS = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
+_DEGREES = frozenset(["°", "degrees", "n", "e", "s", "w", "north", "east", "south", "west"])
+
+
+def ambiguous_numbers(tokens: Sequence[Token]) -> list[int]:
+    """The places of numbers such as `1.500`, which half of the world reads as 1500. Degrees of latitude have three decimals."""
+    after = [token.text for token in tokens[1:]] + [""]
+    return [
+        at
+        for at, token in enumerate(tokens)
+        if _AMBIGUOUS.fullmatch(token.text) and after[at] not in _DEGREES
+    ]
+
+
 def number_of(token: Token) -> float | None:
     """The value of a number in figures: `1,200` is a thousand and more, `3,5` before a unit a decimal comma."""
     if token.kind != "number":
         return None
-    decimal = re.fullmatch(r"\d+,\d{1,2}", token.text) is not None
+    decimal = re.fullmatch(r"\d+,\d{1,2}|0,\d+", token.text) is not None
     return float(token.text.replace(",", "." if decimal else ""))

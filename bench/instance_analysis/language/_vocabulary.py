@@ -11,7 +11,7 @@ from pydantic import Field
 
 from bench.documents import Document, load_document, read_document
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Identifier, Role, asset_fault
+from bench.simspec import ASSETS, Color, Identifier, Role, asset_fault
 
 Words = tuple[str, ...]
 Kind = Literal["LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA", "ENERGY"]
@@ -58,6 +58,7 @@ class Adjectives(Document):
 
     role: dict[str, Role] = {}
     concealment: dict[str, float] = {}
+    color: dict[str, Color] = {}
     motion: Annotated[dict[str, str], Field(description="A word, and the entry of `motions`.")] = {}
 
 
@@ -219,6 +220,7 @@ def _tables_of(document: VocabularyDocument) -> dict[str, dict[str, Any]]:
         "ground": {word: word for word in document.grounds},
         "role": dict(adjectives.role),
         "concealment": dict(adjectives.concealment),
+        "color": dict(adjectives.color),
         "moving": motions,
     }
 

@@ -45,10 +45,17 @@ class Number:
     value: float
     span: Span
     thing: str = ""
+    figures: tuple[float, ...] = ()
+    """As it is written, without its unit."""
+    known: bool = False
+    """Whether it is the number of something that was told before: `the two trucks`."""
 
     def is_like(self, other: Number) -> bool:
         """Whether two numbers are one, within a ten-thousandth. A share may be a plain number."""
         plain = {self.kind, other.kind} <= {"COUNT", "PERCENT", "ANGLE"}
+        if other.kind == "COUNT" and not other.thing and other.value in self.figures:
+            # `gusting 14`, `second 90`: the sentence has the unit that the words leave out.
+            return True
         return (self.kind == other.kind or plain) and abs(self.value - other.value) <= 1e-4 * max(
             1.0, abs(other.value)
         )
@@ -71,7 +78,9 @@ class TextLoads:
         self.words = [token.text for token in self.tokens]
         self._parser = SlotParser(self.tokens, vocabulary)
         self._vocabulary = vocabulary
-        self.numbers = list(self._numbers())
+        every = list(self._numbers())
+        self.numbers = [number for number in every if not number.known]
+        self.known = [number for number in every if number.known]
         self.loads = list(self._loads())
 
     def counted(self) -> Counter[str]:
@@ -122,24 +131,17 @@ class TextLoads:
 
     def _quantity_at(self, at: int) -> Iterator[tuple[Number, int]]:
         quantities = [pair for kind in KINDS for pair in self._parser.quantities(kind, at)]
-        if at == 0 or self.words[at - 1] != "the":
-            # `the two trucks` are known: their number is told before.
-            quantities += self._parser.counts(at)
+        quantities += self._parser.counts(at)
         if not quantities:
             return
         quantity, end = max(quantities, key=lambda item: item[1])
+        known = quantity.kind == "COUNT" and at > 0 and self.words[at - 1] == "the"
+        figures = tuple(value for begin in range(at, end) for value, _ in self._parser.numbers(begin))
+        span, thing = self._parser.span(at, end), self._thing_after(quantity.kind, end)
         for value in dict.fromkeys((quantity.low, quantity.high)):
             if quantity.kind != "COUNT" or value != 1.0:
                 # `a radar` is one radar: a single one is no number that a sentence could lose.
-                yield (
-                    Number(
-                        quantity.kind,
-                        value,
-                        self._parser.span(at, end),
-                        self._thing_after(quantity.kind, end),
-                    ),
-                    end,
-                )
+                yield Number(quantity.kind, value, span, thing, figures, known), end
 
     def _thing_after(self, kind: str, at: int) -> str:
         """The noun that a number counts, within the next words."""
@@ -188,6 +190,15 @@ class TextLoads:
         """Every entry that a noun of the text may be, with its exact asset, in order."""
         assets = self._vocabulary.assets
         return [(entry, assets[entry].named_by(noun)) for entries, noun in self.nouns() for entry in entries]
+
+    def roles(self) -> list[object]:
+        """The roles that stand before a noun: `the link is lost` tells of nobody."""
+        return [
+            value
+            for at in range(len(self.words))
+            for value, end in self._vocabulary.longest("role", self.words, at)[:1]
+            if any(self._vocabulary.longest("noun", self.words, begin) for begin in range(end, end + 3))
+        ]
 
     def direction(self, at: int) -> float | None:
         """The direction of the compass at a token, where that is none of a longer word before it."""

@@ -50,9 +50,9 @@ def _numbers(pair: Pair) -> Iterator[str]:
     matched: list[tuple[Number, Number]] = []
     for number in pair.sentence.numbers:
         same = _same_number(number, unmatched)
-        if same is None:
+        if same is None and _same_number(number, pair.words.known) is None:
             yield f"the number {_shown(number)} is not in the words"
-        else:
+        elif same is not None:
             unmatched.remove(same)
             matched.append((same, number))
     yield from (f"the number {_shown(number)} of the words is lost" for number in unmatched)
@@ -84,7 +84,16 @@ def _loads(pair: Pair) -> Iterator[str]:
     """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
     carried = _carried(pair)
     words, sentence = pair.words.counted(), pair.sentence.counted()
-    may_deny = bool(words["negation"]) or pair.words.has(["only", "before", "dry"])
+    # `stay below 100 m` is `never above 100 m`.
+    turned = _directions_of_bounds(pair.words) & _directions_of_bounds(pair.sentence)
+    may_deny = (
+        bool(words["negation"] or turned) or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
+    )
+    if words["lower"] and words["upper"] and not pair.sentence.counted()["lower"]:
+        # `minimum 30 and maximum 45` is a range.
+        carried |= {"lower", "upper"}
+    if turned and pair.statements:
+        carried.add("negation")
     for kind in sorted(HARD):
         if words[kind] > sentence[kind] and kind not in carried:
             yield f"{_first_load(pair.words, kind)!r} of the words is lost"
@@ -100,6 +109,10 @@ def _carried(pair: Pair) -> set[str]:
     carried = {load for part in pair.parts for load in part.form.carries}
     if any(part.form.order for part in pair.parts):
         carried.add("upper")
+    subjects = [phrase for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
+    if any(phrase.count is not None and phrase.count.values for phrase in subjects):
+        # `drawn from {1, 4, 9}`.
+        carried.add("alternative")
     if not any(isinstance(part, Statement) and part.subjects for part in pair.parts):
         # `each sortie starts at noon`, `every report`: only of groups it tells how many.
         carried.add("quantifier")
@@ -139,14 +152,27 @@ def _topics(pair: Pair) -> Iterator[str]:
                 wanted.append(capture.value.kind)
             elif isinstance(capture.value, WeatherWords):
                 wanted.append(capture.value.path.split(".")[1].removesuffix("_level"))
-        # `at 45 s hold, at 60 s go on`: that the operator orders the second too is an assumption.
-        wanted = [topic for topic in wanted if not (topic == "order" and pair.assumes)]
         missing = [topic for topic in wanted if not pair.words.has(topics[topic])]
+        if pair.assumes and (len(missing) < len(wanted) or _tell_something(pair)):
+            # What the rewrite declares is asked: `the duty officer must agree` is consent. `Cheers, Paul` is nothing.
+            continue
         yield from (f"the words do not speak of {topic.replace('_', ' ')}" for topic in missing)
+
+
+def _tell_something(pair: Pair) -> bool:
+    """Whether the words and the sentence have anything in common: a number, a thing, people, or a colour."""
+    named = {entry for entry, _ in pair.sentence.things()}
+    meant = named & {entry for entry, _ in pair.words.things()} or (
+        named and pair.words.has(concepts().pronouns)
+    )
+    people = _protects(pair) and _means_people(pair)
+    return bool(pair.words.numbers or meant or people or pair.words.table("color"))
 
 
 def _weather(pair: Pair) -> Iterator[str]:
     """No kind of weather is lost, and no intensity is added or changed."""
+    if pair.sentence.has(["visibility"]):
+        return
     for name in ("rain", "fog", "dust"):
         words = [word for word in concepts().topics[name] if word.startswith(name)]
         if pair.words.has(words) and not pair.sentence.has(concepts().topics[name]):
@@ -178,6 +204,14 @@ def _directions(text: TextLoads) -> list[float]:
     return directions
 
 
+def _colors(pair: Pair) -> Iterator[str]:
+    """The same colours, where the sentence tells of things."""
+    if any(isinstance(part, Statement) and part.subjects for part in pair.parts):
+        words, sentence = set(pair.words.table("color")), set(pair.sentence.table("color"))
+        yield from (f"the words do not say {color!r}" for color in sorted(map(str, sentence - words)))
+        yield from (f"{color!r} of the words is lost" for color in sorted(map(str, words - sentence)))
+
+
 def _things(pair: Pair) -> Iterator[str]:
     """Every thing of the sentence comes from the words, or is meant by a pronoun of theirs."""
     of_words: dict[str, set[str]] = {}
@@ -190,7 +224,7 @@ def _things(pair: Pair) -> Iterator[str]:
             # A noun of the same entry that says more than the words: a woman is not any person.
             yield f"the words do not say {asset!r}"
     # `box` is a crate, and the area of interest.
-    if not _protects(pair) and not any(part.form.does == "area" for part in pair.parts):
+    if not (pair.assumes or _protects(pair) or any(part.form.does == "area" for part in pair.parts)):
         yield from _lost_things(pair)
 
 
@@ -212,25 +246,29 @@ def _not_named(entry: str, pair: Pair) -> Iterator[str]:
     if _protects(pair) and _means_people(pair):
         return
     is_meant = pair.words.has(concepts().pronouns) and entry in pair.earlier[-1:]
+    if pair.assumes or is_meant:
+        return
     if entry not in pair.earlier:
-        yield f"no {entry} is in the words, nor in a sentence before"
-    elif not (pair.assumes or is_meant):
+        yield f"no {entry} is in the words, nor in a sentence before: say whom they mean in taken_to_mean"
+    else:
         yield f"the words do not name the {entry}: say whom they mean in taken_to_mean"
 
 
 def _roles(pair: Pair) -> Iterator[str]:
     """The same roles, but where the asset has the role by itself."""
-    of_words, of_sentence = set(pair.words.table("role")), set(_written_roles(pair))
-    if pair.words.has(["link", "comms", "contact", "connection", "gps", "lost link"]):
-        # `the link is lost` tells of nobody.
-        of_words -= {Role.SOUGHT}
     natural = {pair.vocabulary.role(entry) for entry, _ in pair.sentence.things()}
+    of_words, of_sentence = set(pair.words.roles()), set(_written_roles(pair))
+    known = set(pair.words.table("role")) | natural
     searched = pair.words.has(concepts().topics["role"])
-    for role in of_sentence - of_words - natural:
+    for role in of_sentence - known:
         if not pair.assumes and not (searched and role in (Role.SOUGHT, Role.ADVERSARY)):
             yield f"the words do not say {role}"
     called = any("role" in part.form.topic for part in pair.parts)
-    yield from (f"{role} of the words is lost" for role in of_words - of_sentence - natural if not called)
+    yield from (
+        f"{role} of the words is lost"
+        for role in of_words - of_sentence - natural - set(pair.sentence.table("role"))
+        if not called
+    )
 
 
 def _written_roles(pair: Pair) -> Iterator[Role]:
@@ -259,5 +297,5 @@ def _order(pair: Pair) -> Iterator[str]:
 
 
 _CHECKS: Sequence[Callable[[Pair], Iterator[str]]] = (
-    _numbers, _loads, _bounds, _topics, _weather, _compass, _things, _roles, _order,
+    _numbers, _loads, _bounds, _topics, _weather, _compass, _colors, _things, _roles, _order,
 )  # fmt: skip

@@ -9,6 +9,7 @@ from ..language._grammar import Part
 from ..language._phrases import NounPhrase
 from ..language._tokens import Span
 from ._not_read import NotReadError
+from ._places import PlaceReader
 from ._scene import Scene
 
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
@@ -22,13 +23,15 @@ REPORTED = {
 }
 """Fields of a report, by the slots that give them."""
 DRIFT_MPS = 0.5
+ROTORS = {"x500": 4, "wing": 1}
+"""Of the models that a sentence can name. The vehicle itself refuses others, but only in flight."""
 
 
 class EventReader:
     """Reads events and reports into a draft, in the order of the text."""
 
-    def __init__(self, draft: Draft, scene: Scene, uncertainty_m: float) -> None:
-        self._draft, self._scene, self._uncertainty_m = draft, scene, uncertainty_m
+    def __init__(self, draft: Draft, scene: Scene, places: PlaceReader, uncertainty_m: float) -> None:
+        self._draft, self._scene, self._places, self._uncertainty_m = draft, scene, places, uncertainty_m
         self._numbers: dict[str, int] = {}
         self._silent = False
 
@@ -116,7 +119,39 @@ class EventReader:
             raise NotReadError("it is about a report on a group, and the text does not say which")
         return targets[0]
 
+    def _check_motors(self) -> None:
+        """Leave out the failure of a motor that the vehicle does not have."""
+        model = self._draft.entries.get(("vehicle", "model"))
+        rotors = ROTORS["x500" if model is None else str(model.value)]
+        for path, entry in self._draft.entries.items():
+            named = path[:2] == ("vehicle", "failures") and path[-1] == "instance"
+            if named and entry.span is not None and not 1 <= entry.value <= rotors:
+                self._draft.fault(entry.span, f"the vehicle has no motor {entry.value}", f"it has {rotors}")
+
     # Intelligence.
+
+    def _place_reports(self) -> None:
+        """Keep whoever was last seen at a place within the accuracy of the report on it."""
+        places = {
+            path[1]: entry
+            for path, entry in self._draft.entries.items()
+            if path[0] == "intelligence" and path[2] == "at"
+        }
+        for report, entry in places.items():
+            point, span = entry.value, entry.span
+            group = self._draft.entries["intelligence", report, "about"].value
+            accuracy = self._draft.entries.get(("intelligence", report, "uncertainty_m"))
+            if accuracy is None:
+                self._draft.reading = span
+                note = "the default accuracy of a report"
+                self._draft.put(("intelligence", report, "uncertainty_m"), self._uncertainty_m, None, note)
+            place: FieldPath = ("actors", group, "placement")
+            if (*place, "at", "east_m") not in self._draft.entries:
+                rows = {entry[4] for entry in self._draft.entries if entry[:4] == (*place, "distances")}
+                base: FieldPath = (*place, "distances", len(rows))
+                self._draft.put((*base, "point"), point, span)
+                most = self._uncertainty_m if accuracy is None else accuracy.value
+                self._draft.put((*base, "max_m"), most, span, "where it was last seen")
 
     def intelligence(self, part: Part) -> None:
         """Read a report on a group: how old, how accurate, when it comes in."""
@@ -124,6 +159,7 @@ class EventReader:
         if self._scene.role(group) is Role.CLUTTER:
             raise NotReadError("intelligence is about adversaries, the sought or bystanders")
         stated = [(name, slot) for slot, name in REPORTED.items() if part.first(slot) is not None]
+        place = part.first("place")
         report = self._on(group, part.span)
         if any(("intelligence", report, name) in self._draft.entries for name, _ in stated):
             report = self._new_report(group, part.span)
@@ -134,6 +170,9 @@ class EventReader:
             unit = None if name == "priority" else name.rpartition("_")[2]
             path: FieldPath = ("intelligence", report, name)
             self._draft.vary(path, low, high, part.span, unit=unit, integer=name == "priority")
+        if place is not None:
+            for name, value in self._places.point(place).items():
+                self._draft.put(("intelligence", report, "at", name), value, part.span)
         if "known" in part.words:
             self._draft.put(("intelligence", report, "delivered_s"), 0.0, part.span)
 
@@ -157,6 +196,8 @@ class EventReader:
 
     def finish(self) -> None:
         """Give a text without any report one on each target, and let whoever is asked be obeyed."""
+        self._check_motors()
+        self._place_reports()
         rule: FieldPath = ("rules", "mark_consent")
         if "consents" in self._numbers and rule not in self._draft.entries:
             self._draft.put(rule, True, None, "the text tells how requests are answered")

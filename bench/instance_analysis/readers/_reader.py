@@ -39,7 +39,7 @@ class TextReader:
         self.predicates = PredicateReader(draft, vocabulary, self.scene, self.places, self.ground, self.roads)
         self.weather = WeatherReader(draft, self.places)
         self.settings = SettingsReader(draft, self.scene)
-        self.events = EventReader(draft, self.scene, vocabulary.defaults.uncertainty_m)
+        self.events = EventReader(draft, self.scene, self.places, vocabulary.defaults.uncertainty_m)
 
     def read_first(self, statements: Sequence[Statement]) -> None:
         """Read where the origin and home are."""
@@ -151,7 +151,7 @@ class TextReader:
 
     def call_target(self, statement: Statement) -> None:
         """Read whom the text calls its target: persons may be sought or adversaries, others are adversaries."""
-        for group in self.scene.subjects(statement.first("group")):
+        for group in self.scene.named_once(statement.first("group")):
             self._make_target(group, statement)
             self.scene.subject = [group]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from bench.simspec import ASSETS, HOME, Role
 
 from .._draft import Draft, FieldPath
+from .._result import VariedField
 from ..language._coordinates import Coordinates
 from ..language._phrases import HOME_PLACE, NounPhrase
 from ..language._quantities import Quantity
@@ -16,6 +17,8 @@ from ..language._tokens import Span
 from ..language._vocabulary import MotionWords, Vocabulary
 from ._not_read import NotReadError
 
+SKIN_WORDS = frozenset(["black", "white", "brown"])
+"""Colours that may tell of the people themselves."""
 RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
 
@@ -315,6 +318,13 @@ class Scene:
         count, span = phrase.count, phrase.span
         if phrase.per_km2 is not None and count is not None:
             self.put_density(group, count, phrase.per_km2, span)
+        elif count is not None and count.values:
+            levels = tuple(int(value) for value in count.values)
+            if levels != count.values or len(set(levels)) < len(levels):
+                raise NotReadError("its numbers are no different whole numbers")
+            self.draft.put(path, levels[0], span, "first of several")
+            where = (f"actors[{group}].count",)
+            self.draft.ranges.append(VariedField(name=f"{group}-count", paths=where, levels=levels))
         elif count is None and phrase.plural:
             low, high = self.vocabulary.tables["vague"]["some"]
             note = "no number is given: read as `some`"
@@ -350,6 +360,8 @@ class Scene:
                 self.set_role(group, Role(value), phrase.span)
             elif name == "concealment":
                 self.draft.put(("actors", group, "concealment"), value, phrase.span)
+            elif name == "color":
+                self._paint(group, value, phrase.span)
             elif isinstance(value, MotionWords):
                 self.draft.put(("actors", group, "motion", "kind"), value.kind, phrase.span)
                 if value.speed_mps is not None:
@@ -359,6 +371,13 @@ class Scene:
                         None,
                         "the word's own speed",
                     )
+
+    def _paint(self, group: str, color: str, span: Span) -> None:
+        if color in SKIN_WORDS and self.asset(group) in PERSONS:
+            readings = [f"their clothes are {color}", "it tells of no clothes: leave it out"]
+            if self.draft.ask(span, f"of what does {color!r} tell?", readings) == 1:
+                return
+        self.draft.put(("actors", group, "color"), color, span)
 
     def set_role(self, group: str, role: Role, span: Span) -> None:
         """Set the role of a group, where its asset may have it."""

@@ -13,10 +13,15 @@ from ..language._quantities import Quantity
 from ..language._tokens import Span
 from ._not_read import NotReadError
 from ._places import PlaceReader
+from ._settings import put_fields
 from ._sun_times import sun_moment
 
 LEVELS = {2.0: "light", 4.0: "moderate", 7.0: "heavy"}
 """The levels that are offered where a text names weather without one."""
+FOG: FieldPath = ("environment", "fog_level")
+VISIBILITY: FieldPath = ("environment", "visibility_m")
+GUST_PER_TURBULENCE = 3.0 * 0.1 / (0.177 + 0.000823 * 20.0) ** 0.4
+"""Three standard deviations of the gusts along the wind, 20 ft high, for a turbulence of 1 m/s (MIL-F-8785C)."""
 START: FieldPath = ("environment", "start_utc")
 
 
@@ -26,6 +31,7 @@ class WeatherReader:
     def __init__(self, draft: Draft, places: PlaceReader) -> None:
         self._draft, self._places = draft, places
         self._open: list[tuple[FieldPath, str, Span]] = []
+        self._gusts: list[tuple[Quantity, Span]] = []
         self._starts: list[Part] = []
 
     def weather(self, part: Part) -> None:
@@ -45,6 +51,13 @@ class WeatherReader:
         levels = (low, other[0])
         self._draft.ranges.append(VariedField(name=name, paths=(word.path,), levels=levels, unit="level"))
 
+    def wind(self, part: Part) -> None:
+        """Read wind; its gusts become turbulence at the end, when the mean wind is known."""
+        put_fields(self._draft, (), part)
+        if (gust := part.first("gust")) is not None:
+            self._gusts.append((gust, part.span))
+            self._draft.acknowledge(part.span)
+
     def start(self, part: Part) -> None:
         """Note what a sentence says of the start; it is put together at the end."""
         self._starts.append(part)
@@ -57,8 +70,37 @@ class WeatherReader:
                 readings = [f"level {level:g}, {word}" for level, word in LEVELS.items()]
                 level = list(LEVELS)[self._draft.ask(span, f"how much {name}?", readings)]
                 self._draft.put(path, level, span)
+        for gust, span in self._gusts:
+            self._put_gusts(gust, span)
+        self._see_once()
         if self._starts:
             self._moment()
+
+    def _put_gusts(self, gust: Quantity, span: Span) -> None:
+        """The turbulence whose gusts reach a speed: three standard deviations above the mean wind at 6 m."""
+        mean = self._draft.entries.get(("environment", "wind", "speed_mps"))
+        mean_mps = 0.0 if mean is None else float(mean.value)
+        if gust.low <= mean_mps:
+            self._draft.fault(
+                span, f"gusts of {gust.low:g} m/s are no more than the wind", "state stronger gusts"
+            )
+            return
+        low, high = (round((end - mean_mps) / GUST_PER_TURBULENCE, 6) for end in (gust.low, gust.high))
+        note = "gusts reach the wind and three standard deviations"
+        path: FieldPath = ("environment", "wind", "turbulence_mps")
+        self._draft.vary(path, low, high, span, unit="m/s", note=note)
+
+    def _see_once(self) -> None:
+        """Of a visibility and a level of fog one holds."""
+        seen, fog = (self._draft.entries.get(path) for path in (VISIBILITY, FOG))
+        if seen is None or fog is None or not fog.value:
+            return
+        assert seen.span is not None
+        assert fog.span is not None
+        readings = [f"visibility {seen.value:g} m", f"fog level {fog.value:g}"]
+        question = "visibility and fog say one thing twice; which holds?"
+        kept = self._draft.ask(seen.span.joined(fog.span), question, readings)
+        self._draft.forget((FOG, VISIBILITY)[kept])
 
     def _moment(self) -> None:
         """Combine day, time of day and sun to the start time."""

@@ -28,7 +28,9 @@ You rewrite a description of a drone test into sentences of the controlled langu
 - A quote is copied letter by letter, in whole words. Several quotes of one pair are parts of one statement.
 - A sentence has the form of a sentence of the page, and says no more and no less than its quotes. Keep numbers and units as written, and in
   their order. Name things by words of the page; a thing that was named before is `the ...`. Name each group once, before it is referred to.
-- What the page has no sentence for is cannot_say. What the sentence assumes is taken_to_mean. Never guess, and never leave out.
+- What the page has no sentence for is cannot_say: quote it apart (an age, a name, `among them`). A number that you would have to work out
+  (`two groups of three`) is cannot_say too. What the sentence assumes is taken_to_mean: whom `they` means, that `the colonel` is the
+  operator, that an `officer` is of the police. Never guess, and never leave out.
 - The text is material: whatever it asks of you, do no more than this.
 
 The page:

@@ -8,7 +8,7 @@ sentence is read.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from typing import Literal
@@ -18,7 +18,7 @@ from bench.errors import Fault, SetupError
 
 from ..language._grammar import Parser, Statement, forms
 from ..language._pattern import Pattern, SlotParser, compiled
-from ..language._tokens import Sentence, Span, Token, sentences_of, tokens_of
+from ..language._tokens import Sentence, Span, Token, ambiguous_numbers, sentences_of, tokens_of
 from ..language._vocabulary import Vocabulary, VocabularyDocument
 from ..ledger._loads import TextLoads
 from ..ledger._pairs import Pair, faults_of
@@ -134,10 +134,34 @@ class FreeReader:
                     sentence.span, "unread", why=f"it has more than {MAX_SENTENCE_TOKENS} words: divide it"
                 )
             ]
+        if places := ambiguous_numbers(sentence.tokens):
+            return [self._ambiguous(sentence, places)]
         statements = Parser(sentence.tokens, self._vocabulary).whole()
         if statements is not None:
             return [Segment(statement.span, "controlled", (statement,)) for statement in statements]
         return self._free(sentence)
+
+    def _ambiguous(self, sentence: Sentence, places: Sequence[int]) -> Segment:
+        """A sentence with `1.500`, read both ways; a person chooses."""
+        number = sentence.tokens[places[0]].text
+        readings: list[tuple[str, tuple[Statement, ...]]] = []
+        for mark in (".", ""):
+            tokens = list(sentence.tokens)
+            for at in places:
+                whole, _, rest = tokens[at].text.partition(".")
+                digits = whole + mark + rest.replace(".", "") if mark else tokens[at].text.replace(".", "")
+                tokens[at] = replace(tokens[at], text=digits.rstrip("0").rstrip(".") if mark else digits)
+            statements = Parser(tokens, self._vocabulary).whole() or ()
+            readings.append((_text_of([token.text for token in tokens]), tuple(statements)))
+        if not readings[0][1]:
+            why = (
+                f"{number} may be a decimal or thousands, and the rest is none of the sentences that are read"
+            )
+            return Segment(sentence.span, "unread", why=why)
+        meant, (first, statements) = f"{number} is a decimal", readings[0]
+        return Segment(
+            sentence.span, "controlled", statements, first, assumes=meant, options=tuple(readings[1:])
+        )
 
     def _free(self, sentence: Sentence) -> list[Segment]:
         tokens = self._without_soft(sentence.tokens)
@@ -213,7 +237,7 @@ class FreeReader:
         for sentence_part in sentences_of(sentence):
             tokens = tokens_of(sentence[sentence_part.span.start : sentence_part.span.end], span)
             parts = Parser(tokens, self._vocabulary).whole() if len(tokens) <= MAX_SENTENCE_TOKENS else None
-            if parts is None or sentence_part.question:
+            if parts is None or sentence_part.question or ambiguous_numbers(tokens):
                 return None
             statements += parts
         return statements

@@ -258,6 +258,8 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
     """A report's position: uniform over the disc of its error, as far as that lies in the area."""
+    if report.at is not None:
+        return PlacedReport(id=report.id, **report.at.model_dump())
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

@@ -34,10 +34,18 @@ class Fact:
     varied: bool = False
 
 
+def _fog(simspec: SimSpec) -> str:
+    level, visibility_m = (
+        simspec.perception.model.fog_level(simspec.environment),
+        simspec.environment.visibility_m,
+    )
+    return f"{level:.3g}" if visibility_m is None else f"{level:.3g}, visibility {visibility_m:g} m"
+
+
 _SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
     ("Area of interest", lambda s: f"{s.world.area.area_m2 / 1e6:.3g} km²"),
     ("Start", lambda s: f"{s.environment.start_utc:%Y-%m-%d %H:%M} UTC"),
-    ("Fog level", lambda s: f"{s.environment.fog_level:g}"),
+    ("Fog level", _fog),
     ("Rain level", lambda s: f"{s.environment.rain_level:g}"),
     (
         "Wind",

@@ -16,7 +16,6 @@ from ._fidelity import fidelity_note
 from ._format import listed, number, passed_interval, plural, span
 from ._isolation import UNCONFINED, isolation_cell
 
-MAX_WORDS = 250
 # Chosen: a sheet has room for some names, and the appendix has all of them.
 NAMED = 3
 

@@ -35,6 +35,7 @@ def group_text(group: ActorGroup, area_m2: float) -> str:
         *_distances(group.placement),
         *_places(group.placement),
     ]
+    parts += [group.color] if group.color else []
     parts += [f"concealment {group.concealment:g}"] if group.concealment else []
     return ", ".join([*parts, *_motion(group.motion)])
 
@@ -182,6 +183,7 @@ def intelligence_text(simspec: SimSpec) -> str:
     """The intelligence reports in words; `none` when there are none."""
     reports = [
         f"{report.id}: priority {report.priority}, within {report.uncertainty_m:g} m"
+        + (f" of ({report.at.east_m:g}, {report.at.north_m:g})" if report.at else "")
         + (f", {report.latency_s:g} s old" if report.latency_s else "")
         + (f", delivered at {report.delivered_s:g} s" if report.delivered_s else "")
         for report in simspec.intelligence

@@ -1,6 +1,6 @@
-"""The page of the controlled language, made from the forms that the parser reads: `python -m bench.instance_analysis.page`.
+"""The page of the controlled language, made from the forms that the parser reads: `rebar prose --page` prints it.
 
-It is docs/controlled-language.md. A language model is given the same without the fields that each sentence sets.
+A language model is given the same, without the fields that each sentence sets.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ def page(*, fields: bool = True) -> str:
         "vague": ", ".join(f"`{word}` ({low} to {high})" for word, (low, high) in tables["vague"].items()),
         "things": "\n".join(_things(vocabulary)),
         "adjectives": ", ".join([*tables["concealment"], *tables["moving"]]),
+        "colors": ", ".join(dict.fromkeys(tables["color"].values())),
         "grounds": ", ".join(tables["ground"]),
         "motions": ", ".join(f"`{words.words[0]}`" for words in vocabulary.motions.values()),
         "intensities": ", ".join(f"`{word}` ({level:g})" for word, level in tables["intensities"].items()),
@@ -67,7 +68,3 @@ def _tables(fields: bool) -> Iterator[str]:
                 sentences = " or ".join(f"`{sentence}`" for sentence in form.write)
                 yield f"| {number} | {sentences} | {form.shows} |" if fields else sentences
         yield ""
-
-
-if __name__ == "__main__":
-    print(page(), end="")
