@@ -37,6 +37,7 @@ from . import (
     _status,
     _tension,
     _verification,
+    _view,
 )
 from . import _campaigns as _campaigns
 from ._fault_paths import path_fault
@@ -79,7 +80,7 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _verification, _status, _sessions, _scores, _runs, _compare, _calibrate, _decomposition),
+    *(_campaigns, _verification, _status, _sessions, _scores, _runs, _view, _compare, _calibrate, _decomposition),
     *(
         _camera,
         _graph,

@@ -1,0 +1,45 @@
+"""The page: a few lines around the built script, and one run as a file that can be mailed."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+from importlib.resources import files
+from pathlib import Path
+
+from ._content import Content, document_text
+
+_HEAD = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+
+
+def script() -> str:
+    """The script that `make view` has built."""
+    return (files("bench.view") / "static" / "app.js").read_text(encoding="utf-8")
+
+
+def index_page(title: str) -> str:
+    """The page of the server; its script and its data come from there."""
+    return f'{_HEAD}<title>{html.escape(title)}</title><body><script type="module" src="/app.js"></script></body></html>'
+
+
+def run_page(content: Content, name: str) -> str:
+    """One run in one file: script, recording and result. It loads nothing, and no other script may run in it."""
+    recording: Path = content.recording(name)
+    data = {"name": name, "run": content.run(name)}
+    # What ends a script in HTML is no part of base64, and is spelled otherwise here.
+    parts = [
+        f'<script type="text/plain" id="run-data">{_encoded(document_text(data).encode())}</script>',
+        f'<script type="text/plain" id="run-recording">{_encoded(recording.read_bytes())}</script>',
+    ]
+    code = script().replace("</", "<\\/")
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    policy = f"default-src 'none'; script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    return (
+        f'{_HEAD}<meta http-equiv="Content-Security-Policy" content="{policy}"><title>{html.escape(name)}</title><body>'
+        f'{"".join(parts)}<script type="module">{code}</script></body></html>'
+    )
+
+
+def _encoded(data: bytes) -> str:
+    return base64.b64encode(data).decode()
