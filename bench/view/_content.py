@@ -129,7 +129,7 @@ class Content(ABC):
             path = self._inside(self._folder_of(name) / "result.json")
             if path.stat().st_size > MAX_RESULT_BYTES:
                 return {}
-            result = json.loads(path.read_bytes())
+            result = json.loads(path.read_bytes(), parse_constant=lambda _: None)
         except (NotThere, ValueError, RecursionError):
             return {}
         return result if isinstance(result, dict) else {}

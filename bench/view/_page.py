@@ -13,6 +13,9 @@ from ._content import Content, document_text
 _HEAD = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
 
 
+ICON = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><path d="M8 1l5 14-5-3-5 3z" fill="#0b5c8a"/></svg>'
+
+
 def script() -> str:
     """The script that `make view` has built."""
     return (files("bench.view") / "static" / "app.js").read_text(encoding="utf-8")
@@ -20,7 +23,8 @@ def script() -> str:
 
 def index_page(title: str) -> str:
     """The page of the server; its script and its data come from there."""
-    return f'{_HEAD}<title>{html.escape(title)}</title><body><script type="module" src="/app.js"></script></body></html>'
+    icon = '<link rel="icon" href="/icon.svg">'
+    return f'{_HEAD}<title>{html.escape(title)}</title>{icon}<body><script type="module" src="/app.js"></script></body></html>'
 
 
 def run_page(content: Content, name: str) -> str:

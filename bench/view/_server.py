@@ -23,7 +23,7 @@ from urllib.parse import parse_qs, urlsplit
 from bench.errors import RebarError
 
 from ._content import LOOK_S, Content, NotThere, document_text
-from ._page import index_page, script
+from ._page import ICON, index_page, script
 
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -191,6 +191,7 @@ class _Handler(BaseHTTPRequestHandler):
 _ROUTES: Mapping[str, Callable[[_Handler, Query], None]] = {
     "/": _Handler._index,
     "/app.js": _Handler._script,
+    "/icon.svg": lambda handler, query: handler._send_text(HTTPStatus.OK, ICON, "image/svg+xml"),
     "/api/summary": lambda handler, query: handler._send_document(handler.server.content.summary()),
     "/api/runs": lambda handler, query: handler._send_document(handler.server.content.runs()),
     "/api/where": lambda handler, query: handler._send_document(handler.server.content.where(query.get("c", ""))),

@@ -8,7 +8,7 @@ export const KINDS = {
   decision: "decisions",
   report: "reports",
   status: "phases",
-  order: "orders",
+  order: "operator",
   consent: "consents",
   measured: "measured",
   event: "session",

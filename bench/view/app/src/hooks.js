@@ -30,13 +30,14 @@ export function useAnswer(ask, ...keys) {
 
 // Draw again when the colours of the system change.
 export function useTheme() {
-  const [, setCount] = useState(0);
+  const [theme, setCount] = useState(0);
   useEffect(() => {
     const media = matchMedia("(prefers-color-scheme: dark)");
     const changed = () => setCount((count) => count + 1);
     media.addEventListener("change", changed);
     return () => media.removeEventListener("change", changed);
   }, []);
+  return theme;
 }
 
 // Of a long list or table: the rows in view, and how to scroll to one.

@@ -5,7 +5,7 @@ import { useSize } from "./hooks.js";
 import { momentsOf, outagesOf, phasesOf } from "./entries.js";
 import { oneLine } from "./visible.js";
 
-const LABEL_PX = 86;
+const LABEL_PX = 96;
 const LANE_PX = 17;
 const PLOT_PX = 34;
 const AXIS_PX = 16;
@@ -88,7 +88,8 @@ const Static = memo(function Static({ tape, run, titles, width, plots, end_s, on
     const most = Math.max(1, ...rows.map(([, value]) => value ?? 0), limit ?? 0);
     const y = (value) => PLOT_PX - 2 - (Math.max(0, value) / most) * (PLOT_PX - 6);
     lanes.push({
-      name: `${name}, ${unit}`,
+      name,
+      unit,
       height: PLOT_PX,
       scale: most,
       content: (
@@ -104,11 +105,11 @@ const Static = memo(function Static({ tape, run, titles, width, plots, end_s, on
   const placed = lanes.map((row) => ({ ...row, top: (top += row.height) - row.height }));
   return (
     <svg class="lanes" width={width + LABEL_PX} height={top + AXIS_PX} role="img" aria-label="Lanes over time" onPointerDown={onPick}>
-      {placed.map(({ name, height, top: at, content, scale }) => (
+      {placed.map(({ name, height, top: at, content, scale, unit }) => (
         <g transform={`translate(0 ${at})`}>
           <line class="rule" x1="0" x2={width + LABEL_PX} y1={height} y2={height} />
           <text class="lane" x={LABEL_PX - 8} y={height > LANE_PX ? 13 : LANE_PX - 5} text-anchor="end">{name}</text>
-          {scale && <text class="scale" x={LABEL_PX - 8} y="27" text-anchor="end">{`0 to ${scale.toFixed(scale < 20 ? 1 : 0)}`}</text>}
+          {scale && <text class="scale" x={LABEL_PX - 8} y="27" text-anchor="end">{`0 to ${scale.toFixed(scale < 20 ? 1 : 0)} ${unit}`}</text>}
           <g transform={`translate(${LABEL_PX} 0)`} data-lane={name}>{content}</g>
         </g>
       ))}

@@ -39,7 +39,8 @@ class Drawing {
     this.g.scale(ratio, ratio);
     const [west, south, east, north] = bounds(tape);
     const fit = Math.min((size.width - 2 * MARGIN_PX) / (east - west || 1), (size.height - 2 * MARGIN_PX) / (north - south || 1));
-    this.scale = fit * view.zoom;
+    // An element that is narrower than the margins, while the window changes.
+    this.scale = Math.max(fit, 1e-3) * view.zoom;
     this.left = size.width / 2 - ((west + east) / 2) * this.scale + view.x;
     this.bottom = size.height / 2 + ((south + north) / 2) * this.scale + view.y;
     this.spots = [];
@@ -125,7 +126,8 @@ class Drawing {
       this.circle(place, Math.max(2, uncertainty_m * this.scale));
       this.stroke(c.intelligence, 1, [2, 3]);
       const [x, y] = this.at(place);
-      this.words(`P${priority ?? "?"}`, x, y - uncertainty_m * this.scale - 4, c.intelligence, "center");
+      const corner = Math.SQRT1_2 * uncertainty_m * this.scale + 2;
+      this.words(`P${priority ?? "?"}`, x + corner, y - corner, c.intelligence);
       this.spot(place, `intelligence ${report.id}, ±${uncertainty_m} m, priority ${priority}`);
     }
     if (vehicle.home) {

@@ -2,7 +2,7 @@
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { mailed, run as runOf, tapeOf } from "./api.js";
 import { KINDS, entriesOf, failuresOf, firstDifference } from "./entries.js";
-import { useAnswer, useLatest, useSize, useWindow } from "./hooks.js";
+import { useAnswer, useLatest, useSize, useTheme, useWindow } from "./hooks.js";
 import { Lanes } from "./lanes.jsx";
 import { Legend, RunMap } from "./map.jsx";
 import { placeAt, rowAt } from "./tape.js";
@@ -150,7 +150,7 @@ function Now({ tape, t }) {
     ["nearest person", near_m === null ? "–" : `${near_m.toFixed(0)} m`],
     ["position error", flight && thought ? `${Math.hypot(flight.x - thought.x, flight.y - thought.y).toFixed(1)} m` : "–"],
     ["tracks", String(rowAt(tape.tracks, t)?.tracks.length ?? 0)],
-    ["operator", link && !link.up ? "cannot be reached" : "can be reached"],
+    ["operator", link && !link.up ? "out of reach" : "in reach"],
     ["east, north", flight ? `${flight.x.toFixed(0)}, ${flight.y.toFixed(0)} m` : "–"],
   ];
   return (
@@ -166,6 +166,7 @@ const BOX_SPAN_S = 1;
 function Camera({ tape, t }) {
   const box = useRef();
   const canvas = useRef();
+  const theme = useTheme();
   const { width } = useSize(box);
   const camera = tape.simspec?.vehicle?.camera;
   const aspect = camera ? camera.height_px / camera.width_px : 9 / 16;
@@ -198,14 +199,14 @@ function Camera({ tape, t }) {
     if (picture) createImageBitmap(picture.blob).then(draw, () => draw(null));
     else draw(null);
     return () => (wanted = false);
-  }, [width, seen, found, picture]);
+  }, [width, seen, found, picture, theme]);
   if (!camera || !(tape.view.length || tape.detections.length)) return null;
   return (
     <figure class="camera" ref={box}>
       <canvas ref={canvas} role="img" aria-label="Main camera" style={{ width: "100%", height: `${width * aspect}px` }} />
       <figcaption>
         <i class="s-true" /> true, {seen?.sightings.length ?? 0} in view <i class="s-detected" /> detected, {found?.boxes.length ?? 0}
-        {picture ? "" : "; no pictures in this recording"}
+        {picture ? "" : "; no pictures recorded"}
       </figcaption>
     </figure>
   );
@@ -290,8 +291,10 @@ function Run({ id, start_s, titles, run, tape }) {
           <Legend />
         </div>
         <aside class="side">
-          <Now tape={tape} t={clock.t} />
-          <Camera tape={tape} t={clock.t} />
+          <div class="moment">
+            <Now tape={tape} t={clock.t} />
+            <Camera tape={tape} t={clock.t} />
+          </div>
           <Verdict run={run} titles={titles} onSeek={clock.seek} />
           <Log entries={entries} t={clock.t} onSeek={clock.seek} />
         </aside>

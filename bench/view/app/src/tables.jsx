@@ -38,18 +38,22 @@ function Cell({ row, agent, node }) {
         <Interval row={row} />
       </a>
       <span class="score" title="Mean score; difficulty up to which nine tenths pass, with its bound">
-        {fixed(row.score)}{row.competence_90 === null ? "" : ` · 9⁄10 to ${fixed(row.competence_90, 0)} (${fixed(row["competence_90.low"], 0)})`}
+        score {fixed(row.score)}{row.competence_90 === null ? "" : ` · 9⁄10 to ${fixed(row.competence_90, 0)} (${fixed(row["competence_90.low"], 0)})`}
       </span>
     </td>
   );
 }
 
-const CHILD = { principle: "key attributes", ka: "requirements", vab: "observables" };
+const CHILD = { principle: "key attribute", ka: "VAB", vab: "observable" };
+const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+// With more rows than this, only the principles are open at first.
+const OPEN_ROWS = 24;
 
 export function VerdictPanel({ summary }) {
   const nodes = useMemo(() => new Map(summary.nodes.map((node) => [node.id, node])), [summary]);
   const scores = useMemo(() => new Map(summary.scores.map((row) => [`${row.agent} ${row.node}`, row])), [summary]);
-  const [open, setOpen] = useState(new Set());
+  const first = summary.roots.flatMap((id) => nodes.get(id)?.children ?? []);
+  const [open, setOpen] = useState(new Set(first.length <= OPEN_ROWS ? summary.roots.map((id) => `/${id}`) : []));
   const toggle = (path) => {
     const next = new Set(open);
     if (!next.delete(path)) next.add(path);
@@ -80,7 +84,7 @@ export function VerdictPanel({ summary }) {
                   {node.children.length ? (
                     <button type="button" class="opener" aria-expanded={open.has(path)} onClick={() => toggle(path)}>
                       <i>{open.has(path) ? "▾" : "▸"}</i> {depth ? <code>{node.id}</code> : null} {node.title}
-                      <span class="soft">{open.has(path) ? "" : ` ${node.children.length} ${CHILD[node.level] ?? ""}`}</span>
+                      <span class="soft">{open.has(path) ? "" : ` ${counted(node.children.length, CHILD[node.level] ?? "part")}`}</span>
                     </button>
                   ) : (
                     <span class="leaf"><code>{node.id}</code> {node.title}</span>
@@ -190,6 +194,7 @@ function Runs({ table, summary, condition }) {
   const next = (name) => setSort((old) => (old?.name !== name ? { name, down: false } : old.down ? null : { name, down: true }));
   const run = table.by.get("run");
   const titles = new Map(summary.nodes.map((node) => [`${node.id}.passed`, node.title]));
+  const same = USUAL.map((name) => table.by.get(name)).filter((c) => c?.shared && table.rows && shown(c.cell(0)) !== "–");
   const total = columns.reduce((sum, c) => sum + widths.get(c.name), 30);
   return (
     <div class="page full">
@@ -201,6 +206,7 @@ function Runs({ table, summary, condition }) {
         <Columns table={table} names={names} setNames={setNames} titles={titles} />
         <a class="button" href={api.csvAddress(fault ? "" : asked)} download="runs.csv">CSV</a>
       </form>
+      {same.length > 0 && <p class="soft small same">all runs: {same.map((c) => `${c.name} ${shown(c.cell(0))}`).join(", ")}</p>}
       <div class="rows" ref={box} onScroll={view.onScroll} role="region" aria-label="Runs" tabindex="0">
         <table style={{ width: `${total}px` }} aria-rowcount={rows.length + 1}>
           <colgroup><col style={{ width: "30px" }} />{columns.map((c) => <col style={{ width: `${widths.get(c.name)}px` }} />)}</colgroup>
@@ -254,9 +260,10 @@ function Columns({ table, names, setNames, titles }) {
   );
 }
 
-const CELL_PX = 16;
-const NAMES_PX = 236;
-const HEAD_PX = 74;
+const CELL_PX = 18;
+const MAX_NAMES_PX = 236; // a third of a narrow window
+const HEAD_PX = 214;
+const TITLE = 34; // characters of an observable's title
 
 export function MatrixPanel({ summary }) {
   const { table, error } = useTable(summary);
@@ -292,6 +299,7 @@ function Matrix({ table, summary }) {
   const box = useRef();
   const canvas = useRef();
   const size = useSize(box);
+  const names_px = Math.min(MAX_NAMES_PX, Math.max(90, size.width / 3));
   const [scroll, setScroll] = useState([0, 0]);
   const run = table.by.get("run").cell;
   const state = (row, node) => ({ true: "passed", false: "failed", null: "not considered" })[node.cell(row)];
@@ -311,7 +319,7 @@ function Matrix({ table, summary }) {
     for (let r = firstRow; r < lastRow; r += 1) {
       const y = HEAD_PX + r * CELL_PX - top;
       for (let o = firstColumn; o < lastColumn; o += 1) {
-        const x = NAMES_PX + o * CELL_PX - left;
+        const x = names_px + o * CELL_PX - left;
         const passed = observables[o].cell(rows[r]);
         if (passed === null) {
           g.fillStyle = c.line;
@@ -327,39 +335,41 @@ function Matrix({ table, summary }) {
       }
     }
     g.fillStyle = c.paper;
-    g.fillRect(0, 0, NAMES_PX, size.height);
+    g.fillRect(0, 0, names_px, size.height);
     g.fillRect(0, 0, size.width, HEAD_PX);
     for (let r = firstRow; r < lastRow; r += 1) {
       const y = HEAD_PX + r * CELL_PX - top;
       if (y < HEAD_PX - CELL_PX / 2) continue;
       g.fillStyle = cursor?.[0] === r ? c.ink : c["ink-soft"];
       g.textAlign = "right";
-      g.fillText(run(rows[r]).slice(0, 40), NAMES_PX - 8, y + 12, NAMES_PX - 14);
+      g.fillText(run(rows[r]).slice(0, 40), names_px - 8, y + 13, names_px - 14);
     }
     for (let o = firstColumn; o < lastColumn; o += 1) {
-      const x = NAMES_PX + o * CELL_PX - left;
-      if (x < NAMES_PX - 2) continue;
+      const x = names_px + o * CELL_PX - left;
+      if (x < names_px - 2) continue;
       if (o === 0 || observables[o].group !== observables[o - 1].group) {
         g.fillStyle = c.line;
-        g.fillRect(x, 0, 1, size.height);
+        g.fillRect(x, 0, 1, Math.min(size.height, HEAD_PX + rows.length * CELL_PX - top));
         g.fillStyle = c.ink;
         g.textAlign = "left";
-        g.fillText(observables[o].group, x + 3, 10);
+        const wide = observables.filter(({ group }) => group === observables[o].group).length * CELL_PX;
+        g.fillText(observables[o].group, x + 3, 11, wide - 5);
       }
       g.save();
-      g.translate(x + 12, HEAD_PX - 4);
+      g.translate(x + 13, HEAD_PX - 5);
       g.rotate(-Math.PI / 2);
       g.fillStyle = cursor?.[1] === o ? c.ink : c["ink-soft"];
       g.textAlign = "left";
-      g.fillText(observables[o].id.slice(0, 10), 0, 0);
+      const { id, title } = observables[o];
+      g.fillText(`${id} ${title.length > TITLE ? `${title.slice(0, TITLE - 1)}…` : title}`, 0, 0, HEAD_PX - 26);
       g.restore();
     }
   });
   const cellAt = (event) => {
     const rect = canvas.current.getBoundingClientRect();
-    const o = Math.floor((event.clientX - rect.left - NAMES_PX + scroll[0]) / CELL_PX);
+    const o = Math.floor((event.clientX - rect.left - names_px + scroll[0]) / CELL_PX);
     const r = Math.floor((event.clientY - rect.top - HEAD_PX + scroll[1]) / CELL_PX);
-    return r >= 0 && r < rows.length && o >= 0 && o < observables.length && event.clientX - rect.left > NAMES_PX ? [r, o] : null;
+    return r >= 0 && r < rows.length && o >= 0 && o < observables.length && event.clientX - rect.left > names_px ? [r, o] : null;
   };
   // The run at the first moment that the measure states of this observable.
   const open = async ([r, o]) => {
@@ -376,7 +386,7 @@ function Matrix({ table, summary }) {
     const to = cursor ? [Math.min(rows.length - 1, Math.max(0, r + step[0])), Math.min(observables.length - 1, Math.max(0, o + step[1]))] : [0, 0];
     setCursor(to);
     const [x, y] = [to[1] * CELL_PX, to[0] * CELL_PX];
-    const room = [size.width - NAMES_PX - CELL_PX, size.height - HEAD_PX - CELL_PX];
+    const room = [size.width - names_px - CELL_PX, size.height - HEAD_PX - CELL_PX];
     box.current.scrollTo(Math.max(x - room[0], Math.min(x, scroll[0])), Math.max(y - room[1], Math.min(y, scroll[1])));
   };
   const node = cursor && observables[cursor[1]];
@@ -390,7 +400,7 @@ function Matrix({ table, summary }) {
         <span class="sign"><i class="m-good" />passed</span><span class="sign"><i class="m-bad" />failed</span><span class="sign"><i class="m-none" />not considered</span>
       </div>
       <div class="matrix" ref={box} tabindex="0" role="application" aria-label="Runs and observables; arrows move, Enter opens the run" onKeyDown={pressed} onScroll={(event) => setScroll([event.currentTarget.scrollLeft, event.currentTarget.scrollTop])}>
-        <div style={{ width: `${NAMES_PX + observables.length * CELL_PX + 8}px`, height: `${HEAD_PX + rows.length * CELL_PX + 8}px` }}>
+        <div style={{ width: `${names_px + observables.length * CELL_PX + 8}px`, height: `${HEAD_PX + rows.length * CELL_PX + 8}px` }}>
           <canvas
             ref={canvas}
             style={{ width: `${size.width}px`, height: `${size.height}px` }}
