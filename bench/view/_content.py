@@ -41,7 +41,7 @@ from bench.visible_text import visible_values
 RECORDING = "recording.mcap"
 # Of realizations: letters, digits, hyphens and underscores. A dot alone would name a folder above.
 _ID = re.compile(r"[A-Za-z0-9][\w.-]*")
-# While a campaign flies, reading its folder rests for so many times as long as it took: it costs one core 1 % at most.
+# While a campaign flies, reading its folder rests for so many times the CPU time that it took: 1 % of one core at most.
 REST = 99
 # Host seconds between two looks at a folder. Chosen: sessions take seconds.
 LOOK_S = 1.0
@@ -70,10 +70,10 @@ class _Rested(Generic[T]):
             if self._known is None or (
                 self._known[0] != stamp and (time.monotonic() >= self._rest_until_s or not self._is_busy())
             ):
-                begin_s = time.monotonic()
+                begin_s = time.thread_time()
                 self._known = (stamp, self._read())
-                end_s = time.monotonic()
-                self._rest_until_s = end_s + max(LOOK_S, REST * (end_s - begin_s))
+                spent_s = time.thread_time() - begin_s
+                self._rest_until_s = time.monotonic() + max(LOOK_S, REST * spent_s)
             return self._known[1]
 
 
@@ -157,6 +157,8 @@ class CampaignContent(Content):
     def __init__(self, root: Path) -> None:
         super().__init__(root)
         self._paths = CampaignFolder(self.root)
+        # Once before it is measured: what it imports would count as a second of reading.
+        self._read_live()
         self._live = _Rested(self._read_live, time.monotonic, lambda: True)
         is_flying = self._is_flying
         self._data = _Rested(lambda: load_report_data(self.root), self._stamp, is_flying)
@@ -165,7 +167,7 @@ class CampaignContent(Content):
     def summary(self) -> dict[str, Any]:
         data = self._data.get()
         columns = ("agent", "node", "flown", "runs", "passed", "passed.low", "passed.high")
-        more = ("competence_90", "competence_90.low", "score", "difficulty.low", "difficulty.high", "floor")
+        more = ("competence_90", "competence_90.low", "score", "difficulty.low", "difficulty.high")
         table = scores_table(data)
         scores = table.filter(pl.col("configuration") == "all") if table.height else table
         return {
@@ -177,6 +179,12 @@ class CampaignContent(Content):
             "roots": data.roots,
             "nodes": [asdict(node) for node in data.nodes.values()],
             "scores": scores.select(*columns, *more).to_dicts(),
+            # Of principles alone: a floor of other nodes is a confidence, and no share of runs.
+            "floors": {
+                name: floor.verdict_passed / floor.verdict_considered
+                for name, floor in data.floors.items()
+                if floor.verdict_considered and floor.verdict_passed is not None
+            },
             "notes": data.notes,
             "sheets": [asdict(sheet) for sheet in sheets(data)],
             "signature": self._signature(),

@@ -87,7 +87,8 @@ function Tail({ id, titles }) {
         try {
           from = await readOn(own, recordingAddress(id), from, () => (setMessages(own.messages), wanted));
         } catch {
-          // Not begun yet, or gone: look again.
+          // Not begun yet, or begun anew.
+          if (from) [own, from] = [new Tape(), 0];
         }
         if (own.fault) [own, from] = [new Tape(), 0];
         setTape(own);

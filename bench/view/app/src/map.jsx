@@ -158,7 +158,9 @@ class Drawing {
         const place = tape.actorAt(index, this.t);
         if (!place) return;
         this.circle(place, bystander_standoff_m * this.scale);
-        this.stroke(c.bystander, 0.6, [2, 2]);
+        this.g.globalAlpha = 0.4;
+        this.stroke(c.bystander, 0.7, [2, 2]);
+        this.g.globalAlpha = 1;
       });
     }
   }

@@ -13,32 +13,32 @@ export const runsLink = (condition) => `#/runs?where=${encodeURIComponent(condit
 const quoted = (text) => (text.includes('"') ? `'${text}'` : `"${text}"`);
 const fixed = (value, digits = 1) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 
-function Interval({ row }) {
+function Interval({ row, floor }) {
   const [width, height] = [96, 12];
   const x = (share) => (share * width).toFixed(1);
   return (
     <svg class="interval" width={width} height={height} role="img" aria-label={`95 % interval ${fixed(row["passed.low"], 2)} to ${fixed(row["passed.high"], 2)}`}>
       <rect class="whole" width={width} height="4" y="4" />
       <rect class="band" x={x(row["passed.low"])} width={x(row["passed.high"] - row["passed.low"])} y="2" height="8" />
-      {row.floor !== null && <line class="floor" x1={x(row.floor)} x2={x(row.floor)} y1="0" y2={height} />}
+      {floor !== undefined && <line class="floor" x1={x(floor)} x2={x(floor)} y1="0" y2={height} />}
       <line class="share" x1={x(row.passed / row.runs)} x2={x(row.passed / row.runs)} y1="0" y2={height} />
     </svg>
   );
 }
 
-function Cell({ row, agent, node }) {
+function Cell({ row, agent, node, floor }) {
   if (!row || !row.runs) return <td class="verdict none">not considered</td>;
   const failed = row.passed < row.runs;
   const condition = `agent == ${quoted(agent)} and ${word(node.id)}.passed == ${failed ? "false" : "true"}`;
   const name = `${node.title}, ${agent}: ${row.passed} of ${row.runs} passed`;
   return (
     <td class={`verdict ${failed ? (row.passed ? "some" : "bad") : "good"}`} data-node={node.id} data-agent={agent}>
-      <a href={runsLink(condition)} aria-label={name} title={`95 % interval ${fixed(100 * row["passed.low"])} to ${fixed(100 * row["passed.high"])} %${row.floor === null ? "" : `; an agent without merit reaches ${fixed(100 * row.floor)} %`}. Opens the runs that ${failed ? "failed" : "passed"}.`}>
+      <a href={runsLink(condition)} aria-label={name} title={`95 % interval ${fixed(100 * row["passed.low"])} to ${fixed(100 * row["passed.high"])} %${floor === undefined ? "" : `; an agent without merit passes ${fixed(100 * floor)} %`}. Opens the runs that ${failed ? "failed" : "passed"}.`}>
         <span class="count"><b>{row.passed}</b> of {row.runs}</span>
-        <Interval row={row} />
+        <Interval row={row} floor={floor} />
       </a>
       <span class="score" title="Mean score; difficulty up to which nine tenths pass, with its bound">
-        score {fixed(row.score)}{row.competence_90 === null ? "" : ` · 9⁄10 to ${fixed(row.competence_90, 0)} (${fixed(row["competence_90.low"], 0)})`}
+        score {fixed(row.score)}{row.competence_90 === null ? "" : ` · nine tenths to ${fixed(row.competence_90, 0)}, bound ${fixed(row["competence_90.low"], 0)}`}
       </span>
     </td>
   );
@@ -91,15 +91,15 @@ export function VerdictPanel({ summary }) {
                   )}
                   {open.has(path) && node.asks && <p class="asks">{node.asks}</p>}
                 </th>
-                {summary.agents.map((agent) => <Cell row={scores.get(`${agent} ${node.id}`)} agent={agent} node={node} />)}
+                {summary.agents.map((agent) => <Cell row={scores.get(`${agent} ${node.id}`)} agent={agent} node={node} floor={summary.floors[node.id]} />)}
               </tr>
             ))}
           </tbody>
         </table>
       </div>
       <p class="soft small">
-        Runs passed of runs that considered the node; the band is the exact 95 % interval{summary.scores.some((row) => row.floor !== null) ? ", the thin line what an agent without merit reaches" : ""}.
-        Below: mean score{summary.scores.some((row) => row.competence_90 !== null) ? " and the difficulty up to which nine tenths pass, with its bound" : ""}. A count opens the runs behind it.
+        Runs passed of runs that considered the node; the band is the exact 95 % interval{Object.keys(summary.floors).length ? ", the dotted line what the best agent without merit passes" : ""}.
+        Beside it: the mean score{summary.scores.some((row) => row.competence_90 !== null) ? " and the difficulty up to which nine tenths pass, with its bound" : ""}. A count opens the runs behind it.
       </p>
     </div>
   );
@@ -353,7 +353,7 @@ function Matrix({ table, summary }) {
         g.fillStyle = c.ink;
         g.textAlign = "left";
         const wide = observables.filter(({ group }) => group === observables[o].group).length * CELL_PX;
-        g.fillText(observables[o].group, x + 3, 11, wide - 5);
+        if (wide > 2 * CELL_PX - 1) g.fillText(observables[o].group, x + 3, 11, wide - 5);
       }
       g.save();
       g.translate(x + 13, HEAD_PX - 5);
@@ -395,7 +395,7 @@ function Matrix({ table, summary }) {
       <div class="filter">
         <label><input type="checkbox" checked={byAgent} onChange={() => setByAgent(!byAgent)} /> by agent</label>
         <output class="readout">
-          {cursor ? <><b class={state(rows[cursor[0]], node) === "failed" ? "bad" : ""}>{state(rows[cursor[0]], node)}</b> {node.id} {node.title} · {run(rows[cursor[0]])}</> : `${rows.length} runs, ${observables.length} observables; a cell opens the run at the moment of the failure`}
+          {cursor ? <><b class={state(rows[cursor[0]], node) === "failed" ? "bad" : ""}>{state(rows[cursor[0]], node)}</b> {node.group}, {node.id} {node.title} · {run(rows[cursor[0]])}</> : `${rows.length} runs, ${observables.length} observables; a cell opens the run at the moment of the failure`}
         </output>
         <span class="sign"><i class="m-good" />passed</span><span class="sign"><i class="m-bad" />failed</span><span class="sign"><i class="m-none" />not considered</span>
       </div>

@@ -124,10 +124,12 @@ const PIECE_BYTES = 1 << 19;
 // Read on from byte `from`; the byte after the last that was there. `onPiece` is told of progress, and ends it by false.
 export async function readOn(tape, address, from, onPiece = () => true) {
   for (;;) {
-    const answer = await fetch(address, { headers: { Range: `bytes=${from}-${from + PIECE_BYTES - 1}` } });
-    if (answer.status === 416) return from;
+    // With the last byte that is there already: a range beyond the end would be an error.
+    const first = Math.max(0, from - 1);
+    const answer = await fetch(address, { headers: { Range: `bytes=${first}-${first + PIECE_BYTES - 1}` } });
+    if (answer.status === 416) throw new Error("the recording is written anew");
     if (!answer.ok) throw new Error(`${answer.status}: ${await answer.text()}`);
-    const bytes = new Uint8Array(await answer.arrayBuffer());
+    const bytes = new Uint8Array(await answer.arrayBuffer()).subarray(from - first);
     tape.feed(bytes);
     from += bytes.length;
     const size = Number(answer.headers.get("Content-Range")?.split("/")[1] ?? from);
