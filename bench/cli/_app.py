@@ -80,7 +80,18 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _verification, _status, _sessions, _scores, _runs, _view, _compare, _calibrate, _decomposition),
+    *(
+        _campaigns,
+        _verification,
+        _status,
+        _sessions,
+        _scores,
+        _runs,
+        _view,
+        _compare,
+        _calibrate,
+        _decomposition,
+    ),
     *(
         _camera,
         _graph,

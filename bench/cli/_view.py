@@ -18,13 +18,16 @@ def register(app: typer.Typer) -> None:
 
 
 def view(
-    path: Annotated[Path, typer.Argument(help="Folder of a campaign or of a run, or a recording", metavar="DIR|RUN")],
+    path: Annotated[
+        Path, typer.Argument(help="Folder of a campaign or of a run, or a recording", metavar="DIR|RUN")
+    ],
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the loopback interface; 0: a free one")
     ] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser")] = True,
     to_html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write one run as a page of one file instead of serving")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write one run as a page of one file instead of serving"),
     ] = None,
 ) -> None:
     """Show a campaign, finished or flying, or one recording in a browser. Only this machine can reach it; it writes nothing.

@@ -25,9 +25,8 @@ from bench.campaign import (
     read_signature,
     signature_faults,
 )
-from bench.errors import Fault, RebarError, SetupError
+from bench.errors import Fault, SetupError
 from bench.reporting import (
-    ReportData,
     csv_text,
     load_report_data,
     matching,
@@ -58,8 +57,15 @@ class NotThere(Exception):
 class _Rested(Generic[T]):
     """A value that is read again when `stamp` changes, for all threads at once."""
 
-    def __init__(self, read: Callable[[], T], stamp: Callable[[], object], is_busy: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        read: Callable[[], T],
+        stamp: Callable[[], object],
+        is_busy: Callable[[], bool],
+        clocks: tuple[Callable[[], float], Callable[[], float]] = (time.monotonic, time.thread_time),
+    ) -> None:
         self._read, self._stamp, self._is_busy = read, stamp, is_busy
+        self._now_s, self._spent_s = clocks
         self._lock = threading.Lock()
         self._known: tuple[object, T] | None = None
         self._rest_until_s = 0.0
@@ -68,12 +74,12 @@ class _Rested(Generic[T]):
         with self._lock:
             stamp = self._stamp()
             if self._known is None or (
-                self._known[0] != stamp and (time.monotonic() >= self._rest_until_s or not self._is_busy())
+                self._known[0] != stamp and (self._now_s() >= self._rest_until_s or not self._is_busy())
             ):
-                begin_s = time.thread_time()
+                begin_s = self._spent_s()
                 self._known = (stamp, self._read())
-                spent_s = time.thread_time() - begin_s
-                self._rest_until_s = time.monotonic() + max(LOOK_S, REST * spent_s)
+                spent_s = self._spent_s() - begin_s
+                self._rest_until_s = self._now_s() + max(LOOK_S, REST * spent_s)
             return self._known[1]
 
 
@@ -143,7 +149,12 @@ class RunContent(Content):
 
     def run(self, name: str) -> dict[str, Any]:
         result = self._result(name)
-        return {"run": str(result.get("realization", self.root.name)), "nodes": [], "beside": [], "result": result}
+        return {
+            "run": str(result.get("realization", self.root.name)),
+            "nodes": [],
+            "beside": [],
+            "result": result,
+        }
 
     def _folder_of(self, name: str) -> Path:
         if name != self.root.name:
@@ -162,7 +173,9 @@ class CampaignContent(Content):
         self._live = _Rested(self._read_live, time.monotonic, lambda: True)
         is_flying = self._is_flying
         self._data = _Rested(lambda: load_report_data(self.root), self._stamp, is_flying)
-        self._table = _Rested(lambda: runs_table(self._data.get()), lambda: id(self._data.get()), lambda: False)
+        self._table = _Rested(
+            lambda: runs_table(self._data.get()), lambda: id(self._data.get()), lambda: False
+        )
 
     def summary(self) -> dict[str, Any]:
         data = self._data.get()
@@ -217,7 +230,9 @@ class CampaignContent(Content):
         return {
             "run": name,
             "agent": runs[0].agent if runs else None,
-            "nodes": rows.select(pl.col(columns).cast(pl.String) if not rows.height else pl.col(columns)).to_dicts(),
+            "nodes": rows.select(
+                pl.col(columns).cast(pl.String) if not rows.height else pl.col(columns)
+            ).to_dicts(),
             "beside": [run.realization for run in data.runs if run.scene == scene],
             "result": result,
         }
@@ -256,7 +271,11 @@ class CampaignContent(Content):
             return {"state": "not signed", "key": None}
         faults = [fault.what for fault in signature_faults(self.root)]
         document = read_signature(self.root)
-        checked = "fits manifest.json" if can_check_signatures() else "was not checked: the extra `sign` is not installed"
+        checked = (
+            "fits manifest.json"
+            if can_check_signatures()
+            else "was not checked: the extra `sign` is not installed"
+        )
         return {
             "state": "; ".join(faults) or checked,
             "key": fingerprint_of(document.public_key) if document else None,
@@ -277,6 +296,3 @@ def content_of(path: Path) -> Content:
 def document_text(document: object) -> str:
     """JSON in which every character is seen."""
     return json.dumps(visible_values(document), ensure_ascii=False, allow_nan=False)
-
-
-__all__ = ["CampaignContent", "Content", "NotThere", "RebarError", "RunContent", "content_of", "document_text"]

@@ -7,17 +7,17 @@ and an extra with a web framework would bring a dozen packages for them.
 from __future__ import annotations
 
 import hmac
-import json
 import re
 import secrets
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from bench.errors import RebarError
@@ -66,6 +66,11 @@ class ViewServer(ThreadingHTTPServer):
         """Cookies know no ports: two servers of one machine would overwrite each other's."""
         return f"rebar-view-{self.server_port}"
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that leaves is no fault."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
     def shutdown(self) -> None:
         self.ended.set()
         super().shutdown()
@@ -84,7 +89,7 @@ class _Handler(BaseHTTPRequestHandler):
         with suppress(ConnectionError, TimeoutError):
             self._answer()
 
-    def log_message(self, format: str, *args: object) -> None:
+    def log_message(self, *_: object) -> None:
         """Nothing: the address in a line would hold the token."""
 
     def _answer(self) -> None:
@@ -110,7 +115,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _exchange(self, token: str) -> None:
         if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            return self._send_text(HTTPStatus.FORBIDDEN, "the token is another server's: open the newest address")
+            return self._send_text(
+                HTTPStatus.FORBIDDEN, "the token is another server's: open the newest address"
+            )
         cookie = f"{self.server.cookie_name}={self.server.session}; Path=/; HttpOnly; SameSite=Strict"
         self._begin(HTTPStatus.SEE_OTHER, "text/plain", 0, {"Location": "/", "Set-Cookie": cookie})
         return None
@@ -134,7 +141,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_text(self, status: HTTPStatus, text: str, kind: str = "text/plain", **more: str) -> None:
         data = text.encode("utf-8", "replace")
-        self._begin(status, f"{kind}; charset=utf-8", len(data), {key.replace("_", "-"): text for key, text in more.items()})
+        self._begin(
+            status,
+            f"{kind}; charset=utf-8",
+            len(data),
+            {key.replace("_", "-"): text for key, text in more.items()},
+        )
         self.wfile.write(data)
 
     def _send_document(self, document: object) -> None:
@@ -148,21 +160,28 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _csv(self, query: Query) -> None:
         text = self.server.content.csv(query.get("where", ""))
-        self._send_text(HTTPStatus.OK, text, "text/csv", Content_Disposition='attachment; filename="runs.csv"')
+        self._send_text(
+            HTTPStatus.OK, text, "text/csv", Content_Disposition='attachment; filename="runs.csv"'
+        )
 
     def _recording(self, query: Query) -> None:
         """The file, or the bytes that `Range` asks for. It may grow meanwhile: the size is that of now."""
         path = self.server.content.recording(query.get("id", ""))
         with path.open("rb") as file:
             size = path.stat().st_size
-            asked = _RANGE.fullmatch(self.headers.get("Range", ""))
+            # Of nothing no range can be had.
+            asked = _RANGE.fullmatch(self.headers.get("Range", "")) if size else None
             first, last = (int(asked[1]), int(asked[2] or size - 1)) if asked else (0, size - 1)
             last = min(last, size - 1)
             if asked and first > last:
                 empty = {"Content-Range": f"bytes */{size}"}
-                return self._begin(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, "application/octet-stream", 0, empty)
+                return self._begin(
+                    HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, "application/octet-stream", 0, empty
+                )
             status = HTTPStatus.PARTIAL_CONTENT if asked else HTTPStatus.OK
-            more = {"Accept-Ranges": "bytes", "Content-Range": f"bytes {first}-{last}/{size}"} if asked else {}
+            more = (
+                {"Accept-Ranges": "bytes", "Content-Range": f"bytes {first}-{last}/{size}"} if asked else {}
+            )
             self._begin(status, "application/octet-stream", last + 1 - first, more)
             file.seek(first)
             left = last + 1 - first
@@ -194,8 +213,12 @@ _ROUTES: Mapping[str, Callable[[_Handler, Query], None]] = {
     "/icon.svg": lambda handler, query: handler._send_text(HTTPStatus.OK, ICON, "image/svg+xml"),
     "/api/summary": lambda handler, query: handler._send_document(handler.server.content.summary()),
     "/api/runs": lambda handler, query: handler._send_document(handler.server.content.runs()),
-    "/api/where": lambda handler, query: handler._send_document(handler.server.content.where(query.get("c", ""))),
-    "/api/run": lambda handler, query: handler._send_document(handler.server.content.run(query.get("id", ""))),
+    "/api/where": lambda handler, query: handler._send_document(
+        handler.server.content.where(query.get("c", ""))
+    ),
+    "/api/run": lambda handler, query: handler._send_document(
+        handler.server.content.run(query.get("id", ""))
+    ),
     "/api/runs.csv": _Handler._csv,
     "/api/live": _Handler._live,
     "/recording": _Handler._recording,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import base64
+import fcntl
 import json
 import os
 import shutil
-import subprocess
+import signal
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -101,7 +102,12 @@ class Browser:
     def press(self, key: str) -> None:
         """One key, as a person presses it."""
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, text=key if len(key) == 1 and kind == "keyDown" else "")
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                text=key if len(key) == 1 and kind == "keyDown" else "",
+            )
 
     def click(self, x: float, y: float) -> None:
         """A click at a place of the window."""
@@ -110,7 +116,13 @@ class Browser:
 
     def resize(self, width: int, height: int, *, dark: bool = False) -> None:
         """The size of the window, and the colours that the system asks for."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
 
@@ -121,25 +133,41 @@ class Browser:
 
 
 @contextmanager
-def open_browser(folder: Path) -> Iterator[Browser]:
-    """Yield a page of a new Chromium; its profile is in `folder`."""
-    to_read, commands = os.pipe()
-    answers, to_write = os.pipe()
-    options = [f"--{option}" for option in _OPTIONS.split()]
-    command = [str(_CHROMIUM), *options, f"--user-data-dir={folder / 'profile'}"]
+def open_browser() -> Iterator[Browser]:
+    """Yield a page of a new Chromium."""
+    # Not `tmp_path`: Chromium makes a socket in it, and paths of sockets are short.
+    with tempfile.TemporaryDirectory(prefix="chromium-") as folder:
+        yield from _opened(folder)
 
-    process = subprocess.Popen(
-        ["sh", "-c", f'exec "$@" 3<&{to_read} 4>&{to_write}', "chromium", *command],
-        pass_fds=(to_read, to_write),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+
+def _opened(folder: str) -> Iterator[Browser]:
+    to_read, commands = _pipe()
+    answers, to_write = _pipe()
+    options = [f"--{option}" for option in _OPTIONS.split()]
+    command = [str(_CHROMIUM), *options, f"--user-data-dir={folder}/profile"]
+    # Not `subprocess`: a shell or a function between fork and exec would have to place the two files.
+    actions = [
+        (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
+        (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),
+        (os.POSIX_SPAWN_DUP2, to_read, 3),
+        (os.POSIX_SPAWN_DUP2, to_write, 4),
+    ]
+    process = os.posix_spawn(command[0], command, os.environ | {"TMPDIR": folder}, file_actions=actions)
     os.close(to_read)
     os.close(to_write)
     try:
         yield Browser(commands, answers)
     finally:
-        process.terminate()
-        process.wait()
+        os.kill(process, signal.SIGTERM)
+        os.waitpid(process, 0)
         os.close(commands)
         os.close(answers)
+
+
+def _pipe() -> tuple[int, int]:
+    """A pipe whose ends are no files 3 and 4, which Chromium reads and writes."""
+    ends = os.pipe()
+    higher = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in ends]
+    for end in ends:
+        os.close(end)
+    return higher[0], higher[1]

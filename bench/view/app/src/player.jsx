@@ -90,16 +90,16 @@ function Log({ entries, t, onSeek }) {
   const current = placeAt(rows, t);
   const view = useWindow(box, rows.length, ROW_PX);
   useEffect(() => view.show(Math.max(0, current)), [current, hidden]);
-  const toggle = (kind) => {
-    const next = new Set(hidden);
-    if (!next.delete(kind)) next.add(kind);
-    setHidden(next);
-  };
+  const toggle = (kind) =>
+    setHidden((old) => {
+      const next = new Set(old);
+      if (!next.delete(kind)) next.add(kind);
+      return next;
+    });
   const pick = (row) => {
     setChosen(row);
     onSeek(row.t);
   };
-  const open = chosen ?? null;
   return (
     <section class="log" aria-label="Log">
       <div class="chips">
@@ -123,11 +123,11 @@ function Log({ entries, t, onSeek }) {
           ))}
         </div>
       </div>
-      {open && (
+      {chosen && (
         <div class="whole">
-          <div class="whole-head"><b>{seconds(open.t)}</b> {oneLine(open.title)}<button type="button" aria-label="Close" onClick={() => setChosen(null)}>×</button></div>
-          {open.text && <p>{visible(open.text)}</p>}
-          {open.raw && <pre>{visible(JSON.stringify(open.raw, null, 1))}</pre>}
+          <div class="whole-head"><b>{seconds(chosen.t)}</b> {oneLine(chosen.title)}<button type="button" aria-label="Close" onClick={() => setChosen(null)}>×</button></div>
+          {chosen.text && <p>{visible(chosen.text)}</p>}
+          {chosen.raw && <pre>{visible(JSON.stringify(chosen.raw, null, 1))}</pre>}
         </div>
       )}
     </section>
@@ -168,13 +168,13 @@ function Camera({ tape, t }) {
   const canvas = useRef();
   const theme = useTheme();
   const { width } = useSize(box);
-  const camera = tape.simspec?.vehicle?.camera;
-  const aspect = camera ? camera.height_px / camera.width_px : 9 / 16;
+  const { camera } = tape.simspec.vehicle;
+  const aspect = camera.height_px / camera.width_px;
   const seen = rowAt(tape.view, t);
   const found = rowAt(tape.detections, t);
   const picture = rowAt(tape.pictures.filter((row) => !tape.main_camera || row.camera === tape.main_camera), t);
   useEffect(() => {
-    if (!width || !camera) return undefined;
+    if (!width) return undefined;
     let wanted = true;
     const style = getComputedStyle(canvas.current);
     const draw = (bitmap) => {
@@ -200,7 +200,6 @@ function Camera({ tape, t }) {
     else draw(null);
     return () => (wanted = false);
   }, [width, seen, found, picture, theme]);
-  if (!camera || !(tape.view.length || tape.detections.length)) return null;
   return (
     <figure class="camera" ref={box}>
       <canvas ref={canvas} role="img" aria-label="Main camera" style={{ width: "100%", height: `${width * aspect}px` }} />
@@ -263,7 +262,8 @@ function remarks(tape) {
   ].filter(Boolean);
 }
 
-const link = (path, t) => history.replaceState(null, "", `#${path}?t=${t.toFixed(1)}`);
+// Not while the address names another panel already: this one is about to go.
+const link = (path, t) => location.hash.startsWith(`#${path}`) && history.replaceState(null, "", `#${path}?t=${t.toFixed(1)}`);
 
 export function RunPanel({ id, start_s, titles }) {
   const answer = useRun(id);
@@ -293,7 +293,7 @@ function Run({ id, start_s, titles, run, tape }) {
         <aside class="side">
           <div class="moment">
             <Now tape={tape} t={clock.t} />
-            <Camera tape={tape} t={clock.t} />
+            {tape.simspec?.vehicle?.camera && (tape.view.length || tape.detections.length) > 0 && <Camera tape={tape} t={clock.t} />}
           </div>
           <Verdict run={run} titles={titles} onSeek={clock.seek} />
           <Log entries={entries} t={clock.t} onSeek={clock.seek} />

@@ -54,11 +54,12 @@ export function VerdictPanel({ summary }) {
   const scores = useMemo(() => new Map(summary.scores.map((row) => [`${row.agent} ${row.node}`, row])), [summary]);
   const first = summary.roots.flatMap((id) => nodes.get(id)?.children ?? []);
   const [open, setOpen] = useState(new Set(first.length <= OPEN_ROWS ? summary.roots.map((id) => `/${id}`) : []));
-  const toggle = (path) => {
-    const next = new Set(open);
-    if (!next.delete(path)) next.add(path);
-    setOpen(next);
-  };
+  const toggle = (path) =>
+    setOpen((old) => {
+      const next = new Set(old);
+      if (!next.delete(path)) next.add(path);
+      return next;
+    });
   const rows = [];
   const walk = (id, depth, above) => {
     const node = nodes.get(id);
@@ -159,7 +160,7 @@ function Runs({ table, summary, condition }) {
   const [typed, setTyped] = useState(condition);
   useEffect(() => setTyped(condition), [condition]);
   useEffect(() => {
-    const wait = setTimeout(() => typed !== condition && history.replaceState(null, "", typed.trim() ? runsLink(typed) : "#/runs"), 400);
+    const wait = setTimeout(() => typed !== condition && location.hash.startsWith("#/runs") && history.replaceState(null, "", typed.trim() ? runsLink(typed) : "#/runs"), 400);
     return () => clearTimeout(wait);
   }, [typed]);
   const [asked, setAsked] = useState(condition);
@@ -246,7 +247,7 @@ function Runs({ table, summary, condition }) {
 function Columns({ table, names, setNames, titles }) {
   const [text, setText] = useState("");
   const rows = table.columns.filter(({ name }) => name !== "run" && `${name} ${titles.get(name) ?? ""}`.toLowerCase().includes(text.toLowerCase()));
-  const toggle = (name) => setNames(names.includes(name) ? names.filter((other) => other !== name) : [...names, name]);
+  const toggle = (name) => setNames((old) => (old.includes(name) ? old.filter((other) => other !== name) : [...old, name]));
   return (
     <details class="columns">
       <summary class="button">columns</summary>
