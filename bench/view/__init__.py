@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from ._content import CampaignContent as CampaignContent
 from ._content import Content as Content
-from ._content import RunContent as RunContent
 from ._content import content_of as content_of
 from ._page import run_page as run_page
 from ._server import ViewServer as ViewServer

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import html
+from base64 import b64encode
 from importlib.resources import files
-from pathlib import Path
 
 from ._content import Content, document_text
 
@@ -31,21 +30,17 @@ def index_page(title: str) -> str:
 
 def run_page(content: Content, name: str) -> str:
     """One run in one file: script, recording and result. It loads nothing, and no other script may run in it."""
-    recording: Path = content.recording(name)
-    data = {"name": name, "run": content.run(name)}
+    document = document_text({"name": name, "run": content.run(name)})
+    data, recording = (
+        b64encode(part).decode() for part in (document.encode(), content.recording(name).read_bytes())
+    )
     # What ends a script in HTML is no part of base64, and is spelled otherwise here.
-    parts = [
-        f'<script type="text/plain" id="run-data">{_encoded(document_text(data).encode())}</script>',
-        f'<script type="text/plain" id="run-recording">{_encoded(recording.read_bytes())}</script>',
-    ]
     code = script().replace("</", "<\\/")
-    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    digest = b64encode(hashlib.sha256(code.encode()).digest()).decode()
     policy = f"default-src 'none'; script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     return (
         f'{_HEAD}<meta http-equiv="Content-Security-Policy" content="{policy}"><title>{html.escape(name)}</title><body>'
-        f'{"".join(parts)}<script type="module">{code}</script></body></html>'
+        f'<script type="text/plain" id="run-data">{data}</script>'
+        f'<script type="text/plain" id="run-recording">{recording}</script>'
+        f'<script type="module">{code}</script></body></html>'
     )
-
-
-def _encoded(data: bytes) -> str:
-    return base64.b64encode(data).decode()

@@ -19,7 +19,7 @@ _CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shut
 needs_chromium = pytest.mark.skipif(_CHROMIUM is None, reason="no Chromium on this machine")
 _OPTIONS = (
     "headless no-sandbox disable-gpu disable-quic no-first-run disable-sync disable-background-networking "
-    "disable-component-update disable-dev-shm-usage hide-scrollbars remote-debugging-pipe"
+    "disable-component-update disable-dev-shm-usage hide-scrollbars no-zygote remote-debugging-pipe"
 )
 # Host seconds that a page has for what a test waits for, on a busy machine.
 _PATIENCE_S = 60.0
@@ -152,13 +152,16 @@ def _opened(folder: str) -> Iterator[Browser]:
         (os.POSIX_SPAWN_DUP2, to_read, 3),
         (os.POSIX_SPAWN_DUP2, to_write, 4),
     ]
-    process = os.posix_spawn(command[0], command, os.environ | {"TMPDIR": folder}, file_actions=actions)
+    # A group of its own: those that it starts write into the folder as long as they live.
+    process = os.posix_spawn(
+        command[0], command, os.environ | {"TMPDIR": folder}, file_actions=actions, setpgroup=0
+    )
     os.close(to_read)
     os.close(to_write)
     try:
         yield Browser(commands, answers)
     finally:
-        os.kill(process, signal.SIGTERM)
+        os.killpg(process, signal.SIGKILL)
         os.waitpid(process, 0)
         os.close(commands)
         os.close(answers)

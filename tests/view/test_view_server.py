@@ -15,8 +15,8 @@ from bench.campaign import open_journal, write_result
 from bench.cli._app import run
 from bench.errors import SetupError
 from bench.reporting import csv_text, load_report_data, matching, runs_table, scores_table
-from bench.view import CampaignContent, RunContent, ViewServer, content_of, run_page
-from bench.view._content import LOOK_S, REST, _Rested
+from bench.view import CampaignContent, ViewServer, content_of, run_page
+from bench.view._content import LOOK_S, REST, Rested
 
 NAIVE = "p000-r0-reference-naive"
 ROUTES = (
@@ -24,7 +24,7 @@ ROUTES = (
     "/app.js",
     "/api/summary",
     "/api/runs",
-    "/api/where?c=failed",
+    "/api/where?where=failed",
     "/api/run?id=x",
     "/api/runs.csv",
     "/api/live",
@@ -201,11 +201,11 @@ def test_numbers_are_those_of_the_scores_and_looking_changes_nothing(
         "run == none",
     ):
         wanted = matching(table, condition, "--where")
-        rows = json.loads(ask(f"/api/where?c={condition.replace(' ', '%20')}", cookie).read())["rows"]
+        rows = json.loads(ask(f"/api/where?where={condition.replace(' ', '%20')}", cookie).read())["rows"]
         assert [table["run"][row] for row in rows] == wanted["run"].to_list(), condition
         text = ask(f"/api/runs.csv?where={condition.replace(' ', '%20')}", cookie).read().decode()
         assert text == csv_text(wanted)
-    assert "fault" in json.loads(ask("/api/where?c=nothing%20%3D%3D%201", cookie).read())
+    assert "fault" in json.loads(ask("/api/where?where=nothing%20%3D%3D%201", cookie).read())
     assert ask("/api/runs.csv?where=nothing", cookie).status == 409
     one = json.loads(ask(f"/api/run?id={NAIVE}", cookie).read())
     assert one["beside"] == sorted(["p000-r0-reference-bystander-aware", NAIVE])
@@ -251,7 +251,7 @@ def test_reading_rests_while_the_campaign_flies() -> None:
         reads[0] += 1
         return stamp[0]
 
-    value = _Rested(read, lambda: stamp[0], lambda: busy[0], (lambda: now_s[0], lambda: spent_s[0]))
+    value = Rested(read, lambda: stamp[0], lambda: busy[0], lambda: now_s[0], lambda: spent_s[0])
     assert (value.get(), value.get(), reads[0]) == (0, 0, 1)
     stamp[0] = 1
     now_s[0] = REST * 0.5 - 0.001
@@ -269,7 +269,7 @@ def test_a_run_or_a_recording_is_shown_by_itself(folder: Path, tmp_path: Path) -
     run_folder = folder / "runs" / NAIVE
     for path in (run_folder, run_folder / "recording.mcap"):
         content = content_of(path)
-        assert isinstance(content, RunContent)
+        assert not isinstance(content, CampaignContent)
         assert content.summary() == {"kind": "run", "name": NAIVE, "run": NAIVE}
         assert content.recording(NAIVE).read_bytes() == (run_folder / "recording.mcap").read_bytes()
         assert content.run(NAIVE)["result"]["outcome"] == "completed"

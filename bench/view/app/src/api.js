@@ -20,7 +20,7 @@ const query = (id) => encodeURIComponent(id);
 export const recordingAddress = (id) => `/recording?id=${query(id)}`;
 export const summary = () => (mailed ? { kind: "run", name: mailed.name, run: mailed.name } : get("/api/summary"));
 export const runs = () => get("/api/runs");
-export const where = (condition) => get(`/api/where?c=${query(condition)}`);
+export const where = (condition) => get(`/api/where?where=${query(condition)}`);
 export const csvAddress = (condition) => `/api/runs.csv?where=${query(condition)}`;
 export const run = (id) => (mailed ? mailed.run : get(`/api/run?id=${query(id)}`));
 
