@@ -15,7 +15,7 @@ PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
-.PHONY: bench demo panel test quick slow clients real check lock lock-check clean
+.PHONY: bench demo panel test quick slow clients real view check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -58,6 +58,10 @@ bench: $(VENV)/.dev
 # Flies real autopilots: REBAR_PX4=FOLDER REBAR_ARDUCOPTER=PROGRAM make real. See docs/real-autopilots.md.
 real: $(VENV)/.dev
 	$(BIN)/python -m pytest -m real
+
+# Builds the page of `rebar view` from its sources; needs npm. The result is part of the repository and of the wheel.
+view:
+	cd bench/view/app && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent build
 
 check: test
 

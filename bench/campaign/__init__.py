@@ -107,6 +107,7 @@ if TYPE_CHECKING:
     from .storage._journal import JournalEntry as JournalEntry
     from .storage._journal import RealizationState as RealizationState
     from .storage._journal_file import open_journal as open_journal
+    from .storage._journal_file import open_journal_to_read as open_journal_to_read
     from .storage._manifest import Manifest as Manifest
     from .storage._pause import pause_campaign as pause_campaign
     from .storage._pause import request_retry as request_retry
@@ -118,5 +119,6 @@ if TYPE_CHECKING:
     from .storage._signature import fingerprint_of as fingerprint_of
     from .storage._signature import read_signature as read_signature
     from .storage._signature import sign_manifest as sign_manifest
+    from .storage._signature import signature_faults as signature_faults
 
 __getattr__ = lazy_names(__name__)

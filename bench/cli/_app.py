@@ -40,6 +40,7 @@ from . import (
     _status,
     _tension,
     _verification,
+    _view,
 )
 from . import _campaigns as _campaigns
 from ._fault_paths import path_fault
@@ -94,7 +95,15 @@ for command in (
         _status.resume,
     ),
     *(_sessions.simulate, _scores.score, _runs.runs, _runs.check, _compare.compare, _calibrate.calibrate),
-    *(_history.history, _explain.explain, _draw.draw, _graph.graph, _look.schema, _look.difficulty),
+    *(
+        _view.view,
+        _history.history,
+        _explain.explain,
+        _draw.draw,
+        _graph.graph,
+        _look.schema,
+        _look.difficulty,
+    ),
 ):
     app.command()(command)
 _prose.register(app)

@@ -13,11 +13,13 @@ from ._campaign_folder import require_distinct as require_distinct
 from ._companions import COMPANIONS as COMPANIONS
 from ._companions import csv_text as csv_text
 from ._companions import requirements_table as requirements_table
+from ._companions import scores_table as scores_table
 from ._conditions import matching as matching
 from ._conditions import words_of as words_of
 from ._page import load_page_parts as load_page_parts
 from ._page import render_report as render_report
 from ._page import write_report as write_report
+from ._runs_table import runs_document as runs_document
 from ._runs_table import runs_table as runs_table
 from ._terminal import finding as finding
 from ._terminal import score_tables as score_tables
