@@ -53,6 +53,7 @@ from bench.streams import (
 
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
+from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
 from ._stop_session import StopSession
 
@@ -132,7 +133,7 @@ class RecordedPublisher:
     opened: bool = False
     recorded: bool = True
     while_matched: bool = False
-    outbox: list[AirMessage] | None = None
+    outbox: Outbox | None = None
     """Of a session whose ticks carry the air network: what the next tick takes along."""
 
     @property
@@ -156,10 +157,11 @@ class RecordedPublisher:
         data = encode(message)
         if self.recorded:
             self.tap(Record(time, self.topic, self.kind.TYPE, data, value))
-        if self.outbox is not None and (self.opened or self.latched):
+        # What is latched is kept for a reader that has not said yet what it reads.
+        if self.outbox is not None and (self.opened or (self.latched and not self.outbox.has_reader)):
             # A String of the air network is a JSON document already.
             content = json.loads(message.data) if isinstance(message, String) else json_value(message)
-            self.outbox.append(AirMessage(topic=self.topic, message=content))
+            self.outbox.add(self.topic, content, len(data), latched=self.latched)
         elif self.publisher is not None and self.listened:
             self.publisher.put_bytes(data)
 
@@ -203,7 +205,7 @@ class AirNetwork:
         in_ticks: bool = False,
     ) -> None:
         self._tap = tap
-        self._outbox: list[AirMessage] | None = [] if in_ticks else None
+        self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
         self.access: AirAccess | None = router.access if router else None
@@ -221,7 +223,7 @@ class AirNetwork:
                     else node.publisher(name, topic.kind, topic.qos)
                 )
             return RecordedPublisher(
-                name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=self._outbox
+                name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=self.outbox
             )
 
         self.clock = recorded(CLOCK)
@@ -272,11 +274,8 @@ class AirNetwork:
         """
         declared = set(subscribes)
         self._check_known(declared)
-        if self._outbox is not None:
-            # What is latched was kept for a reader that had not said yet what it reads.
-            self._outbox[:] = [message for message in self._outbox if message.topic in declared]
-            for recorded in self._publishers:
-                recorded.latched = False
+        if self.outbox is not None:
+            self.outbox.open_for(declared)
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
             if recorded.topic in declared:
@@ -353,13 +352,6 @@ class AirNetwork:
         if dropped:
             self._check_flood()
         return documents
-
-    def take_outbox(self) -> tuple[AirMessage, ...]:
-        """What the next tick takes along; nothing where the air network is Zenoh's."""
-        messages = tuple(self._outbox or ())
-        if self._outbox:
-            self._outbox.clear()
-        return messages
 
     def receive_messages(self, time: SimTime, messages: Iterable[AirMessage]) -> dict[str, list[str | bytes]]:
         """Record what an acknowledgement brought, and return it as `receive` does. Raises StopSession for a topic that the

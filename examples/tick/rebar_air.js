@@ -36,7 +36,7 @@ class Vehicle {
     Object.assign(this, { latitude_deg: 0, longitude_deg: 0, height_m: 0, amsl_m: 0 });
   }
 
-  // Resolves when `count` frames have come since the start: lockstep states it in each tick.
+  // Resolves when `count` frames have come since the start: lockstep states it in each tick, the other paces do not.
   receive(count) {
     this.wanted = count;
     return this.received >= count ? Promise.resolve() : new Promise((resolve) => (this.wake = resolve));

@@ -7,8 +7,10 @@ far as an agent needs it that flies by PX4's own modes. docs/agents-protocol.md 
 import json
 import math
 import os
+import select
 import socket
 import struct
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -39,15 +41,14 @@ class Vehicle:
         _, host, port = address.split(":")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((host, int(port)))
-        self._socket.settimeout(10.0)
         self._peer: Any = None
         self._received = self.sent = 0
         self.ready = self.armed = False
         self.latitude_deg = self.longitude_deg = self.height_m = self.amsl_m = 0.0
 
     def receive(self, count: int) -> None:
-        """Read until `count` frames have come since the start: lockstep states it in each tick."""
-        while self._received < count:
+        """Read what has come. Lockstep states in each tick how many frames were sent since the start: wait for all of them."""
+        while select.select([self._socket], [], [], 10.0 if self._received < count else 0.0)[0]:
             data, self._peer = self._socket.recvfrom(65536)
             while data:
                 size = (
@@ -57,6 +58,8 @@ class Vehicle:
                 self._read(int.from_bytes(data[7:10], "little"), payload + bytes(64 - len(payload) % 64))
                 self._received += 1
                 data = data[size:]
+        if self._received < count:
+            sys.exit(f"of {count} MAVLink frames {self._received} have come")
 
     def _read(self, message: int, payload: bytes) -> None:
         # MAVLink leaves out zeros at the end of a payload; `receive` puts them back.
