@@ -204,10 +204,19 @@ _LOSSES = {
 
 
 def _session_points(result: SessionResult) -> Iterator[_Point]:
+    from bench.contracts import UnreadTopics
+
     ended = result.outcome.value == "completed"
     # Indented: no line of what an agent printed is to be taken for one of ours.
     reason = result.reason.replace("\n", "\n    ")
     yield _Point(ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}")
+    if unread := result.fact(UnreadTopics):
+        # Whoever does not read its orders cannot obey; without the mission it flies by what it was built for.
+        has_mission = not any(topic.endswith("/mission") for topic in unread.topics)
+        text = "(a wrong type or hash is no subscription: rebar schema --keys)"
+        yield _Point(
+            None if has_mission else False, f"never subscribed to: {', '.join(unread.topics)} {text}"
+        )
     for name, text in _LOSSES.items():
         if count := result.counters.get(name, 0):
             yield _Point(False, f"{count} {text}")

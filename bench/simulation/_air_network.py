@@ -66,6 +66,8 @@ MATCH_POLL_S = 0.001
 LARGE_SAMPLE_WAIT_S = 5.0
 # The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
 MAX_DOCUMENT_BYTES = 256 * 1024
+# Beats of a pace that does not wait, between two looks for subscriptions: half a second. Chosen.
+LOOKS_FOR_READERS = 25
 # Of a topic in a reason; the line of a hello may be a thousand times as long.
 _SHOWN_CHARACTERS = 80
 
@@ -261,6 +263,17 @@ class AirNetwork:
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
         )
+        # What an agent is told in words, and the detections.
+        told = (
+            self.mission,
+            self.intelligence,
+            self.orders,
+            self.consents,
+            self.operator_link,
+            self.detections,
+        )
+        self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
+        self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent)
         self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
@@ -276,15 +289,17 @@ class AirNetwork:
         self._check_known(declared)
         if self.outbox is not None:
             self.outbox.open_for(declared)
+        self._unread = {topic: recorded for topic, recorded in self._unread.items() if topic not in declared}
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
             if recorded.topic in declared:
                 recorded.opened = True
-                while recorded.publisher is not None and not recorded.publisher.matched:
+                while recorded.publisher is not None and not recorded.publisher.has_reader:
                     if self._clock.now() > deadline_s:
+                        key = data_key(DOMAIN, recorded.topic, recorded.kind.TYPE)
                         raise StopSession(
                             Outcome.AGENT_PROTOCOL,
-                            f"the agent says it subscribes to {recorded.topic}, but does not",
+                            f"the agent says it subscribes to {recorded.topic}, but does not: the key is {key}",
                         )
                     self._clock.sleep(MATCH_POLL_S)
 
@@ -331,6 +346,8 @@ class AirNetwork:
         has arrived. What is beyond the limits of its topic is dropped: neither recorded nor returned. Raises
         StopSession for an agent that states samples that do not come, or that floods.
         """
+        if stated is None:
+            self._look_for_readers()
         documents: dict[str, list[str | bytes]] = {}
         dropped = False
         for subscription in self._subscriptions:
@@ -380,6 +397,19 @@ class AirNetwork:
         if dropped:
             self._check_flood()
         return documents
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """What the agent was told and never subscribed to."""
+        return tuple(self._unread)
+
+    def _look_for_readers(self) -> None:
+        """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
+        if self._beats % LOOKS_FOR_READERS == 0:
+            for topic, recorded in list(self._unread.items()):
+                if recorded.publisher is not None and recorded.publisher.has_reader:
+                    del self._unread[topic]
+        self._beats += 1
 
     def _await_stated(self, subscription: Subscription, count: int, budget_s: float) -> None:
         topic = subscription.topic

@@ -20,6 +20,7 @@ from bench.contracts import (
     Outcome,
     SessionFailure,
     SessionResult,
+    UnreadTopics,
     VehicleTopics,
     load_plugin,
     parse_document,
@@ -97,6 +98,8 @@ class Session:
             self._world.end(end.outcome)
             raise end from None
         finally:
+            if unread := self._parts.air.unread:
+                self._progress.add(UnreadTopics(topics=unread))
             self._progress.counters = {
                 **self._parts.vehicle.counters(),
                 **self._parts.air.counters(),

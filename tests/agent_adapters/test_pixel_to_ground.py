@@ -51,7 +51,7 @@ def transform(parent: str, child: str, at: Any, rotation: Rotation) -> Transform
 def detection(label: str, score: float, x: float, y: float, height: float) -> Detection2D:
     box = BoundingBox2D(center=Pose2D(position=Point2D(x=x, y=y)), size_x=4.0, size_y=height)
     best = ObjectHypothesis(class_id=label, score=score)
-    return Detection2D(bbox=box, results=[ObjectHypothesisWithPose(hypothesis=best)])
+    return Detection2D(bbox=box, results=(ObjectHypothesisWithPose(hypothesis=best),))
 
 
 def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
@@ -61,8 +61,8 @@ def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
     focal, centre = random.uniform(200, 900, 2), random.uniform(100, 900, 2)
     k = [focal[0], 0.0, centre[0], 0.0, focal[1], centre[1], 0.0, 0.0, 1.0]
     messages: list[Message] = [
-        ("/tf_static", TFMessage(transforms=[transform("v/base_link", "v/optical", (0, 0, 0), mount)])),
-        ("/v/camera/front/camera_info", CameraInfo(k=[float(value) for value in k])),
+        ("/tf_static", TFMessage(transforms=(transform("v/base_link", "v/optical", (0, 0, 0), mount),))),
+        ("/v/camera/front/camera_info", CameraInfo(k=tuple(float(value) for value in k))),
     ]
     expected = []
     for number in range(CASES):
@@ -71,11 +71,11 @@ def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
             Rotation.random(random_state=seed + number),
         )
         other = transform("map", "v/base_level", (0, 0, 1), Rotation.identity())
-        messages.append(("/tf", TFMessage(transforms=[transform("map", "v/base_link", at, body), other])))
+        messages.append(("/tf", TFMessage(transforms=(transform("map", "v/base_link", at, body), other))))
         x, y, height = random.uniform((0, 0, 1), (1000, 1000, 50)).tolist()
         score = float(random.uniform(0.1, 1.0))
         found = detection(f"class-{number % 3}", score, x, y, height)
-        messages.append(("/v/detections", Detection2DArray(detections=[found])))
+        messages.append(("/v/detections", Detection2DArray(detections=(found,))))
         camera = np.array([(x - centre[0]) / focal[0], (y + height / 2 - centre[1]) / focal[1], 1.0])
         ray = (body * mount).apply(camera)
         if ray[2] <= -0.05:

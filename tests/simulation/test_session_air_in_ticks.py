@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from test_session import run, session_simspec
 
-from bench.contracts import AgentManifest, Outcome, Record, SessionResult
+from bench.contracts import AgentManifest, Outcome, Record, SessionResult, UnreadTopics
 from bench.simspec import Intelligence, Mission, Pace, PlacedReport
 from bench.simulation._outbox import MAX_BYTES, MAX_MESSAGES, Outbox
 from bench.streams import String, decode, json_value
@@ -287,3 +287,13 @@ def test_a_tick_may_be_longer_than_what_a_connection_holds(mode: str, tmp_path: 
     log = (tmp_path / "agent.log").read_text()
     lengths = [int(number) for number in re.findall(r"\[(\d+)\]", log)]
     assert max(lengths) > 8_000_000
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
+def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) -> None:
+    reads = ["/vehicle_1/mission", "/vehicle_1/detections", "/tf"]
+    end, _, _ = flown(tmp_path, reads, **at_pace(mode))
+    fact = end.fact(UnreadTopics)
+    assert fact is not None
+    rest = ("intelligence", "orders", "consents", "operator_link")
+    assert fact.topics == tuple(f"/vehicle_1/{name}" for name in rest)
