@@ -20,23 +20,12 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.telemetry import Telemetry
 
 from agent_adapters.client import Eye, Things, end_process, read_environment
+from bench import streams
 from bench.contracts import CLOCK, TF, TF_STATIC, VehicleTopics
-from bench.streams import (
-    AirAccess,
-    CameraInfo,
-    Clock,
-    Detection2DArray,
-    RosNode,
-    String,
-    TFMessage,
-    open_client,
-)
 
 Json = dict[str, Any]
 
-METRES_PER_DEGREE = (
-    111_194.9  # of latitude on the mean sphere; a search of some hundred metres asks for no more
-)
+METRES_PER_DEGREE = 111_194.9  # of latitude on the mean sphere; a search asks for no more
 # Three clear detections are a sighting, and who walks is elsewhere after half a minute. Chosen.
 SIGHTINGS, SCORE, FORGET_S = 3, 0.35, 30.0
 
@@ -44,24 +33,22 @@ SIGHTINGS, SCORE, FORGET_S = 3, 0.35, 30.0
 class Search:
     """What the streams have told so far, and what is told to them."""
 
-    def __init__(self, node: RosNode, vehicle: str, camera: str) -> None:
+    def __init__(self, node: streams.RosNode, vehicle: str, camera: str) -> None:
         self.topics = topics = VehicleTopics(vehicle)
         self.heard: dict[str, list[Json]] = {topics.mission: [], topics.intelligence: [], topics.orders: []}
-        kinds = {CLOCK: Clock, TF: TFMessage, TF_STATIC: TFMessage, topics.camera_info(camera): CameraInfo}
-        kinds |= {topics.detections: Detection2DArray} | dict.fromkeys(self.heard, String)
+        kinds: dict[str, type[object]] = dict.fromkeys(self.heard, streams.String)
+        kinds |= {CLOCK: streams.Clock, TF: streams.TFMessage, TF_STATIC: streams.TFMessage}
+        kinds |= {topics.camera_info(camera): streams.CameraInfo, topics.detections: streams.Detection2DArray}
         latched = {TF_STATIC, *self.heard}
-        self._subscriptions = [
-            node.subscribe(topic, kind, topic in latched, 32) for topic, kind in kinds.items()
-        ]
-        self._publishers = {topic: node.publisher(topic, String) for topic in topics.from_agent}
-        self._eye = Eye()
-        self._things = Things()
+        self._subscriptions = [node.subscribe(topic, kinds[topic], topic in latched, 32) for topic in kinds]
+        self._publishers = {topic: node.publisher(topic, streams.String) for topic in topics.from_agent}
+        self._eye, self._things = Eye(), Things()
         self._now_s, self._told_s = 0.0, -math.inf
         self.mission: Json = {}
         self.phase = "starting"
 
     def say(self, topic: str, **fields: object) -> None:
-        self._publishers[topic].put(String(json.dumps({"time_s": self._now_s, **fields})))
+        self._publishers[topic].put(streams.String(json.dumps({"time_s": self._now_s, **fields})))
 
     def wait_until(self, holds: Callable[[], bool], limit_s: float) -> None:
         """Look around and tell of it until `holds` does, or for so long."""
@@ -84,8 +71,7 @@ class Search:
             if topic == self.topics.mission:
                 self.mission = document
             if topic == self.topics.orders:
-                reason = "this agent knows no orders"
-                self.say(self.topics.answers, order=document["id"], accepted=False, reason=reason)
+                self.say(self.topics.answers, order=document["id"], accepted=False, reason="knows no orders")
         for sighting in self._eye.see(topic, message):
             if sighting.confidence >= SCORE:
                 self._things.take(sighting, self._now_s)
@@ -93,13 +79,13 @@ class Search:
     def report(self, target: Json) -> None:
         """Report the target, if it was seen where it is said to be."""
         sure = [thing for thing in self._things if thing.frames >= SIGHTINGS]
-        place, label = (target["east_m"], target["north_m"]), target["class_label"]
-        near = (thing for thing in sure if thing.apart_m(*place) <= target["uncertainty_m"])
-        found = next((thing for thing in near if thing.class_label == label), None)
+        alike = (thing for thing in sure if thing.class_label == target["class_label"])
+        place, within_m = (target["east_m"], target["north_m"]), target["uncertainty_m"]
+        found = next((thing for thing in alike if thing.apart_m(*place) <= within_m), None)
         if found is None:
             return
-        people = [thing for thing in sure if thing.class_label in self.mission["bystander_classes"]]
         keep_m = self.mission["no_mark_within_m"]
+        people = [thing for thing in sure if thing.class_label in self.mission["bystander_classes"]]
         count = sum(thing.apart_m(found.east_m, found.north_m) < keep_m for thing in people)
         stated = {key: getattr(found, key) for key in ("class_label", "east_m", "north_m", "confidence")}
         stated |= {"mark": count == 0, "bystanders_seen": count, "reason": f"{count} people are near"}
@@ -148,8 +134,8 @@ def fly(search: Search, action: Action, telemetry: Telemetry) -> None:
 def main() -> None:
     given = read_environment(os.environ)
     address, camera = given.mavlink["onboard"], str(given.options.get("camera", "front"))
-    access = AirAccess(given.zenoh or "", given.zenoh_user, given.zenoh_password, given.domain)
-    with open_client(access, "mavsdk_search") as node:
+    access = streams.AirAccess(given.zenoh or "", given.zenoh_user, given.zenoh_password, given.domain)
+    with streams.open_client(access, "mavsdk_search") as node:
         mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         if mavsdk.add_any_connection("{}://{}:{}".format(*address.split(":"))) != ConnectionResult.SUCCESS:
             sys.exit(f"cannot listen on {address}")
