@@ -94,7 +94,7 @@ UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cyc
 # Needs uv; the lock files hold hashes and no addresses.
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
-	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --extra sign --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
+	uv pip compile pyproject.toml --group build --group dev --extra llm --extra sign --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 
 # Needs uv. Whether every locked dependency has a wheel for each Python that pyproject.toml names; installs nothing.

@@ -5,9 +5,8 @@ Against a stand-alone vehicle:
     rebar fly --autopilot px4 &
     python examples/mavsdk_patrol.py
 
-As an agent under test it takes its link from REBAR_MAVLINK (`udpin:127.0.0.1:14540` and the like). MAVSDK
-comes with `pip install "rebar-bench[examples]"`. REBAR_OPTIONS may hold a JSON object with side_m, height_m
-and timeout_s.
+As an agent under test it takes its link from REBAR_MAVLINK (`udpin:127.0.0.1:14540` and the like). REBAR_OPTIONS
+may hold a JSON object with side_m, height_m and timeout_s.
 """
 
 from __future__ import annotations

@@ -23,6 +23,10 @@ from ._environment import end_process as end_process
 from ._environment import exit_code as exit_code
 from ._environment import read_environment as read_environment
 from ._environment import use_one_thread as use_one_thread
+from ._eye import Eye as Eye
+from ._eye import Sighting as Sighting
+from ._eye import Thing as Thing
+from ._eye import Things as Things
 from ._link import MavlinkFrame as MavlinkFrame
 from ._link import MavlinkLink as MavlinkLink
 from ._link import open_link as open_link

@@ -29,7 +29,8 @@ def reference_pictures() -> Path:
     return FOLDER / "reference-pictures.yaml"
 
 
-# Null agents and the oracle: the entry points name the files themselves.
+# The entry points of the others name the files themselves.
+mavsdk_search = FOLDER / "mavsdk-search.yaml"
 null_idle = FOLDER / "null-idle.yaml"
 null_orders = FOLDER / "null-orders.yaml"
 null_land = FOLDER / "null-land.yaml"

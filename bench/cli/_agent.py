@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -28,17 +28,37 @@ class Language(StrEnum):
 
     PYTHON = "python"
     NODE = "node"
+    C = "c"
+    RUST = "rust"
 
 
-# The manifest, the program and the client of examples/tick.
-_FILES = {
-    Language.PYTHON: ("search.yaml", "search.py", "rebar_air.py"),
-    Language.NODE: ("search-node.yaml", "search.js", "rebar_air.js"),
+@dataclass(frozen=True, slots=True)
+class _Kit:
+    """The files of examples/tick for a language; `build` is given in the folder before the first flight."""
+
+    manifest: str
+    program: str
+    client: str
+    build_file: str = ""
+    build: tuple[str, ...] = ()
+
+
+_KITS = {
+    Language.PYTHON: _Kit("search.yaml", "search.py", "rebar_air.py"),
+    Language.NODE: _Kit("search-node.yaml", "search.js", "rebar_air.js"),
+    Language.C: _Kit("search-c.yaml", "search.c", "rebar_air.h", "Makefile", ("make", "-C", "{folder}")),
+    Language.RUST: _Kit(
+        "search-rust.yaml",
+        "search.rs",
+        "rebar_air.rs",
+        "Cargo.toml",
+        ("cargo", "build", "--release", "--manifest-path", "{folder}/Cargo.toml"),
+    ),
 }
 _README = """\
 # {name}
 
-- `rebar simulate scene.yaml --out out/scene` flies one session and says what was not achieved.
+{build}- `rebar simulate scene.yaml --out out/scene` flies one session and says what was not achieved.
 - `rebar run campaign.yaml --out out/campaign` flies the campaign and writes out/campaign/report.html.
 - `{program}` is the agent: it searches, reports, publishes tracks and lands. Change it.
 - `{client}` is its client: the bench's ticks and messages, MAVLink, pixels to ground.
@@ -62,10 +82,13 @@ def new(
         Path, typer.Argument(help="The folder to make; its name becomes the agent's", show_default=False)
     ],
     language: Annotated[Language, typer.Option(help="What the agent is written in")] = Language.PYTHON,
+    speaks: Annotated[
+        Literal["px4", "ardupilot"], typer.Option(help="The autopilot in the scene; the agent speaks both")
+    ] = "px4",
 ) -> None:
-    """Make a folder with an agent that flies at once, a scene, and a campaign of two scenes. It speaks to PX4, in lockstep.
+    """Make a folder with an agent that flies at once, a scene, and a campaign of two scenes.
 
-    Example: rebar agent new scout --language node
+    Example: rebar agent new scout --language c
     """
     name = folder.resolve().name
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,63}", name):
@@ -74,9 +97,10 @@ def new(
         )
     if os.path.lexists(folder):
         raise SetupError.of(folder, "this path exists", "give a folder that is to be made")
-    manifest, program, client = _FILES[language]
-    texts = {file: shipped(f"examples/tick/{file}").read_text(encoding="utf-8") for file in (program, client)}
-    text = shipped(f"examples/tick/{manifest}").read_text(encoding="utf-8")
+    kit = _KITS[language]
+    files = filter(None, (kit.program, kit.client, kit.build_file))
+    texts = {file: shipped(f"examples/tick/{file}").read_text(encoding="utf-8") for file in files}
+    text = shipped(f"examples/tick/{kit.manifest}").read_text(encoding="utf-8")
     text = re.sub(r"^name: .*$", f"name: {name}", text, flags=re.MULTILINE)
     # Results name an agent by its manifest's file.
     texts[f"{name}.yaml"] = re.sub(r"^description: .*\n", "", text, flags=re.MULTILINE)
@@ -84,6 +108,10 @@ def new(
     texts["scene.yaml"] = re.sub(
         r"^agent: .*$", f"agent: {{manifest: {name}.yaml}}", scene, flags=re.MULTILINE
     ).replace("rebar simulate examples/search.yaml", "rebar simulate scene.yaml")
+    if speaks != "px4":
+        texts["scene.yaml"] = texts["scene.yaml"].replace(
+            "model: x500", f"model: x500\n  autopilot: {speaks}"
+        )
     campaign = shipped("examples/tick/campaign.yaml").read_text(encoding="utf-8")
     for shipped_words, words in (
         ("name: tick-search", f"name: {name}"),
@@ -92,11 +120,20 @@ def new(
     ):
         campaign = campaign.replace(shipped_words, words)
     texts["campaign.yaml"] = campaign
-    texts["README.md"] = _README.format(name=name, program=program, client=client)
+    build = " ".join(kit.build).replace("{folder}", ".")
+    texts["README.md"] = _README.format(
+        name=name,
+        program=kit.program,
+        client=kit.client,
+        build=f"- `{build}` comes first, and after each change ({kit.build_file}).\n" if build else "",
+    )
     folder.mkdir(parents=True)
     for file, content in texts.items():
         (folder / file).write_text(content, encoding="utf-8")
-    print(f"{len(texts)} files in {folder}. Try: {command_line('rebar', 'simulate', folder / 'scene.yaml')}")
+    print(f"{len(texts)} files in {folder}. Try:")
+    if kit.build:
+        print(f"  {command_line(*(word.replace('{folder}', str(folder)) for word in kit.build))}")
+    print(f"  {command_line('rebar', 'simulate', folder / 'scene.yaml')}")
 
 
 @agent.command()
@@ -160,10 +197,19 @@ _LOSSES = {
 
 
 def _session_points(result: SessionResult) -> Iterator[_Point]:
+    from bench.contracts import UnreadTopics
+
     ended = result.outcome.value == "completed"
     # Indented: no line of what an agent printed is to be taken for one of ours.
     reason = result.reason.replace("\n", "\n    ")
     yield _Point(ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}")
+    if unread := result.fact(UnreadTopics):
+        # Whoever does not read its orders cannot obey; without the mission it flies by what it was built for.
+        has_mission = not any(topic.endswith("/mission") for topic in unread.topics)
+        text = "(a wrong type or hash is no subscription: rebar schema --keys)"
+        yield _Point(
+            None if has_mission else False, f"never subscribed to: {', '.join(unread.topics)} {text}"
+        )
     for name, text in _LOSSES.items():
         if count := result.counters.get(name, 0):
             yield _Point(False, f"{count} {text}")

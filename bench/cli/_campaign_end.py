@@ -99,6 +99,10 @@ def show_scores(
     from bench.campaign import CampaignFolder, digest_of
     from bench.reporting import plural, score_tables
 
+    if scores.silent:
+        print(
+            f"REPORTED NOTHING in any run: {', '.join(scores.silent)}; the scores hold nothing that was found"
+        )
     if scores.saw_truth:
         print(f"SAW THE TRUTH: a honeypot was reported in {', '.join(scores.saw_truth)}; see the report")
     for label in informed:

@@ -23,10 +23,28 @@ IsolationOption = Annotated[
 ]
 
 
+def _manifest_of(agent: str) -> str:
+    """The manifest that `--agent` names: that of a folder has the folder's name, as `rebar agent new` writes it."""
+    path = Path(agent)
+    if path.is_dir():
+        path = path.resolve() / f"{path.resolve().name}.yaml"
+        if not path.is_file():
+            raise SetupError.of("--agent", f"{agent} holds no {path.name}", "name the manifest itself")
+    return str(path.resolve()) if path.is_file() else agent
+
+
 @dataclass(frozen=True, slots=True)
 class CampaignChanges:
     """What options say in place of the campaign file."""
 
+    agents: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--agent",
+            metavar="FOLDER|MANIFEST|NAME",
+            help="Fly this agent, in place of the campaign's. Repeatable",
+        ),
+    ] = None
     floor: Annotated[
         bool,
         typer.Option(
@@ -51,9 +69,14 @@ class CampaignChanges:
 
     def load(self, path: Path) -> Campaign:
         """The campaign of a file, changed. Raises SetupError for a shard that cannot be."""
-        from bench.campaign import load_campaign, parse_shard, with_floor
+        from bench.campaign import Campaign, load_campaign, parse_shard, with_floor
+        from bench.documents import validate_document
 
         campaign = load_campaign(path)
+        if self.agents:
+            agents = [{"manifest": _manifest_of(agent)} for agent in self.agents]
+            document = {**campaign.model_dump(mode="json"), "agents": agents}
+            campaign = validate_document(document, Campaign, source="--agent")
         if self.shard is not None:
             try:
                 parse_shard(self.shard)

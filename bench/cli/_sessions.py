@@ -13,10 +13,11 @@ from rich.text import Text
 from bench.errors import command_line
 
 from ._run_request import IsolationOption, Pace
-from ._tables import plain_console
+from ._tables import add_plain_row, plain_console, plain_table
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from bench.contracts import Observation, SessionResult
     from decompositions import Decomposition
@@ -66,7 +67,11 @@ def _print_result(
     result: SessionResult, simspec: Path, out: Path, decomposition: str, nodes: Decomposition
 ) -> None:
     """Print how the session was confined and ended, what it achieved, and what to ask next."""
+    from bench.contracts import ReportStatements
+
     console = plain_console()
+    if result.observations and not result.fact(ReportStatements):
+        console.print("REPORTED NOTHING: what follows holds nothing that the agent found", soft_wrap=True)
     for line in _fact_lines(result):
         console.print(line, soft_wrap=True)
     ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
@@ -79,8 +84,9 @@ def _print_result(
     console.print(ended.replace("\n", "\n    "), soft_wrap=True)
     if result.observations:
         first = _show_observations(console, nodes, result.observations)
-    if (out / "recording.mcap").is_file():
-        console.print(f"recording: {out / 'recording.mcap'}", soft_wrap=True)
+    for name, text in (("recording.mcap", "recording"), ("agent.log", "what the agent printed")):
+        if (out / name).is_file():
+            console.print(f"{text}: {out / name}", soft_wrap=True)
     if result.observations:
         named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", Path(decomposition))
         # Quoted, because people copy these lines into a shell.
@@ -88,12 +94,13 @@ def _print_result(
         difficulty = command_line("rebar", "difficulty", simspec, *named)
         for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
             console.print(line, soft_wrap=True)
+        console.print(_study_table(nodes, result.observations))
 
 
 def _fact_lines(result: SessionResult) -> Iterator[str]:
     """What a user must know of the session before its observations."""
     from bench.agents.confinement import wall_text
-    from bench.contracts import Confinement, ServicesLetIn, TruthGiven
+    from bench.contracts import Confinement, ServicesLetIn, TruthGiven, UnreadTopics
 
     if truth := result.fact(TruthGiven):
         yield f"the truth was given to {truth.agent}: its results are no agent's"
@@ -105,8 +112,23 @@ def _fact_lines(result: SessionResult) -> Iterator[str]:
             network = "a network of its own" if own else f"the network is {confinement.network}"
             gaps = "; ".join(map(wall_text, confinement.open_walls or ()))
             yield f"isolation: {confinement.isolation}, {network}{'; leaves open: ' if gaps else ''}{gaps}"
+    if unread := result.fact(UnreadTopics):
+        topics = ", ".join(unread.topics)
+        yield f"never subscribed to: {topics} (a wrong type or hash is no subscription: rebar schema --keys)"
     if services := result.fact(ServicesLetIn):
         yield from (f"let in from outside: {use}" for use in services.uses)
+
+
+def _study_table(decomposition: Decomposition, observations: Sequence[Observation]) -> Table:
+    """How many of the considered observables under each node of the study were achieved."""
+    measured = {item.observable: item.x for item in observations if item.x is not None}
+    table = plain_table(["node", "title", "achieved"], texts=["title"])
+    for node in decomposition.study:
+        found = [name for name in decomposition.observables_under(node) if name in measured]
+        achieved = sum(measured[name] >= decomposition.observables[name].threshold for name in found)
+        title = decomposition.nodes[node].title
+        add_plain_row(table, [node, title, f"{achieved} of {len(found)}" if found else "not considered"])
+    return table
 
 
 def _show_observations(

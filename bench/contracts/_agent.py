@@ -71,7 +71,7 @@ class AgentManifest(Document):
     air: Literal["zenoh", "tick"] = added_field(
         "zenoh",
         "How the agent has the air network: as ROS 2 messages over Zenoh, or as JSON in the lines of the tick socket, which needs "
-        "no library (in lockstep).",
+        "no library.",
     )
     truth: bool = Field(
         False,
@@ -104,14 +104,6 @@ class AgentManifest(Document):
     def on_zenoh(self) -> bool:
         """Whether it is given the session's router."""
         return self.zenoh and self.air == "zenoh"
-
-    @model_validator(mode="after")
-    def _has_ticks_for_the_air(self) -> Self:
-        if self.air == "tick" and self.pace != ("lockstep",):
-            raise ValueError(
-                "air: tick needs pace: [lockstep], for only there is a tick socket; use air: zenoh, or the MQTT bridge, at another pace"
-            )
-        return self
 
     @model_validator(mode="after")
     def _is_python_where_forked(self) -> Self:
@@ -157,7 +149,7 @@ class AgentEndpoints:
 
     REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
     REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick
-    socket) and REBAR_TICK_SECRET (both in lockstep alone), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+    socket) and REBAR_TICK_SECRET (both in lockstep, or with `air: tick`), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
 
     `warp`: the clock of the warp pace, absent in the others. `services` holds host:port by variable for what the SimSpec lets in; `hosts` the addresses that their host names have
     in the session, for agents with files of their own.

@@ -183,6 +183,13 @@ class AgentStart(Fact):
     forked: bool | None = None
 
 
+class UnreadTopics(Fact):
+    """What the agent was told, to which it never subscribed. A subscription with a wrong type or hash is none, and silent."""
+
+    key = "unread_topics"
+    topics: tuple[Words, ...]
+
+
 class AgentExit(Fact):
     """How the agent's process ended the session: its exit code, or minus the signal that killed it."""
 

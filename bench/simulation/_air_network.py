@@ -53,6 +53,7 @@ from bench.streams import (
 
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
+from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
 from ._stop_session import StopSession
 
@@ -65,6 +66,8 @@ MATCH_POLL_S = 0.001
 LARGE_SAMPLE_WAIT_S = 5.0
 # The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
 MAX_DOCUMENT_BYTES = 256 * 1024
+# Beats of a pace that does not wait, between two looks for subscriptions: half a second. Chosen.
+LOOKS_FOR_READERS = 25
 # Of a topic in a reason; the line of a hello may be a thousand times as long.
 _SHOWN_CHARACTERS = 80
 
@@ -132,7 +135,7 @@ class RecordedPublisher:
     opened: bool = False
     recorded: bool = True
     while_matched: bool = False
-    outbox: list[AirMessage] | None = None
+    outbox: Outbox | None = None
     """Of a session whose ticks carry the air network: what the next tick takes along."""
 
     @property
@@ -156,10 +159,11 @@ class RecordedPublisher:
         data = encode(message)
         if self.recorded:
             self.tap(Record(time, self.topic, self.kind.TYPE, data, value))
-        if self.outbox is not None and (self.opened or self.latched):
+        # What is latched is kept for a reader that has not said yet what it reads.
+        if self.outbox is not None and (self.opened or (self.latched and not self.outbox.has_reader)):
             # A String of the air network is a JSON document already.
             content = json.loads(message.data) if isinstance(message, String) else json_value(message)
-            self.outbox.append(AirMessage(topic=self.topic, message=content))
+            self.outbox.add(self.topic, content, len(data), latched=self.latched)
         elif self.publisher is not None and self.listened:
             self.publisher.put_bytes(data)
 
@@ -203,7 +207,7 @@ class AirNetwork:
         in_ticks: bool = False,
     ) -> None:
         self._tap = tap
-        self._outbox: list[AirMessage] | None = [] if in_ticks else None
+        self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
         self.access: AirAccess | None = router.access if router else None
@@ -221,7 +225,7 @@ class AirNetwork:
                     else node.publisher(name, topic.kind, topic.qos)
                 )
             return RecordedPublisher(
-                name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=self._outbox
+                name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=self.outbox
             )
 
         self.clock = recorded(CLOCK)
@@ -259,6 +263,17 @@ class AirNetwork:
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
         )
+        # What an agent is told in words, and the detections.
+        told = (
+            self.mission,
+            self.intelligence,
+            self.orders,
+            self.consents,
+            self.operator_link,
+            self.detections,
+        )
+        self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
+        self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent)
         self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
@@ -272,20 +287,19 @@ class AirNetwork:
         """
         declared = set(subscribes)
         self._check_known(declared)
-        if self._outbox is not None:
-            # What is latched was kept for a reader that had not said yet what it reads.
-            self._outbox[:] = [message for message in self._outbox if message.topic in declared]
-            for recorded in self._publishers:
-                recorded.latched = False
+        if self.outbox is not None:
+            self.outbox.open_for(declared)
+        self._unread = {topic: recorded for topic, recorded in self._unread.items() if topic not in declared}
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
             if recorded.topic in declared:
                 recorded.opened = True
-                while recorded.publisher is not None and not recorded.publisher.matched:
+                while recorded.publisher is not None and not recorded.publisher.has_reader:
                     if self._clock.now() > deadline_s:
+                        key = data_key(DOMAIN, recorded.topic, recorded.kind.TYPE)
                         raise StopSession(
                             Outcome.AGENT_PROTOCOL,
-                            f"the agent says it subscribes to {recorded.topic}, but does not",
+                            f"the agent says it subscribes to {recorded.topic}, but does not: the key is {key}",
                         )
                     self._clock.sleep(MATCH_POLL_S)
 
@@ -332,6 +346,8 @@ class AirNetwork:
         has arrived. What is beyond the limits of its topic is dropped: neither recorded nor returned. Raises
         StopSession for an agent that states samples that do not come, or that floods.
         """
+        if stated is None:
+            self._look_for_readers()
         documents: dict[str, list[str | bytes]] = {}
         dropped = False
         for subscription in self._subscriptions:
@@ -353,13 +369,6 @@ class AirNetwork:
         if dropped:
             self._check_flood()
         return documents
-
-    def take_outbox(self) -> tuple[AirMessage, ...]:
-        """What the next tick takes along; nothing where the air network is Zenoh's."""
-        messages = tuple(self._outbox or ())
-        if self._outbox:
-            self._outbox.clear()
-        return messages
 
     def receive_messages(self, time: SimTime, messages: Iterable[AirMessage]) -> dict[str, list[str | bytes]]:
         """Record what an acknowledgement brought, and return it as `receive` does. Raises StopSession for a topic that the
@@ -388,6 +397,19 @@ class AirNetwork:
         if dropped:
             self._check_flood()
         return documents
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """What the agent was told and never subscribed to."""
+        return tuple(self._unread)
+
+    def _look_for_readers(self) -> None:
+        """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
+        if self._beats % LOOKS_FOR_READERS == 0:
+            for topic, recorded in list(self._unread.items()):
+                if recorded.publisher is not None and recorded.publisher.has_reader:
+                    del self._unread[topic]
+        self._beats += 1
 
     def _await_stated(self, subscription: Subscription, count: int, budget_s: float) -> None:
         topic = subscription.topic

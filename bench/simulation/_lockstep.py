@@ -39,10 +39,11 @@ class Lockstep(Pace):
     def exchange(self, now: SimTime) -> Documents:
         """Send a tick, and take in exactly what its acknowledgement states."""
         air = self._parts.air
+        messages = air.outbox.take() if air.outbox is not None else ()
         sent = {
             link: count for link, count in self._parts.vehicle.sent().items() if link in self._agent_links
         }
-        tick = Tick(number=self._number, time_ns=now.ns, topics=air.sent(), links=sent, air=air.take_outbox())
+        tick = Tick(number=self._number, time_ns=now.ns, topics=air.sent(), links=sent, air=messages)
         with self._watch.agent_time.waiting():
             ack = self._ticks.exchange(tick, self._budgets.reply_s)
             receive_exactly(self._parts, ack.links)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 from bench.contracts import (
     AgentEndpoints,
@@ -20,6 +20,7 @@ from bench.contracts import (
     Outcome,
     SessionFailure,
     SessionResult,
+    UnreadTopics,
     VehicleTopics,
     load_plugin,
     parse_document,
@@ -29,7 +30,7 @@ from bench.errors import SetupError
 
 from ._lockstep import open_lockstep
 from ._pace import Documents, Pace
-from ._real_time import RealTime
+from ._real_time import open_real_time
 from ._service_relays import Services, open_services
 from ._session_faults import camera_faults, link_faults, pace_faults
 from ._session_parts import SessionParts, SessionPlan, SessionProgress, open_parts
@@ -41,7 +42,7 @@ from ._world import World
 
 _OPEN_PACE: Mapping[str, Callable[[SessionParts, SessionWatch], AbstractContextManager[Pace]]] = {
     "lockstep": open_lockstep,
-    "realtime": lambda parts, watch: nullcontext(RealTime(parts, watch)),
+    "realtime": open_real_time,
     "warp": open_in_warp,
 }
 
@@ -97,6 +98,8 @@ class Session:
             self._world.end(end.outcome)
             raise end from None
         finally:
+            if unread := self._parts.air.unread:
+                self._progress.add(UnreadTopics(topics=unread))
             self._progress.counters = {
                 **self._parts.vehicle.counters(),
                 **self._parts.air.counters(),

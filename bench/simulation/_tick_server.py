@@ -86,6 +86,8 @@ class TickServer:
         self._check_agent: Callable[[], None] = lambda: None
         self._peer: socket.socket | None = None
         self._buffer = b""
+        # What of a line the connection has not taken yet.
+        self._unsent = b""
         # Connections without a whole first line yet, the oldest first.
         self._unknown: dict[socket.socket, bytes] = {}
         # Refused connections, with the bytes that came since: closed with something unread, a connection is reset, and a
@@ -229,18 +231,63 @@ class TickServer:
             f"no answer to tick {tick.number}",
             _count_hint(tick.links),
         )
-        self._write(tick)
-        line = self._read(budget)
-        message = read_line(line)
-        if isinstance(message, Ack) and message.number == tick.number:
-            return message
-        got = f"that of tick {message.number}" if isinstance(message, Ack) else _shown(message, line)
-        raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {got}")
+        self._write(tick, budget)
+        return _ack_in(self._read(budget), tick.number)
+
+    def poll_hello(self) -> Hello | None:
+        """The agent's hello if it has come by now."""
+        # Strangers who talk without end get no more than this of a step.
+        for _ in range(MAX_UNKNOWN):
+            if not (readable := self._readable(0.0)):
+                return None
+            if (hello := self._hello_from(readable)) is not None:
+                return hello
+        return None
+
+    def missing_hello(self, span_s: float) -> StopSession:
+        """The end of a session whose agent has not said hello within `span_s`."""
+        return StopSession(Outcome.AGENT_NEVER_CONNECTED, f"{self._missing_hello()} within {span_s:g} s")
+
+    def post(self, tick: Tick) -> None:
+        """Hand over a tick without waiting for anything; `flush` sends it."""
+        self._check_silence(tick.number)
+        self._unsent += write_line(tick)
+
+    def flush(self) -> bool:
+        """Send as much as the connection takes by now; whether it took anything."""
+        assert self._peer is not None
+        try:
+            sent = self._peer.send(self._unsent) if self._unsent else 0
+        except BlockingIOError:
+            return False
+        except OSError:  # it has closed, which `poll_ack` tells
+            sent = len(self._unsent)
+        self._unsent = self._unsent[sent:]
+        return sent > 0
+
+    def poll_ack(self, number: int) -> Ack | None:
+        """The acknowledgement of tick `number` if it has come by now. Raises EOFError where the agent has closed its socket."""
+        assert self._peer is not None
+        self._serve_strangers(self._readable(0.0))
+        while b"\n" not in self._buffer:
+            self._check_line_length()
+            try:
+                data = self._peer.recv(RECEIVE_BYTES)
+            except BlockingIOError:
+                return None
+            except OSError:
+                data = b""
+            if not data:
+                raise EOFError
+            self._buffer += data
+        return _ack_in(self._next_line(), number)
 
     def end(self, reason: str) -> None:
         """Tell the agent that the session is over, if it is still connected."""
         if self._peer is not None:
-            _say_last(self._peer, reason)
+            # A reason in the middle of a line would be none.
+            if not self._unsent:
+                _say_last(self._peer, reason)
             self._peer.close()
             self._peer = None
         while self._unknown:
@@ -269,23 +316,24 @@ class TickServer:
                 "after each ack it stays silent until it has read the next tick (docs/time.md)",
             )
 
-    def _write(self, message: TickMessage) -> None:
+    def _write(self, message: TickMessage, budget: _Budget) -> None:
         assert self._peer is not None
-        try:
-            self._peer.sendall(write_line(message))
-        except OSError:
-            self._end_disconnected()
+        self._unsent = write_line(message)
+        while self._unsent:
+            try:
+                self._unsent = self._unsent[self._peer.send(self._unsent) :]
+            except BlockingIOError:
+                # A line with pictures is longer than what a connection holds: the agent has to read meanwhile.
+                self._wait_for(self._peer, budget, to_write=True)
+            except OSError:
+                self._end_disconnected()
 
     def _read(self, budget: _Budget) -> bytes:
         """The agent's next line, without its end."""
         assert self._peer is not None
         while b"\n" not in self._buffer:
-            if len(self._buffer) > self._max_line_bytes:
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"a line of more than {self._max_line_bytes} bytes on the tick socket",
-                )
-            self._wait_readable(self._peer, budget)
+            self._check_line_length()
+            self._wait_for(self._peer, budget)
             try:
                 data = self._peer.recv(RECEIVE_BYTES)
             except OSError:
@@ -296,23 +344,38 @@ class TickServer:
             # A line that comes byte by byte always has something to read.
             if b"\n" not in data and budget.wait.waited_s >= budget.span_s:
                 budget.check()
+        return self._next_line()
+
+    def _check_line_length(self) -> None:
+        if len(self._buffer) > self._max_line_bytes:
+            raise StopSession(
+                Outcome.AGENT_PROTOCOL,
+                f"a line of more than {self._max_line_bytes} bytes on the tick socket",
+            )
+
+    def _next_line(self) -> bytes:
         line, _, self._buffer = self._buffer.partition(b"\n")
         return line
 
-    def _wait_readable(self, sock: socket.socket, budget: _Budget) -> None:
+    def _serve_strangers(self, readable: list[socket.socket]) -> None:
+        for connection in readable:
+            if connection in self._leaving:
+                self._drain(connection)
+        if self._listener in readable:
+            self._accept_unknown()
+            while self._unknown:
+                self._refuse(next(iter(self._unknown)), "the agent is connected already")
+
+    def _wait_for(self, sock: socket.socket, budget: _Budget, *, to_write: bool = False) -> None:
         # A budget that is shorter than a few polls is still looked at several times. What is there already is
         # an answer in time, however late this process gets a core to read it.
         poll_s = min(LIVENESS_POLL_S, budget.span_s / 8)
         while True:
-            readable = select.select([sock, self._listener, *self._leaving], [], [], poll_s)[0]
-            for connection in readable:
-                if connection in self._leaving:
-                    self._drain(connection)
-            if self._listener in readable:
-                self._accept_unknown()
-                while self._unknown:
-                    self._refuse(next(iter(self._unknown)), "the agent is connected already")
-            if sock in readable:
+            others = [self._listener, *self._leaving]
+            reading, writing = (others, [sock]) if to_write else ([sock, *others], [])
+            readable, writable, _ = select.select(reading, writing, [], poll_s)
+            self._serve_strangers(readable)
+            if sock in readable or writable:
                 return
             if not readable or budget.wait.waited_s >= budget.span_s:
                 budget.check()
@@ -340,6 +403,14 @@ def open_tick_server(
             yield server
         finally:
             server.end("the session is over")
+
+
+def _ack_in(line: bytes, number: int) -> Ack:
+    message = read_line(line)
+    if isinstance(message, Ack) and message.number == number:
+        return message
+    got = f"that of tick {message.number}" if isinstance(message, Ack) else _shown(message, line)
+    raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {number}, got {got}")
 
 
 def _count_hint(links: Mapping[str, int]) -> str:

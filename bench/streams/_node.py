@@ -71,13 +71,17 @@ class Sample:
 class Publisher:
     """One topic that a node writes. For one thread at a time. Samples are numbered from 1."""
 
-    def __init__(self, topic: str, kind: type[Any], zenoh_publisher: Any, gid: bytes, latched: bool) -> None:
+    def __init__(
+        self, topic: str, kind: type[Any], zenoh_publisher: Any, gid: bytes, plain: Any = None
+    ) -> None:
+        """`plain` is a publisher of the same key where the other is a latched one, which does not tell who subscribes."""
         self.topic = topic
         self.kind = kind
         self.sequence = 0
         self._publisher: Any = zenoh_publisher
         self._gid = gid
-        self._latched = latched
+        self._latched = plain is not None
+        self._plain: Any = plain or zenoh_publisher
 
     def put(self, message: object) -> bytes:
         """Send a message; returns its CDR bytes, which the recorder wants too."""
@@ -96,7 +100,12 @@ class Publisher:
         """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to
         come.
         """
-        return self._latched or bool(self._publisher.matching_status.matching)
+        return self._latched or self.has_reader
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether anybody subscribes now."""
+        return bool(self._plain.matching_status.matching)
 
 
 class Subscription:
@@ -204,18 +213,19 @@ class RosNode:
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
         )
-        return self._announce(
-            Publisher(topic, kind, publisher, endpoint_gid(token), latched=False), token, publisher
-        )
+        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token)), token, publisher)
 
     def latched(self, topic: str, kind: type[object], depth: int = 1) -> Publisher:
         """Announce a topic whose last `depth` samples also reach whoever subscribes later
         (transient_local).
         """
         token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
+        key = data_key(self._domain, topic, type_name_of(kind))
+        plain = self._session.declare_publisher(key)
+        self._held.append(plain)
         publisher = zenoh.ext.declare_advanced_publisher(
             self._session,
-            data_key(self._domain, topic, type_name_of(kind)),
+            key,
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE,
             cache=zenoh.ext.CacheConfig(
@@ -226,9 +236,7 @@ class RosNode:
             sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
             publisher_detection=True,
         )
-        return self._announce(
-            Publisher(topic, kind, publisher, endpoint_gid(token), latched=True), token, publisher
-        )
+        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), plain), token, publisher)
 
     def subscribe(
         self, topic: str, kind: type[object], latched: bool = False, depth: int = 10, capacity: int = 4096

@@ -1,7 +1,7 @@
 // A client of the bench in one file, with nothing but Node: copy it beside your agent (manifest: `air: tick`).
 //
 // The air network comes and goes as JSON in the lines of the tick socket; MAVLink goes over UDP and is read and written here as
-// far as an agent needs it that flies by PX4's own modes. docs/agents-protocol.md describes both.
+// far as an agent needs it that flies by the autopilot's own modes. docs/agents-protocol.md describes both.
 "use strict";
 const dgram = require("node:dgram");
 const net = require("node:net");
@@ -9,6 +9,7 @@ const readline = require("node:readline");
 
 const OWN_SYSTEM = 246;
 const OWN_COMPONENT = 1;
+const ARDUPILOT = 3;
 // Extra byte of the checksum by message, from MAVLink's definition of each.
 const CRC_EXTRA = { 0: 50, 75: 158, 76: 152 };
 const EARTH_M = 6378137.0;
@@ -32,11 +33,11 @@ class Vehicle {
     this.socket = dgram.createSocket("udp4");
     this.bound = new Promise((resolve) => this.socket.bind(Number(port), host, resolve));
     this.socket.on("message", (data, peer) => this.take(data, peer));
-    Object.assign(this, { peer: null, received: 0, sent: 0, wanted: 0, wake: null, ready: false, armed: false });
+    Object.assign(this, { peer: null, received: 0, sent: 0, wanted: 0, wake: null, ready: false, armed: false, autopilot: 0 });
     Object.assign(this, { latitude_deg: 0, longitude_deg: 0, height_m: 0, amsl_m: 0 });
   }
 
-  // Resolves when `count` frames have come since the start: lockstep states it in each tick.
+  // Resolves when `count` frames have come since the start: lockstep states it in each tick, the other paces do not.
   receive(count) {
     this.wanted = count;
     return this.received >= count ? Promise.resolve() : new Promise((resolve) => (this.wake = resolve));
@@ -61,7 +62,7 @@ class Vehicle {
 
   read(message, payload) {
     if (message === 0 && payload[5] !== 8) {
-      this.armed = Boolean(payload[6] & 128); // HEARTBEAT, not of a ground station
+      [this.autopilot, this.armed] = [payload[5], Boolean(payload[6] & 128)]; // HEARTBEAT, not of a ground station
     } else if (message === 1) {
       this.ready = Boolean(payload.readUInt32LE(8) & 0x10000000); // SYS_STATUS: MAV_SYS_STATUS_PREARM_CHECK is healthy
     } else if (message === 33) {
@@ -89,6 +90,10 @@ class Vehicle {
   // Once a second.
   heartbeat() {
     this.send(0, Buffer.from([0, 0, 0, 0, 18, 8, 0, 4, 3]));
+    if (this.autopilot === ARDUPILOT && !this.amsl_m) {
+      this.command(511, 1, 1e6); // it streams nothing of itself
+      this.command(511, 33, 1e5);
+    }
   }
 
   // COMMAND_LONG, the parameters filled up with zeros.
@@ -101,10 +106,12 @@ class Vehicle {
   }
 
   arm() {
+    if (this.autopilot === ARDUPILOT) this.command(176, 1, 4); // GUIDED
     this.command(400, 1);
   }
 
   take_off(height_m) {
+    if (this.autopilot === ARDUPILOT) return this.command(22, 0, 0, 0, 0, 0, 0, height_m);
     this.command(22, NaN, 0, 0, NaN, NaN, NaN, this.amsl_m - this.height_m + height_m);
   }
 

@@ -1,21 +1,23 @@
 """A client of the bench in one file, with nothing but Python: copy it beside your agent (manifest: `air: tick`).
 
 The air network comes and goes as JSON in the lines of the tick socket; MAVLink goes over UDP and is read and written here as
-far as an agent needs it that flies by PX4's own modes. docs/agents-protocol.md describes both.
+far as an agent needs it that flies by the autopilot's own modes. docs/agents-protocol.md describes both.
 """
 
 import json
 import math
 import os
+import select
 import socket
 import struct
+import sys
 from collections.abc import Iterator
 from typing import Any
 
 Json = dict[str, Any]
 Vector = tuple[float, float, float]
 
-OWN_SYSTEM, OWN_COMPONENT = 246, 1
+OWN_SYSTEM, OWN_COMPONENT, ARDUPILOT = 246, 1, 3
 NOTHING = math.nan
 # Extra byte of the checksum by message, from MAVLink's definition of each.
 CRC_EXTRA = {0: 50, 75: 158, 76: 152}
@@ -39,15 +41,15 @@ class Vehicle:
         _, host, port = address.split(":")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((host, int(port)))
-        self._socket.settimeout(10.0)
         self._peer: Any = None
         self._received = self.sent = 0
         self.ready = self.armed = False
+        self._autopilot = 0
         self.latitude_deg = self.longitude_deg = self.height_m = self.amsl_m = 0.0
 
     def receive(self, count: int) -> None:
-        """Read until `count` frames have come since the start: lockstep states it in each tick."""
-        while self._received < count:
+        """Read what has come. Lockstep states in each tick how many frames were sent since the start: wait for all of them."""
+        while select.select([self._socket], [], [], 10.0 if self._received < count else 0.0)[0]:
             data, self._peer = self._socket.recvfrom(65536)
             while data:
                 size = (
@@ -57,11 +59,13 @@ class Vehicle:
                 self._read(int.from_bytes(data[7:10], "little"), payload + bytes(64 - len(payload) % 64))
                 self._received += 1
                 data = data[size:]
+        if self._received < count:
+            sys.exit(f"of {count} MAVLink frames {self._received} have come")
 
     def _read(self, message: int, payload: bytes) -> None:
         # MAVLink leaves out zeros at the end of a payload; `receive` puts them back.
         if message == 0 and payload[5] != 8:  # HEARTBEAT, not of a ground station
-            self.armed = bool(payload[6] & 128)
+            self._autopilot, self.armed = payload[5], bool(payload[6] & 128)
         elif message == 1:  # SYS_STATUS: MAV_SYS_STATUS_PREARM_CHECK among what is healthy
             self.ready = bool(struct.unpack_from("<I", payload, 8)[0] & 0x10000000)
         elif message == 33:  # GLOBAL_POSITION_INT
@@ -83,6 +87,9 @@ class Vehicle:
     def heartbeat(self) -> None:
         """Once a second."""
         self._send(0, struct.pack("<IBBBBB", 0, 18, 8, 0, 4, 3))
+        if self._autopilot == ARDUPILOT and not self.amsl_m:  # it streams nothing of itself
+            self.command(511, 1.0, 1e6)
+            self.command(511, 33.0, 1e5)
 
     def command(self, number: int, *parameters: float) -> None:
         """COMMAND_LONG, the parameters filled up with zeros."""
@@ -90,11 +97,16 @@ class Vehicle:
         self._send(76, struct.pack("<7fHBBB", *filled, number, 1, 1, 0))
 
     def arm(self) -> None:
+        if self._autopilot == ARDUPILOT:
+            self.command(176, 1.0, 4.0)  # GUIDED
         self.command(400, 1.0)
 
     def take_off(self, height_m: float) -> None:
         nan = NOTHING
-        self.command(22, nan, 0.0, 0.0, nan, nan, nan, self.amsl_m - self.height_m + height_m)
+        if self._autopilot == ARDUPILOT:
+            self.command(22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
+        else:
+            self.command(22, nan, 0.0, 0.0, nan, nan, nan, self.amsl_m - self.height_m + height_m)
 
     def go_to(self, origin: Json, east_m: float, north_m: float, height_m: float, speed_mps: float) -> None:
         """DO_REPOSITION: the autopilot flies there by itself and stays."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -14,10 +15,28 @@ from bench.cli._agent import _document_points, _session_points
 from bench.cli._app import run
 from bench.contracts import Outcome, Record, SessionResult, SimTime, VehicleTopics
 from bench.documents import load_document
+from bench.recording import read_records
 from bench.simspec import load_simspec
-from bench.streams import String, encode
+from bench.streams import String, decode, encode
 
-PROGRAMS = {"python": ("search.py", "rebar_air.py"), "node": ("search.js", "rebar_air.js")}
+PROGRAMS = {
+    "python": ("search.py", "rebar_air.py"),
+    "node": ("search.js", "rebar_air.js"),
+    "c": ("search.c", "rebar_air.h", "Makefile"),
+    "rust": ("search.rs", "rebar_air.rs", "Cargo.toml"),
+}
+TOOLS = {"python": (), "node": ("node",), "c": ("make", "cc"), "rust": ("cargo",)}
+BUILDS = {"c": ["make", "-s"], "rust": ["cargo", "build", "-q", "--release", "--offline"]}
+
+
+def scaffold(folder: Path, language: str, *options: str) -> None:
+    """A new agent, built; skips the test where the language is not installed."""
+    for tool in TOOLS[language]:
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    assert run(["agent", "new", str(folder), "--language", language, *options]) == 0
+    if language in BUILDS:
+        subprocess.run(BUILDS[language], cwd=folder, check=True)
 
 
 @pytest.mark.parametrize("language", PROGRAMS)
@@ -30,7 +49,8 @@ def test_the_folder_holds_an_agent_a_scene_and_a_campaign_of_two(
     files = {path.name for path in folder.iterdir()}
     assert files == {"scout-2.yaml", "campaign.yaml", "scene.yaml", "README.md", *PROGRAMS[language]}
     manifest, _ = load_manifest(str(folder / "scout-2.yaml"))
-    assert (manifest.name, manifest.air, manifest.pace) == ("scout-2", "tick", ("lockstep",))
+    assert (manifest.name, manifest.air) == ("scout-2", "tick")
+    assert manifest.pace == ("lockstep", "realtime", "warp")
     campaign = load_campaign(folder / "campaign.yaml")
     assert [Path(agent.manifest).name for agent in campaign.agents] == [
         "scout-2.yaml",
@@ -52,26 +72,63 @@ def test_nothing_is_overwritten_and_a_name_has_to_be_an_agents(
     assert not (tmp_path / "My Agent").exists()
 
 
+@pytest.mark.flight
+@pytest.mark.parametrize("language", [language for language in PROGRAMS if language != "rust"])
+def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path: Path) -> None:
+    """The short form: it is in the air on the way to the first place, and a scene gives one recording."""
+    folder = tmp_path / "scout"
+    scaffold(folder, language)
+    scene = folder / "scene.yaml"
+    text = scene.read_text()
+    for words, short in (("altitude_m: 60.0", "altitude_m: 10.0"), ("limit_s: 300.0", "limit_s: 20.0")):
+        assert words in text
+        text = text.replace(words, short)
+    scene.write_text(text)
+    results = []
+    for name in ("first", "second"):
+        assert run(["simulate", str(scene), "--out", str(tmp_path / name)]) == 0
+        results.append(load_document(tmp_path / name / "result.json", SessionResult))
+    assert results[0].recording_sha256 == results[1].recording_sha256
+    assert results[0].outcome is Outcome.TIME_LIMIT
+    phases = [
+        json.loads(message.data)["phase"]
+        for record in read_records(tmp_path / "first" / "recording.mcap")
+        if record.topic == "/vehicle_1/agent/status"
+        and isinstance(message := decode(record.type_name, record.data), String)
+    ]
+    assert list(dict.fromkeys(phases)) == ["starting", "taking_off", "transit"]
+
+
 @pytest.mark.slow
 @pytest.mark.flight
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 @pytest.mark.parametrize("language", PROGRAMS)
-def test_the_new_agent_flies_at_once_and_twice_alike(language: str, tmp_path: Path) -> None:
+def test_the_new_agent_holds_its_check_and_scores_twice_alike(
+    language: str, speaks: str, tmp_path: Path
+) -> None:
     """It finds, reports and comes home: at least 12 of the 14 observables that the scene considers."""
-    if language == "node" and shutil.which("node") is None:
-        pytest.skip("node is not installed")
     folder = tmp_path / "scout"
-    assert run(["agent", "new", str(folder), "--language", language]) == 0
-    digests = []
+    scaffold(folder, language, "--speaks", speaks)
+    assert run(["agent", "check", str(folder / "scout.yaml"), "--out", str(tmp_path / "check")]) == 0
+    campaigns = []
     for name in ("first", "second"):
         out = tmp_path / name
-        assert run(["simulate", str(folder / "scene.yaml"), "--out", str(out)]) == 0
-        result = load_document(out / "result.json", SessionResult)
-        digests.append(result.recording_sha256)
-        considered = [item.x for item in result.observations if item.x is not None]
-        assert len(considered) == 14
-        assert sum(x >= 0.5 for x in considered) >= 12
-    assert digests[0] == digests[1]
+        assert run(["run", str(folder / "campaign.yaml"), "--agent", str(folder), "--out", str(out)]) == 0
+        results = [load_document(path, SessionResult) for path in sorted(out.glob("runs/*/result.json"))]
+        assert len(results) == 2
+        for result in results:
+            considered = [item.x for item in result.observations if item.x is not None]
+            assert len(considered) == 14
+            assert sum(x >= 0.5 for x in considered) >= 12
+        campaigns.append([(result.realization, result.recording_sha256) for result in results])
+    assert campaigns[0] == campaigns[1]
+
+
+def test_the_scene_has_the_autopilot_that_is_asked_for(tmp_path: Path) -> None:
+    for speaks in ("px4", "ardupilot"):
+        assert run(["agent", "new", str(tmp_path / speaks), "--speaks", speaks]) == 0
+        assert load_simspec(tmp_path / speaks / "scene.yaml").vehicle.autopilot == speaks
 
 
 CHECK_SCENE = load_simspec(Path(__file__).parents[2] / "examples" / "agent_check.yaml")

@@ -239,6 +239,12 @@ def test_a_session_ends_with_what_was_achieved_and_what_to_ask_next(
     simspec.write_text(text.replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
     assert run(["simulate", str(simspec), "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
+    assert shown.startswith("REPORTED NOTHING: ")
+    assert f"what the agent printed: {tmp_path / 'out' / 'agent.log'}\n" in shown
+    rows = [line.split() for line in shown.splitlines()[-6:]]
+    assert [row[0] for row in rows if row and row[0].startswith("KA-")] == [
+        f"KA-{n:02}" for n in (3, 5, 9, 18, 20)
+    ]
     failed, considered = map(int, re.search(r"not achieved: (\d+) of (\d+)", shown).groups())  # type: ignore[union-attr]
     achieved = re.search(rf"\nachieved: (\d+) of {considered}\n", shown)
     assert failed + (int(achieved[1]) if achieved else 0) == considered

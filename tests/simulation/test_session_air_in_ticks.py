@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 from test_session import run, session_simspec
 
-from bench.contracts import AgentManifest, Outcome, Record, SessionResult
-from bench.simspec import Intelligence, PlacedReport
+from bench.contracts import AgentManifest, Outcome, Record, SessionResult, UnreadTopics
+from bench.simspec import Intelligence, Mission, Pace, PlacedReport
+from bench.simulation._outbox import MAX_BYTES, MAX_MESSAGES, Outbox
 from bench.streams import String, decode, json_value
 
 SPEAKER = """
@@ -40,6 +41,12 @@ def manifest(**changes: Any) -> AgentManifest:
     return AgentManifest.model_validate(fields | {"command": command})
 
 
+def content(record: Record) -> Any:
+    """A record as an agent reads it."""
+    message = decode(record.type_name, record.data)
+    return json.loads(message.data) if isinstance(message, String) else json_value(message)
+
+
 def status(phase: str, topic: str = STATUS) -> dict[str, Any]:
     return {"topic": topic, "message": {"time_s": 0.0, "phase": phase}}
 
@@ -56,7 +63,13 @@ def flown(
     )
     assert spec.realized is not None
     reports = (PlacedReport(id="told", east_m=52.0, north_m=49.0),)
-    spec = spec.model_copy(update={"realized": spec.realized.model_copy(update={"reports": reports})})
+    spec = spec.model_copy(
+        update={
+            "realized": spec.realized.model_copy(update={"reports": reports}),
+            # The host may be as slow as it likes.
+            "pace": Pace(mode=changes.pop("mode", "lockstep"), max_late_share=1.0),
+        }
+    )
     end, records = run(folder, manifest(**changes), spec)
     lines = (folder / "agent.log").read_text().splitlines()
     return end, records, [json.loads(line) for line in lines if line.startswith("{")]
@@ -69,12 +82,7 @@ def test_an_agent_reads_in_its_ticks_what_is_recorded_of_the_topics_that_it_name
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     assert environment == {"zenoh": False}
     read = [[message["topic"], message["message"]] for tick in ticks for message in tick.get("air", ())]
-    recorded = []
-    for record in records:
-        if record.topic in reads:
-            message = decode(record.type_name, record.data)
-            value = json.loads(message.data) if isinstance(message, String) else json_value(message)
-            recorded.append((record.topic, value))
+    recorded = [(record.topic, content(record)) for record in records if record.topic in reads]
     assert {topic for topic, _ in read} == set(reads)
     # As JSON, which has one kind of list.
     assert json.loads(json.dumps(recorded)) == read
@@ -143,8 +151,149 @@ def test_an_unknown_topic_in_its_hello_is_named(tmp_path: Path) -> None:
     assert "did you mean /vehicle_1/mission?" in end.reason
 
 
-@pytest.mark.parametrize("pace", [["realtime"], ["lockstep", "warp"]])
-def test_other_paces_have_no_tick_socket(pace: list[str]) -> None:
-    with pytest.raises(ValidationError, match=r"air: tick needs pace: \[lockstep\]"):
-        manifest(pace=pace)
-    assert "air" not in AgentManifest(name="a", command=("b",)).model_dump()
+def at_pace(mode: str) -> dict[str, Any]:
+    return {"pace": [mode], "mode": mode}
+
+
+@pytest.mark.parametrize("mode", ["realtime", "warp"])
+def test_where_time_does_not_wait_an_agent_reads_the_same_without_counts(mode: str, tmp_path: Path) -> None:
+    """Everything from the start in the order of the recording, latched ones of before its hello too."""
+    reads = ["/clock", "/tf", "/tf_static", "/vehicle_1/mission", "/vehicle_1/intelligence"]
+    acks = {1: {"air": [status("transit")]}, 3: {"air": [status("searching")]}}
+    end, records, (environment, *lines) = flown(tmp_path, reads, acks, **at_pace(mode))
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    assert environment == {"zenoh": False}
+    ticks = lines[:-1]
+    assert [tick["number"] for tick in ticks] == list(range(len(ticks)))
+    assert all(tick["topics"] == tick["links"] == {} for tick in ticks)
+    assert lines[-1] == {"kind": "end", "reason": "the session is over"}
+    read = [[message["topic"], message["message"]] for tick in ticks for message in tick["air"]]
+    recorded = [[record.topic, content(record)] for record in records if record.topic in reads]
+    # What came after the last tick is recorded alone.
+    assert read == json.loads(json.dumps(recorded[: len(read)]))
+    assert {topic for topic, _ in read} == set(reads)
+    assert [content(record)["phase"] for record in records if record.topic == STATUS] == [
+        "transit",
+        "searching",
+    ]
+    assert (end.counters["tick_strangers"], end.counters["air_untaken"]) == (0, 0)
+
+
+def test_in_warp_ticks_come_at_their_interval_and_sessions_are_alike(tmp_path: Path) -> None:
+    sessions = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        acks = {4: {"air": [status("transit")]}}
+        end, records, (_, *lines) = flown(tmp_path / name, ["/clock"], acks, **at_pace("warp"))
+        assert end.outcome is Outcome.TIME_LIMIT, end.reason
+        times_ns = [line["time_ns"] for line in lines[:-1]]
+        assert times_ns == [number * 100_000_000 for number in range(30)]
+        sessions.append([(record.time, record.topic, record.data) for record in records])
+    assert sessions[0] == sessions[1]
+
+
+LATE = """
+import json, os, socket, sys, time
+time.sleep(1.05)
+host, port = os.environ["REBAR_TICK"].split(":")
+lines = socket.create_connection((host, int(port))).makefile("rw")
+hello = {"kind": "hello", "protocol": 1, "agent": "late", "subscribes": ["/clock", "/vehicle_1/mission"]}
+print(json.dumps(hello | {"secret": os.environ["REBAR_TICK_SECRET"]}), file=lines, flush=True)
+for line in lines:
+    print(line, end="", flush=True)
+    tick = json.loads(line)
+    if tick["number"] == 5:
+        time.sleep(1.0)
+    print(json.dumps({"kind": "ack", "number": tick["number"]}), file=lines, flush=True)
+    if tick["number"] == 7 and sys.argv[1] == "leaves":
+        lines.close()
+        time.sleep(3600)
+"""
+
+
+def late(folder: Path, deed: str, limit_s: float) -> tuple[SessionResult, list[dict[str, Any]]]:
+    (folder / "late.py").write_text(LATE)
+    command = [sys.executable, "-I", "-S", "{folder}/late.py", deed]
+    fields = {"name": "late", "pace": ["warp"], "air": "tick", "mavlink": [], "command": command}
+    spec = session_simspec(pace=Pace(mode="warp"), mission=Mission(time_limit_s=limit_s))
+    end, _ = run(folder, AgentManifest.model_validate(fields), spec)
+    lines = (folder / "agent.log").read_text().splitlines()
+    return end, [json.loads(line) for line in lines if line.startswith("{")]
+
+
+def test_an_agent_that_is_late_has_what_is_latched_and_catches_up(tmp_path: Path) -> None:
+    """Time goes on while it sleeps: before its hello, and before an answer; then one tick brings everything."""
+    end, lines = late(tmp_path, "stays", 4.0)
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    ticks = [line for line in lines if line["kind"] == "tick"]
+    times_s = [tick["time_ns"] / 1e9 for tick in ticks[:8]]
+    assert times_s == [1.06, 1.1, 1.2, 1.3, 1.4, 1.5, 2.5, 2.6]
+    assert ticks[0]["air"][0]["topic"] == "/vehicle_1/mission"
+    clocks = [message["message"]["clock"] for tick in ticks[1:8] for message in tick["air"]]
+    moments_ns = [clock["sec"] * 10**9 + clock["nanosec"] for clock in clocks]
+    assert moments_ns == list(range(moments_ns[0], moments_ns[-1] + 1, 20_000_000))
+
+
+def test_an_agent_that_leaves_the_socket_and_runs_on_breaks_the_protocol(tmp_path: Path) -> None:
+    end, _ = late(tmp_path, "leaves", 60.0)
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert end.reason == "the agent closed the tick socket and went on running"
+    assert 11.0 < end.simulated_s < 13.0
+
+
+@pytest.mark.parametrize("mode", ["realtime", "warp"])
+def test_what_it_may_not_say_ends_the_session_at_every_pace(mode: str, tmp_path: Path) -> None:
+    acks = {2: {"air": [status("transit", "/vehicle_1/orders")]}}
+    end, _, lines = flown(tmp_path, [], acks, **at_pace(mode))
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert "a topic that it may not write" in end.reason
+    assert lines[-1] == {"kind": "end", "reason": end.reason}
+
+
+def test_an_outbox_drops_the_oldest_that_is_not_latched() -> None:
+    outbox = Outbox()
+    outbox.add("/latched", {"n": -1}, 10, latched=True)
+    for number in range(MAX_MESSAGES):
+        outbox.add("/tf", {"n": number}, 10, latched=False)
+    outbox.shrink()
+    assert outbox.dropped == 1
+    outbox.add("/tf", {"n": MAX_MESSAGES}, MAX_BYTES - 40, latched=False)
+    outbox.shrink()
+    assert [message.message["n"] for message in outbox.take()] == [
+        -1,
+        *range(MAX_MESSAGES - 3, MAX_MESSAGES + 1),
+    ]
+    assert outbox.dropped == 1 + MAX_MESSAGES - 4
+    assert outbox.take() == ()
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "warp"])
+def test_a_tick_may_be_longer_than_what_a_connection_holds(mode: str, tmp_path: Path) -> None:
+    """Raw pictures of several megabytes in one line, for an agent that reads on."""
+    speaker = SPEAKER.replace("print(line, end", "print(json.dumps([len(line)]), end")
+    plan = {"reads": ["/vehicle_1/camera/front/image_raw"], "acks": {}}
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    fields = {"name": "speaker", "pace": [mode], "air": "tick", "mavlink": []}
+    command = [sys.executable, "-I", "-S", "-c", speaker, "{folder}/plan.json"]
+    vehicle = session_simspec().vehicle
+    camera = vehicle.camera.model_copy(update={"width_px": 1920, "height_px": 1080})
+    spec = session_simspec(
+        pace=Pace(mode=mode, tick_s=0.2),
+        mission=Mission(time_limit_s=1.0),
+        vehicle=vehicle.model_copy(update={"camera": camera}),
+    )
+    end, _ = run(tmp_path, AgentManifest.model_validate(fields | {"command": command}), spec)
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    log = (tmp_path / "agent.log").read_text()
+    lengths = [int(number) for number in re.findall(r"\[(\d+)\]", log)]
+    assert max(lengths) > 8_000_000
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
+def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) -> None:
+    reads = ["/vehicle_1/mission", "/vehicle_1/detections", "/tf"]
+    end, _, _ = flown(tmp_path, reads, **at_pace(mode))
+    fact = end.fact(UnreadTopics)
+    assert fact is not None
+    rest = ("intelligence", "orders", "consents", "operator_link")
+    assert fact.topics == tuple(f"/vehicle_1/{name}" for name in rest)

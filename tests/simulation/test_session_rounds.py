@@ -47,6 +47,7 @@ from bench.simulation._session_parts import SessionParts, SessionProgress
 from bench.simulation._session_watch import SessionWatch
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
+from bench.simulation._unpaced_air import UnpacedAir
 from bench.testing import StillVehicle, agent_manifest
 
 
@@ -162,7 +163,7 @@ def session_of(
 
 def pace_of(spec: SimSpec, parts: SessionParts, watch: SessionWatch, agent: FakeAgent) -> Pace:
     if spec.pace.mode == "realtime":
-        return RealTime(parts, watch)
+        return RealTime(parts, watch, UnpacedAir(parts))
     return Lockstep(parts, watch, agent)  # type: ignore[arg-type]  # the fake answers in this process
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bench.contracts import Outcome, SessionResult, TruthSightings
+from bench.contracts import Outcome, OverheadFidelity, ReportStatements, SessionResult, TruthSightings
 from bench.errors import SetupError
 
 from ..early_stopping._decisions import PointKey, outcome_name
@@ -24,8 +24,8 @@ from ..storage._results import read_result
 class CampaignResults:
     """The realizations of a journal, where design points stopped early, and how the realizations ended.
 
-    `outcomes`, `completeness`, `failed_measures` (runs by what the failure of a measure says) and `saw_truth` (the
-    realizations whose agents reported a honeypot) are about the results
+    `outcomes`, `completeness`, `failed_measures` (runs by what the failure of a measure says), `saw_truth` (the
+    realizations whose agents reported a honeypot) and `silent` (agents that reported nothing in any flight) are about the results
     that `ends` has read. Results themselves are not kept: of a large campaign they would not fit into memory.
     """
 
@@ -37,6 +37,7 @@ class CampaignResults:
     writer: str | None
     saw_truth: list[str] = field(default_factory=list)
     failed_measures: Counter[str] = field(default_factory=Counter)
+    _has_reported: dict[str, bool] = field(default_factory=dict)
     _ends: list[Outcome | None] = field(default_factory=list)
 
     @classmethod
@@ -60,7 +61,7 @@ class CampaignResults:
 
     def ends(self) -> Iterator[tuple[JournalEntry, SessionResult | None]]:
         """Every realization with its result, None without one."""
-        self._ends, self.saw_truth, self.failed_measures = [], [], Counter()
+        self._ends, self.saw_truth, self.failed_measures, self._has_reported = [], [], Counter(), {}
         for entry in self.entries:
             result = self._result(entry)
             self._ends.append(result.outcome if result else None)
@@ -70,7 +71,16 @@ class CampaignResults:
                 self.failed_measures.update(
                     {observation.failure for observation in result.observations} - {""}
                 )
+                # A surrogate has no recording of what it reports.
+                if result.observations and not result.fact(OverheadFidelity):
+                    reports = result.fact(ReportStatements) is not None
+                    self._has_reported[entry.agent] = reports or self._has_reported.get(entry.agent, False)
             yield entry, result
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """The agents that reported nothing in any of their runs."""
+        return tuple(sorted(agent for agent, reports in self._has_reported.items() if not reports))
 
     @property
     def outcomes(self) -> dict[str, int]:

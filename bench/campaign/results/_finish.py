@@ -74,6 +74,8 @@ class FinishedCampaign:
     floors: Mapping[str, NodeFloor]
     saw_truth: tuple[str, ...] = ()
     """Realizations whose agents reported a honeypot."""
+    silent: tuple[str, ...] = ()
+    """Agents under test that reported nothing in any of their runs."""
 
 
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
@@ -158,6 +160,7 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
         rewritten,
         floors,
         tuple(results.saw_truth),
+        tuple(agent for agent in results.silent if agent not in campaign.floor_labels),
     )
 
 

@@ -1,0 +1,60 @@
+"""The shipped agent on MAVSDK, which knows nothing of the bench's time: in warp it flies as in real time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.cli._app import run
+from bench.contracts import Outcome, SessionResult
+from bench.documents import load_document
+from bench.recording import read_records
+from bench.streams import String, decode
+
+SCENE = Path(__file__).parents[2] / "examples" / "search.yaml"
+
+
+def flown(folder: Path, **changes: str) -> SessionResult:
+    """The result of the example with some texts of it replaced."""
+    text = SCENE.read_text()
+    for words, new in {"manifest: reference-naive": "manifest: mavsdk-search", **changes}.items():
+        assert words in text
+        text = text.replace(words, new)
+    (folder / "scene.yaml").write_text(text)
+    assert run(["simulate", str(folder / "scene.yaml"), "--pace", "warp", "--out", str(folder / "out")]) == 0
+    return load_document(folder / "out" / "result.json", SessionResult)
+
+
+@pytest.mark.flight
+def test_it_takes_off_and_tells_of_it(tmp_path: Path) -> None:
+    """The short form."""
+    short = {"altitude_m: 60.0": "altitude_m: 10.0", "limit_s: 300.0": "limit_s: 25.0"}
+    assert flown(tmp_path, **short).outcome is Outcome.TIME_LIMIT
+    phases = [
+        json.loads(message.data)["phase"]
+        for record in read_records(tmp_path / "out" / "recording.mcap")
+        if record.topic == "/vehicle_1/agent/status"
+        and isinstance(message := decode(record.type_name, record.data), String)
+    ]
+    assert list(dict.fromkeys(phases)) == ["starting", "taking_off", "transit"]
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(600)
+def test_it_searches_reports_and_lands(tmp_path: Path) -> None:
+    """At least 12 of the 14 observables that the scene considers."""
+    result = flown(tmp_path)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    considered = [item.x for item in result.observations if item.x is not None]
+    assert len(considered) == 14
+    assert sum(x >= 0.5 for x in considered) >= 12
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(600)
+def test_it_holds_its_check(tmp_path: Path) -> None:
+    assert run(["agent", "check", "mavsdk-search", "--pace", "warp", "--out", str(tmp_path / "check")]) == 0

@@ -1,0 +1,58 @@
+"""`rebar run CAMPAIGN --agent`: other agents in place of the campaign's, and a word about those that report nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from bench.cli._app import run
+from bench.cli._campaign_end import show_scores
+from bench.cli._run_request import CampaignChanges
+from bench.errors import SetupError
+
+DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
+
+
+def test_agents_are_named_by_folder_manifest_or_entry_point(tmp_path: Path) -> None:
+    folder = tmp_path / "scout"
+    assert run(["agent", "new", str(folder)]) == 0
+    other = folder / "other.yaml"
+    other.write_text((folder / "scout.yaml").read_text())
+    campaign = CampaignChanges(agents=[str(folder), str(other), "null-idle"]).load(DEMO)
+    assert [agent.manifest for agent in campaign.agents] == [
+        str(folder / "scout.yaml"),
+        str(other),
+        "null-idle",
+    ]
+    unchanged = CampaignChanges().load(DEMO)
+    assert unchanged.design == campaign.design
+    assert {agent.label for agent in unchanged.agents} == {"reference-naive", "reference-bystander-aware"}
+
+
+def test_a_folder_without_a_manifest_of_its_name_is_told(tmp_path: Path) -> None:
+    (tmp_path / "scout").mkdir()
+    with pytest.raises(SetupError, match=r"holds no scout\.yaml"):
+        CampaignChanges(agents=[str(tmp_path / "scout")]).load(DEMO)
+
+
+@pytest.mark.parametrize("silent", [(), ("scout", "wing")])
+def test_the_end_of_a_campaign_begins_with_agents_that_reported_nothing(
+    silent: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    class EndsHere(Exception):
+        pass
+
+    class Scores(SimpleNamespace):
+        @property
+        def summary(self) -> Any:
+            raise EndsHere
+
+    scores = Scores(silent=silent, saw_truth=("run-1",))
+    campaign = SimpleNamespace(fidelity="full")
+    with pytest.raises(EndsHere):
+        show_scores(cast(Any, campaign), Path("out"), cast(Any, None), cast(Any, scores), ())
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith("REPORTED NOTHING in any run: scout, wing;" if silent else "SAW THE TRUTH")
