@@ -10,7 +10,9 @@ import typer
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
-    from bench.reporting import ReportData
+    from rich.table import Table
+
+    from bench.reporting import ReportData, Sheet
 
 
 def history(
@@ -36,16 +38,21 @@ def history(
     console = plain_console()
     for name in agents:
         own = [(campaign, page) for campaign, page in pages if page.agent == name]
-        titles = list(dict.fromkeys(row.title for _, page in own for row in page.rows))
-        table = plain_table(["folder", *titles])
-        for folder, page in own:
-            passed = {row.title: row.passed.replace(" of ", "/") for row in page.rows}
-            add_plain_row(table, [folder, *(passed.get(title, "") for title in titles)])
         print_lines(console, [f"{name}: runs passed"])
-        console.print(table)
+        console.print(_passed(own))
         print_lines(console, [f"{folder}: {page.version}" for folder, page in own])
         print()
     print_lines(console, _differences(campaigns))
+
+
+def _passed(pages: list[tuple[str, Sheet]]) -> Table:
+    """A row for each folder, a column for each principle."""
+    titles = list(dict.fromkeys(row.title for _, page in pages for row in page.rows))
+    table = plain_table(["folder", *titles])
+    for folder, page in pages:
+        passed = {row.title: row.passed.replace(" of ", "/") for row in page.rows}
+        add_plain_row(table, [folder, *(passed.get(title, "") for title in titles)])
+    return table
 
 
 def _differences(campaigns: list[tuple[Path, ReportData]]) -> list[str]:

@@ -52,4 +52,5 @@ from .text._comparison import ComparisonCells as ComparisonCells
 from .text._comparison import comparison_cells as comparison_cells
 from .text._comparison import unpaired_cells as unpaired_cells
 from .text._format import plural as plural
+from .text._sheet import Sheet as Sheet
 from .text._sheet import sheets as sheets

@@ -289,7 +289,8 @@ def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: Counts) -> Li
     guide to cluster-robust inference", Journal of Human Resources 50, 317-372, equation 11 and the factor below it).
     """
     chance = probability(x @ beta)
-    bread = np.linalg.pinv((x * (chance * (1 - chance))[:, None]).T @ x, hermitian=True)
+    information = (x * (chance * (1 - chance))[:, None]).T @ x
+    bread: Floats = np.linalg.pinv(information, hermitian=True)
     points, (runs, columns) = int(clusters.max()) + 1, x.shape
     if points == runs:
         return LikelihoodFit(LIKELIHOOD, beta, bread, np.inf)

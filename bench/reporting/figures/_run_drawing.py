@@ -7,8 +7,8 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import Tape
 from bench.errors import SetupError
 
@@ -41,7 +41,6 @@ def run_drawing(runs: Sequence[tuple[RunMap, Tape]], *, film: bool = False) -> s
     end_s = max((chart.flight[-1][0] for chart, _ in runs if chart.flight), default=0.0)
     moments_s = np.linspace(0.0, end_s, MOMENTS)
     film = film and end_s > 0.0
-    walkers = [(place, actor) for place, actor in enumerate(scene.actors) if len(actor.path_enu_m) > 1]
     # Who moves in a film does not stand at the start as well.
     standing = [actor for actor in scene.actors if not film or len(actor.path_enu_m) == 1]
     shown = replace(scene, actors=tuple(standing))
@@ -58,18 +57,18 @@ def run_drawing(runs: Sequence[tuple[RunMap, Tape]], *, film: bool = False) -> s
             draw_reports(plot, chart, below=place % 2 == 1)
     draw_targets(plot, shown)
     if film:
-        for member, actor in walkers:
-            positions = scene_tape.actor_position_enu_m[:, member]
-            _draw_moving(plot, scene_tape.actor_time_s, positions, moments_s, f"var(--{actor.role.value})", 7)
-        plot.text(
-            plot.x_range[1],
-            plot.y_range[1],
-            f"{end_s / FILM_S:.0f} times as fast",
-            anchor="end",
-            dx_px=-4,
-            dy_px=14,
-        )
+        _draw_walkers(plot, scene, scene_tape, moments_s)
+        corner = (plot.x_range[1], plot.y_range[1])
+        plot.text(*corner, f"{end_s / FILM_S:.0f} times as fast", anchor="end", dx_px=-4, dy_px=14)
     return plot.file(_style())
+
+
+def _draw_walkers(plot: Plot, scene: RunMap, tape: Tape, moments_s: Floats) -> None:
+    for member, actor in enumerate(scene.actors):
+        if len(actor.path_enu_m) > 1:
+            colour = f"var(--{actor.role.value})"
+            _draw_moving(plot, tape.actor_time_s, tape.actor_position_enu_m[:, member], moments_s, colour, 7)
+            plot.explain("circle", colour, f"{actor.role.value}, moving")
 
 
 def _start(chart: RunMap) -> list[tuple[str, tuple[float, float]]]:
@@ -93,9 +92,9 @@ def _appearing(end_s: float) -> Callable[[Plot, float], AbstractContextManager[N
 
 def _draw_moving(
     plot: Plot,
-    times_s: NDArray[np.float64],
-    positions_enu_m: NDArray[np.float64],
-    moments_s: NDArray[np.float64],
+    times_s: Floats,
+    positions_enu_m: Floats,
+    moments_s: Floats,
     colour: str,
     size: float,
 ) -> None:
