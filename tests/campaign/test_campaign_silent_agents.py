@@ -11,7 +11,8 @@ from campaign_fakes import small_campaign
 from bench.campaign import CampaignFolder
 from bench.campaign.planning._realizations import realizations
 from bench.campaign.results._campaign_results import CampaignResults
-from bench.campaign.storage._journal_file import PlannedRealization, open_journal
+from bench.campaign.storage._journal import PlannedRealization
+from bench.campaign.storage._journal_file import open_journal
 from bench.campaign.storage._results import write_result
 from bench.contracts import (
     Fact,
