@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from ._agent import ProcessRoot as ProcessRoot
     from ._agent import WarpAccess as WarpAccess
     from ._cast import cast_of as cast_of
+    from ._cast import escort_document as escort_document
+    from ._cast import realized_of as realized_of
     from ._convoy import convoy_places_m as convoy_places_m
     from ._detection import FALSE_SCORE as FALSE_SCORE
     from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
@@ -55,7 +57,6 @@ if TYPE_CHECKING:
     from ._documents import document_schema as document_schema
     from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
-    from ._escort import escort_document as escort_document
     from ._facts import AgentExit as AgentExit
     from ._facts import AgentStart as AgentStart
     from ._facts import AnyFact as AnyFact
@@ -108,7 +109,6 @@ if TYPE_CHECKING:
     from ._progress import OnProgress as OnProgress
     from ._progress import ProgressUpdate as ProgressUpdate
     from ._progress import ignore_progress as ignore_progress
-    from ._realized import realized_of as realized_of
     from ._record import Record as Record
     from ._record import Tap as Tap
     from ._rendering import NO_DISTORTION as NO_DISTORTION
