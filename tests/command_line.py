@@ -22,6 +22,17 @@ design:
   factors:
     - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
 """
+FOG = {"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]}
+CONCEALMENT = {"name": "concealment", "levels": [0.5, 1.0], "sets": ["actors[radar].concealment"]}
+SURROGATES: dict[str, Any] = {
+    "format": "rebar.campaign/1",
+    "name": "surrogates",
+    "base_file": str(EXAMPLE),
+    "fidelity": "overhead",
+    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
+    "design": {"seed": 3, "factors": [CONCEALMENT, FOG]},
+}
+"""A campaign that is flown in less than a second."""
 
 
 def json_of(line: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> Any:

@@ -319,9 +319,7 @@ class Campaign(Document):
 
     @property
     def situation(self) -> SimSpec:
-        """The base SimSpec with the campaign's budgets and pace. Only for a campaign from `load_campaign`, with
-        one base.
-        """
+        """The base SimSpec with the campaign's budgets and pace. Only for a loaded campaign with one base."""
         return self._adjusted(self.base)
 
     @property

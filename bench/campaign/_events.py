@@ -42,9 +42,7 @@ class SessionProgressed:
 
 @dataclass(frozen=True, slots=True)
 class RealizationRetried:
-    """An attempt ended in a way that the host may have caused. The realization is flown again, `pause_s` host
-    seconds later at the earliest.
-    """
+    """An attempt ended in a way that the host may have caused: flown again in `pause_s` host seconds or later."""
 
     realization: str
     outcome: Outcome
@@ -117,9 +115,7 @@ CLOSING_S = 5.0
 
 
 class _EventStream:
-    """The events on their way to one observer. When too many wait, the oldest is dropped and counted: a display
-    needs the newest.
-    """
+    """The events on their way to one observer. Of too many the oldest is dropped and counted: a display needs the newest."""
 
     def __init__(self, observer: Observer, limit: int) -> None:
         self._observer, self._limit = observer, limit

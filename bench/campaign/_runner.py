@@ -304,9 +304,7 @@ def _own_decomposition(campaign: Campaign) -> Decomposition:
 
 
 def _takeoff_check(jobs: Jobs) -> CheckTakeoff:
-    """What looks at the sessions before they fly. Surrogates are asked by themselves, and other jobs fly
-    nothing that could be looked at.
-    """
+    """What looks at the sessions before they fly. Surrogates are asked by themselves, other jobs have none to look at."""
     if jobs.flight != FLIGHTS.flight:
         return lambda simspecs: []
     # Imported here: it brings the simulator along, and a finished campaign does without.

@@ -134,9 +134,7 @@ def _study_table(decomposition: Decomposition, observations: Sequence[Observatio
 def _show_observations(
     console: Console, decomposition: Decomposition, observations: Sequence[Observation]
 ) -> str:
-    """Print what was not achieved with its reason, then what was, then what the run gave no occasion for. Return the
-    first id that a reader will ask about.
-    """
+    """Print what was not achieved and why, what was, and what had no occasion. Return the first id to ask about."""
     achieved, failed, absent = [], [], []
     ids_failed = []
     for observation in observations:

@@ -13,9 +13,7 @@ from ._reader import read_metadata, read_records, read_simspec
 
 @dataclass(frozen=True, slots=True)
 class RecordingDifference:
-    """Where two recordings begin to differ. `time_s` and `topic` are those of the earlier of the two records, None
-    if the difference is not in a record.
-    """
+    """Where two recordings begin to differ: the earlier record's `time_s` and `topic`, None if not in a record."""
 
     what: str
     time_s: float | None = None

@@ -1,6 +1,4 @@
-"""Records made into a `Tape`: one builder, fed live by the session or from a recording, so that a measure
-cannot tell which.
-"""
+"""Records made into a `Tape`, live or from a recording by one builder: a measure cannot tell which."""
 
 from __future__ import annotations
 

@@ -96,9 +96,7 @@ def _mapping(value: object) -> dict[str, Any]:
 
 
 def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposition | None:
-    """The copy in the campaign's folder, else the decomposition by its path or name; None, with a note, when
-    it is unreadable.
-    """
+    """The copy in the folder, else the decomposition by path or name; None, with a note, if it is unreadable."""
     # The copy first: the file that the campaign names may have changed since.
     stored = folder / "decomposition.yaml"
     try:
@@ -164,9 +162,7 @@ def _runs(
     names_in_ids: Mapping[str, str],
     notes: list[str],
 ) -> tuple[tuple[Run, ...], frozenset[str]]:
-    """Every realization that has scores, a SimSpec or a folder, in the order of their ids; and those whose SimSpec is
-    damaged.
-    """
+    """Every realization with scores, a SimSpec or a folder, by id; and those whose SimSpec is damaged."""
     scored = scored_runs(scores)
     folders = {name: path for name, path in _entries(folder / "runs") if Path(path).is_dir()}
     early_stopping = stopped_early(scores)
@@ -251,9 +247,7 @@ def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]
 
 
 def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[str, Node], tuple[str, ...]]:
-    """The nodes of the decomposition, and those without parents; without the document, the bare ids of the
-    scored nodes.
-    """
+    """The nodes of the decomposition and those without parents; without it, the bare ids of the scored nodes."""
     if document is not None:
         nodes = {
             node.id: Node(node.id, str(node.level), node.title, node.asks, node.children)

@@ -15,9 +15,7 @@ _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
 
 
 def load_scores(folder: Path, notes: list[str]) -> pl.DataFrame:
-    """The score table of a campaign's folder, in the order of realizations and nodes; empty, with a note, where it
-    cannot be read.
-    """
+    """The score table of a campaign, by realizations and nodes; empty, with a note, where it cannot be read."""
     path = folder / "scores.parquet"
     if not path.is_file():
         notes.append(

@@ -1,6 +1,4 @@
-"""Difficulty configurations: groups of runs in which the studied key attributes are equally hard
-(docs/rulings.md 14, 15).
-"""
+"""Difficulty configurations: runs whose studied key attributes are equally hard (docs/rulings.md 14, 15)."""
 
 from __future__ import annotations
 
@@ -46,9 +44,7 @@ def configuration_of(decomposition: Decomposition, difficulty: Difficulty, study
 def configuration_tension(
     decomposition: Decomposition, difficulty: Difficulty, study: Sequence[str] = ()
 ) -> int | None:
-    """Tension 1 to 5 of a configuration: the minimum over the nodes under study that have a difficulty, None
-    where none has.
-    """
+    """Tension 1 to 5 of a configuration: the minimum over the studied nodes with a difficulty, None without any."""
     tensions = [difficulty.nodes[node].tension for node in studied_key_attributes(decomposition, study)]
     return min((tension for tension in tensions if tension is not None), default=None)
 

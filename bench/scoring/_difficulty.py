@@ -88,9 +88,7 @@ class Standing(StrEnum):
     NOT_EXERCISABLE = "not exercisable"
     """The situation holds nothing that it is about (ruling 14): it is never considered."""
     CONFIGURED_SENSOR = "configured sensor"
-    """It is about detections that the bench makes (ruling 25): it has its own numbers, and enters those of
-    no other node.
-    """
+    """It is about detections of the bench (ruling 25): it has its own numbers, and enters those of no other node."""
 
 
 Perception = PerceptionSource | Literal["elsewhere"]
@@ -353,9 +351,7 @@ def _missing_value(decomposition: Decomposition, factor: str, observables: list[
 
 
 def absence_of(observable: ObservableDifficulty) -> str:
-    """Why the situation does not exercise an observable: the factors of which it holds nothing, or that there are no
-    detections.
-    """
+    """Why the situation does not exercise an observable: factors of which it holds nothing, or no detections."""
     reasons = [
         f"{row.factor} has no value" if row.value is None else f"{row.factor} = {row.value:g} {row.unit}"
         for row in observable.absent

@@ -32,9 +32,7 @@ _STATE_ORDER: tuple[State, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where a reviewer finds each run: recording and reason of its end by realization; table rows by (run,
-    observable).
-    """
+    """Where a reviewer finds each run: recording and reason by realization; table rows by (run, observable)."""
 
     recordings: Mapping[str, str] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -223,9 +221,7 @@ class _Explainer:
         )
 
     def _rank(self, run: ScoredRun) -> tuple[bool, int, float, float]:
-        """Sorting key: failures first, those of the verdict before others, lowest confidence and score first; then passes
-        from the lowest score up.
-        """
+        """Sorting key: failures of the verdict, then others, lowest confidence and score first; then passes upwards."""
         score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
         return (
@@ -277,9 +273,7 @@ class _Explainer:
         )
 
     def _ruling_path(self, scores: RunScores, difficulty: Difficulty) -> tuple[str, ...]:
-        """Node ids from the node down to the observable that gives the minimum, the first of equals; empty
-        where no child rules.
-        """
+        """Ids from the node down to the first observable that gives the minimum; empty where no child rules."""
         node = self.node
         # A mean has no ruling child: every child moves it.
         if scores[node].score is None or self.decomposition.policies.inner_score != "minimum":

@@ -187,9 +187,7 @@ def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int)
 
 
 def column_values(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
-    """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in
-    every row.
-    """
+    """Values of a column (0 where null) and whether they are known; all null where the table lacks it."""
     if name not in scores.columns:
         return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
     column = scores[name]

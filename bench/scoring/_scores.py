@@ -198,9 +198,7 @@ def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation
 def _inner_scores(
     arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools, counted: Bools
 ) -> tuple[Floats, Bools]:
-    """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score
-    (ruling 9) and count (ruling 25).
-    """
+    """Scores of all nodes: the minimum (or mean) over children that have one (ruling 9) and count (ruling 25)."""
     # `inner` has children before parents, so every child is final when its parent reads it.
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
@@ -235,9 +233,7 @@ def _node_difficulty(arrays: DecompositionArrays, leaf_difficulty: Floats, count
 
 
 def _leaf_counts(arrays: DecompositionArrays, leaves: Bools, counted: Bools) -> Counts:
-    """Number of each node's distinct leaves that are true in each run and count (ruling 10); a leaf always
-    counts for itself.
-    """
+    """Number of each node's distinct leaves that are true in a run and count (ruling 10); a leaf counts for itself."""
     # Products of floats use BLAS, products of integers do not; counts below 2**53 are exact in float64.
     sums: Counts = (arrays.under.astype(np.float64) @ (leaves & counted).astype(np.float64)).astype(np.int64)
     sums[arrays.leaf_rows] = leaves

@@ -115,9 +115,7 @@ def score_table(
 
 
 def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
-    """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not
-    considered.
-    """
+    """Number of (run, observable) pairs without an observation, over the runs that count; none is considered."""
     # A run that the bench spoilt was not measured, so nothing is missing from it.
     counted = [run for run in runs if run.outcome.counts]
     return sum(

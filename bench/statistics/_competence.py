@@ -197,9 +197,7 @@ def _isotonic_value(group: Counts, difficulty: Floats, gain: Counts, groups: int
 
 
 def _classes(group: Counts, points: Counts) -> Counts:
-    """Number of the class of each cell within its group: one class a cell, or classes of like numbers of
-    design points.
-    """
+    """Number of each cell's class within its group: one class a cell, or one for like numbers of design points."""
     if not group.size:
         return np.zeros(0, dtype=np.int64)
     first = np.flatnonzero(np.diff(group, prepend=-1))

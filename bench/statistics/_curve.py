@@ -111,9 +111,7 @@ def _information(design: Floats, beta: Floats) -> Floats:
 
 
 def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequence[str] | None) -> float:
-    """How much more the counts of design points scatter than those of independent runs; at least 1, and 1
-    without design points.
-    """
+    """How much more counts of design points scatter than those of independent runs; at least 1, 1 without points."""
     if design_points is None:
         return 1.0
     _, point = np.unique(np.array(list(design_points)), return_inverse=True)

@@ -52,9 +52,7 @@ def pairs_for_difference(
 
 
 def runs_for_half_width(share: float, half_width: float, confidence: float = 0.95) -> int | None:
-    """The least number of independent runs whose Clopper-Pearson interval around `share` is no wider than
-    twice `half_width`.
-    """
+    """The least number of independent runs whose Clopper-Pearson interval is at most twice `half_width` wide."""
     if not 0.0 <= share <= 1.0 or half_width <= 0.0:
         raise ValueError(f"share {share} must lie in [0, 1] and half_width {half_width} above 0")
 
@@ -78,9 +76,7 @@ def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) ->
 
 
 def _rejection_chance(counts: Counts, share: float, alpha: float) -> Floats:
-    """For each number of differing pairs, the probability that the exact test rejects; `share` of such pairs
-    go to the second side.
-    """
+    """The probability that the exact test rejects, by differing pairs; `share` of them go to the second side."""
     # ppf gives the least k whose lower tail reaches alpha / 2; the test needs the greatest whose tail does
     # not exceed it.
     edge = stats.binom.ppf(alpha / 2, counts, 0.5)

@@ -1,6 +1,4 @@
-"""Parts of a regression over factors: factor columns, the terms that a design can carry, and those that it
-must leave out.
-"""
+"""Parts of a regression over factors: factor columns, the terms that a design can carry, and those left out."""
 
 from __future__ import annotations
 
@@ -80,9 +78,7 @@ class FactorColumn:
         return whole
 
     def contrasts(self) -> Floats:
-        """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0
-        where inactive.
-        """
+        """Contrasts as (runs, degrees of freedom): a standardised line, or levels that sum to zero; 0 where inactive."""
         if self.is_line:
             numbers = self.numbers()
             return self.spread_out(((numbers - numbers.mean()) / numbers.std())[:, None])

@@ -30,7 +30,7 @@ from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, 
 # Every worker imports this module for its job, and these rooms are half of that: the functions of the runner's side
 # import them.
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, CampaignSummary, Observer
+    from bench.campaign import Campaign, CampaignSummary, JournalEntry, Observer
 
 JOB = "campaign_fakes:fake_flight"
 
@@ -223,6 +223,19 @@ def fly(
     return run_campaign_sync(
         campaign or small_campaign(), folder, options, Collaborators(jobs=jobs, **collaborators)
     )
+
+
+def entries(folder: Path) -> dict[str, JournalEntry]:
+    """What the journal of a campaign's folder has of each realization."""
+    from bench.campaign import open_journal
+
+    with open_journal(folder / "journal.sqlite") as journal:
+        return {entry.id: entry for entry in journal.entries()}
+
+
+def attempts(folder: Path) -> dict[str, int]:
+    """How often each realization was flown."""
+    return {name: entry.attempts for name, entry in entries(folder).items()}
 
 
 def print_results() -> Observer:

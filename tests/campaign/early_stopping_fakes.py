@@ -121,17 +121,15 @@ def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **collaborator
 
 def main(folder: str, decomposition: str) -> None:
     """A runner in a process of its own, to be interrupted."""
-    from bench.campaign import RealizationFinished, open_local_pool
+    from campaign_fakes import print_results
 
-    def tell(event: object) -> None:
-        if isinstance(event, RealizationFinished):
-            print(event.realization, flush=True)
+    from bench.campaign import open_local_pool
 
     fly_drawn(
         Path(folder),
         stopping_campaign(Path(decomposition), 14, 2),
         2,
-        observers=[tell],
+        observers=[print_results()],
         finish=lambda paths: None,
         open_executor=open_local_pool,
     )

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from campaign_fakes import MIXED_ENDS
+from campaign_fakes import MIXED_ENDS, entries
 from dask_cluster import DEADLY, open_cluster
 from in_process_executor import open_in_process
 from test_campaign_retention import some_scenes
@@ -22,14 +22,12 @@ from bench.campaign import (
     CampaignSummary,
     Collaborators,
     Jobs,
-    JournalEntry,
     Observer,
     OpenExecutor,
     RealizationRetried,
     RealizationStarted,
     WorkersUnusable,
     open_dask,
-    open_journal,
     run_campaign_sync,
     verify_folder,
 )
@@ -48,11 +46,6 @@ def fly(
     campaign = campaign.model_copy(update={"budgets": campaign.budgets.model_copy(update={"retry_s": 0.0})})
     collaborators = Collaborators(observers, open_executor=open_executor, jobs=Jobs(job))
     return run_campaign_sync(campaign, folder, collaborators=collaborators)
-
-
-def entries(folder: Path) -> dict[str, JournalEntry]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry for entry in journal.entries()}
 
 
 def attempt_workers(folder: Path) -> dict[str, list[str]]:

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import Script, entries, fly, small_campaign
 from early_stopping_fakes import fly_drawn, made_up_decomposition, passes, stopping_campaign
 from in_process_executor import HostClock, InProcessExecutor, open_in_process
 
 from bench.campaign import (
     CampaignFolder,
     CampaignStopping,
-    JournalEntry,
     OnStart,
     RealizationStarted,
     Task,
@@ -28,11 +27,6 @@ from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import SetupError
 from bench.simspec import AgentSpec
 from bench.statistics import StoppingRule
-
-
-def entries(folder: Path) -> dict[str, JournalEntry]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry for entry in journal.entries()}
 
 
 def files(folder: Path) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import Any
 import early_stopping_fakes
 import polars as pl
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import Script, entries, fly, small_campaign
 from early_stopping_fakes import fly_drawn, made_up_decomposition, passes, stopping_campaign
 from in_process_executor import open_in_process
 
@@ -21,7 +21,6 @@ from bench.campaign import (
     FLOWN_AFTER_STOP,
     BenchBroken,
     CampaignFolder,
-    JournalEntry,
     Manifest,
     RealizationStarted,
     finish_campaign,
@@ -42,11 +41,6 @@ from bench.statistics import StoppingRule
 
 def no_finish(paths: CampaignFolder) -> None:
     """Leaves the scores to the test."""
-
-
-def entries(folder: Path) -> dict[str, JournalEntry]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry for entry in journal.entries()}
 
 
 def stops(folder: Path) -> dict[tuple[str, str], int]:

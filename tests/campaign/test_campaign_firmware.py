@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_fakes import Script, fly, small_campaign, texts_of
+from campaign_fakes import Script, attempts, fly, small_campaign, texts_of
 from in_process_executor import open_in_process
-from test_campaign_suspects import attempts, flown
+from test_campaign_suspects import flown
 
 from bench.campaign import CampaignSummary, open_journal, read_result, request_retry
 from bench.campaign.execution._attempts import FirmwareWatch, failed_in_flight

@@ -8,21 +8,16 @@ import signal
 from pathlib import Path
 
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import Script, attempts, fly, small_campaign
 from in_process_executor import open_in_process
 
-from bench.campaign import CampaignFolder, Completeness, RealizationRetried, open_journal
+from bench.campaign import CampaignFolder, Completeness, RealizationRetried
 from bench.campaign.execution._attempts import is_worth_a_retry
 from bench.campaign.execution._dispatcher import _is_full
 from bench.contracts import AgentExit, Outcome, SessionResult, facts_of
 from bench.errors import SetupError
 
 LOST = ("p001-r2-fake", "p003-r1-fake")
-
-
-def attempts(folder: Path) -> dict[str, int]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry.attempts for entry in journal.entries()}
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import Script, attempts, fly, small_campaign
 from in_process_executor import HostClock, open_in_process
 
 from bench.campaign import (
     CampaignSummary,
     RealizationRetried,
-    open_journal,
 )
 from bench.campaign.execution._attempts import FIRST_PAUSE_S, JITTER, MAX_PAUSE_S, Retries
 from bench.contracts import Outcome, SessionResult
@@ -49,11 +48,6 @@ def flown(
         open_executor=open_in_process(clock=clock),
     )
     return summary, clock, events
-
-
-def attempts(folder: Path) -> dict[str, int]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry.attempts for entry in journal.entries()}
 
 
 def pauses_s(events: list[object], realization: str) -> list[float]:

@@ -17,13 +17,12 @@ from pathlib import Path
 import anyio
 import campaign_fakes
 import pytest
-from campaign_fakes import JOB, Script, fly, small_campaign
+from campaign_fakes import JOB, Script, entries, fly, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
     Collaborators,
     Jobs,
-    JournalEntry,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
@@ -45,11 +44,6 @@ from bench.documents import dump_json
 from bench.errors import SetupError
 
 ALL = {f"p{point:03d}-r{replicate}-fake" for point in (1, 2, 3) for replicate in (1, 2)}
-
-
-def entries(folder: Path) -> dict[str, JournalEntry]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry for entry in journal.entries()}
 
 
 def outcomes(folder: Path) -> dict[str, Outcome | None]:

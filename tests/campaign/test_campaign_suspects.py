@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from campaign_fakes import CONFINED, FORFEIT, Script, fly, small_campaign, texts_of
+from campaign_fakes import CONFINED, FORFEIT, Script, attempts, fly, small_campaign, texts_of
 from in_process_executor import open_in_process
 
 from bench.agents.confinement import rungs
@@ -15,7 +15,6 @@ from bench.campaign import (
     CampaignFolder,
     CampaignSummary,
     load_measurable_decomposition,
-    open_journal,
     read_result,
     rescore,
     verify_folder,
@@ -43,11 +42,6 @@ def flown(
     )
     results = {path.name: read_result(path, path.name) for path in (folder / "runs").iterdir()}
     return summary, {name: result for name, result in results.items() if result is not None}
-
-
-def attempts(folder: Path) -> dict[str, int]:
-    with open_journal(folder / "journal.sqlite") as journal:
-        return {entry.id: entry.attempts for entry in journal.entries()}
 
 
 def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> None:

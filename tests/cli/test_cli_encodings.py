@@ -11,26 +11,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from command_line import EXAMPLE, SURROGATES
 
 from bench.cli import main
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 WORDS = "Größe – 日本"
-CAMPAIGN = {
-    "format": "rebar.campaign/1",
-    "name": "encodings",
-    "description": WORDS,
-    "base_file": str(EXAMPLE),
-    "fidelity": "overhead",
-    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
-    "design": {
-        "seed": 3,
-        "factors": [
-            {"name": "concealment", "levels": [0.5, 1.0], "sets": ["actors[radar].concealment"]},
-            {"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]},
-        ],
-    },
-}
+CAMPAIGN = SURROGATES | {"description": WORDS}
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 """The locale of a bare machine, which Python would otherwise take for UTF-8."""
 

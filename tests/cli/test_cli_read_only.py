@@ -12,26 +12,12 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from command_line import SURROGATES
 
 from bench.campaign import open_journal
 from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-CAMPAIGN = {
-    "format": "rebar.campaign/1",
-    "name": "archive",
-    "base_file": str(EXAMPLE),
-    "fidelity": "overhead",
-    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
-    "design": {
-        "seed": 3,
-        "factors": [
-            {"name": "concealment", "levels": [0.5, 1.0], "sets": ["actors[radar].concealment"]},
-            {"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]},
-        ],
-    },
-}
 READING = [
     ["status", "{folder}"],
     ["verify", "{folder}"],
@@ -67,7 +53,7 @@ os._exit(0)
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("archive")
-    (home / "campaign.yaml").write_text(json.dumps(CAMPAIGN))
+    (home / "campaign.yaml").write_text(json.dumps(SURROGATES))
     assert run(["run", str(home / "campaign.yaml"), "--out", str(home / "out"), "--workers", "1"]) == 0
     return home / "out"
 

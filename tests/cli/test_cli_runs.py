@@ -9,29 +9,18 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
-from command_line import json_of
+from command_line import FOG, SURROGATES, json_of
 
 from bench.cli._app import run
 from bench.reporting import load_report_data, requirements_table
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-CAMPAIGN = {
-    "format": "rebar.campaign/1",
-    "name": "asked",
-    "base_file": str(EXAMPLE),
-    "fidelity": "overhead",
-    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
-    "design": {
-        "seed": 3,
-        "factors": [{"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]}],
-    },
-}
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("asked")
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(CAMPAIGN))
+    (folder / "campaign.yaml").write_text(
+        yaml.safe_dump(SURROGATES | {"design": {"seed": 3, "factors": [FOG]}})
+    )
     assert run(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--workers", "1"]) == 0
     return folder / "out"
 

@@ -1,6 +1,4 @@
-"""Early stopping carried out in journal and folder: realizations closed without a flight, and reopened if
-needed after all.
-"""
+"""Early stopping in journal and folder: realizations closed without a flight, and reopened if needed."""
 
 from __future__ import annotations
 

@@ -20,9 +20,7 @@ from ._executor import BenchBroken, Jobs
 from ._suspects import MAX_REASON_CHARACTERS, SuspectWatch
 
 FAULTS_BEFORE_GIVING_UP = 5
-"""Realizations that fail because of the bench or the host before any session succeeds, after which the bench
-is considered broken.
-"""
+"""Realizations that fail by the bench or the host before any succeeds, after which the bench counts as broken."""
 
 # The pauses are chosen, not measured: attempts 0, 5, 15, 35 and 65 s after the first failure at the default
 # `budgets.retry_s` of 60 s, which is a network drive that is remounted or a neighbour's job that ends.

@@ -72,9 +72,7 @@ class SuspectWatch:
         return charged
 
     def confined_job(self, realization: str) -> str | None:
-        """The job of the next attempt where the agent is to be confined: after a suspect one of an agent that asks for no
-        rung, if this host can.
-        """
+        """The confined job of the next attempt after a suspect one of an agent that asks for no rung, if this host can."""
         if realization not in self._ends or not self._is_unconfined(realization):
             return None
         return self._confined_job()

@@ -103,9 +103,7 @@ def _design(old: Design, factors: Sequence[DesignFactor], method: Method, **othe
 
 
 def _runs_needed(data: ReportData) -> tuple[int, str]:
-    """Runs of an agent that narrow the widest interval of confidence to WIDE_INTERVAL, with the reason. 0 if
-    it is narrower.
-    """
+    """Runs of an agent that narrow the widest interval of confidence to WIDE_INTERVAL, and why. 0 if it is narrower."""
     widths = [
         (tally.confidence_high - tally.confidence_low, tally)
         for agent in data.agents

@@ -1,6 +1,4 @@
-"""What the runs of a campaign show about its factors: tests, the effects that they leave open, and where
-passing turns.
-"""
+"""What the runs of a campaign show about its factors: tests, effects left open, and where passing turns."""
 
 from __future__ import annotations
 

@@ -155,9 +155,7 @@ def _check_is_folder(folder: CampaignFolder) -> None:
 
 
 def changed_tables(folder: CampaignFolder) -> list[str]:
-    """Files made from the results, such as scores.parquet, that differ from the manifest: they are to be written
-    again, and whoever changed them is to know.
-    """
+    """Files made from the results that differ from the manifest: to be written again, and told."""
     manifest = read_manifest(folder.manifest)
     return [
         name

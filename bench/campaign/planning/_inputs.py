@@ -26,9 +26,7 @@ _SHOWN_CHARACTERS = 60
 
 
 def write_input(path: Path, text: str, journal: Journal) -> None:
-    """Write one of the two documents, and note its text in the journal. Raises SetupError for one that is too large to be
-    read again.
-    """
+    """Write one of the two documents and note its text in the journal. Raises SetupError for one that is too large."""
     if len(text.encode()) > MAX_BYTES:
         what = f"would be larger than {MAX_BYTES} bytes, and could not be read again"
         raise SetupError.of(path, what, "make several campaigns of it")

@@ -66,9 +66,7 @@ def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult
 
 
 def pack_rescored(folder: Path, decomposition: Decomposition) -> bytes:
-    """`rescore`, as compressed JSON: results of a large campaign wait until all are there, and parsed ones take thirty
-    times as much.
-    """
+    """`rescore`, as compressed JSON: results wait until all are there, and parsed ones take thirty times as much."""
     return zlib.compress(dump_json(rescore(folder, decomposition)).encode())
 
 

@@ -1,6 +1,4 @@
-"""`result.json` in a run's folder: written last, and read back only if it belongs to the run and to its recording; and
-which recordings stay beside it.
-"""
+"""`result.json` of a run: written last, read back only if it belongs to run and recording; which recordings stay."""
 
 from __future__ import annotations
 

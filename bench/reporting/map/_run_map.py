@@ -92,9 +92,7 @@ class RunMap:
 
 
 def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
-    """The map of a run from its ground truth and the messages of its agent; `simspec` is the realized one of
-    its recording.
-    """
+    """The map of a run from its ground truth and its agent's messages; `simspec` is that of its recording."""
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
     return RunMap(

@@ -61,9 +61,7 @@ class WorstPicture:
 
     @property
     def labels(self) -> list[tuple[JudgedBox, float, float]]:
-        """What to write beside the errors, and where: above the box, or below it at the top of the picture. No label hides
-        another.
-        """
+        """What to write beside the errors, and where: above the box, or below it at the top. No label hides another."""
         labels: list[tuple[JudgedBox, float, float]] = []
         occupied: list[Box] = []
         for item in [box for box in self.frame.boxes if box.verdict in ERRORS]:

@@ -225,9 +225,7 @@ _AUTOPILOT = ("vehicle.autopilot", "pace", "budgets")
 
 
 def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
-    """The scenes that are equal in all but name and agent; if there is none, those equal but for perception too, and then
-    those equal but for the autopilot.
-    """
+    """The scenes equal in all but name and agent; if none, those equal but for perception, then for the autopilot."""
     # By content and not by id: two campaigns may number the same scenes differently.
     for ignored in ((), _PERCEPTION, _AUTOPILOT):
         first_scenes, second_scenes = (_realizations_by_scene(side, ignored) for side in (first, second))

@@ -13,9 +13,7 @@ from bench.statistics import Curve, difficulty_response
 
 @dataclass(frozen=True, slots=True)
 class NodeTrials:
-    """The runs of one agent that considered one node and count: what each was rated, and whether everything
-    was achieved.
-    """
+    """The runs of an agent that considered a node and count: how each was rated, and whether it achieved all."""
 
     difficulty: tuple[float, ...] = ()
     passed: tuple[bool, ...] = ()
