@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,12 +16,24 @@ from browser import Browser, needs_chromium, open_browser
 from made_view import MARKED_S, fly, made_view, served
 
 from bench.campaign import open_journal, write_result
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, Record, SessionResult, SimTime, TargetReport, VehicleTopics
 from bench.reporting import load_report_data, matching, runs_table, scores_table
+from bench.streams import (
+    BoundingBox2D,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Point2D,
+    Pose2D,
+    Time,
+    encode,
+)
 from bench.view import CampaignContent, ViewServer, content_of, run_page
 from bench.visible_text import visible
 
-from made_campaign import made_simspec, made_tape  # isort: skip  # made_view puts its folder on the path
+from made_campaign import _document_record, made_simspec, made_tape, write_recording  # isort: skip  # made_view puts its folder on the path
 
 pytestmark = needs_chromium
 NAIVE, AWARE = "p000-r0-reference-naive", "p000-r0-reference-bystander-aware"
@@ -435,3 +448,80 @@ def test_no_panel_is_wider_than_its_window(panel: str, page: Browser) -> None:
         page.go(f"#/{panel}")
         page.wait("!document.querySelector('.wait') && document.querySelector('main').firstChild")
         assert page.run("document.documentElement.scrollWidth - innerWidth") <= 0, width
+
+
+def nothing_flown(folder: Path) -> None:
+    shutil.rmtree(folder / "runs")
+    for name in ("scores.parquet", "manifest.json"):
+        (folder / name).unlink()
+
+
+def half_copied(folder: Path) -> None:
+    (folder / "scores.parquet").write_bytes((folder / "scores.parquet").read_bytes()[:500])
+    (folder / "decomposition.json").unlink()
+    (folder / "runs" / NAIVE / "result.json").write_text('{"realization": "p0')
+    (folder / "simspecs" / f"{AWARE}.json").unlink()
+    shutil.rmtree(folder / "runs" / "p001-r0-reference-naive")
+
+
+def one_run(folder: Path) -> None:
+    for path in (*(folder / "runs").iterdir(), *(folder / "simspecs").iterdir()):
+        if not path.name.startswith(NAIVE):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    scores = pl.read_parquet(folder / "scores.parquet")
+    scores.filter(realization=NAIVE).write_parquet(folder / "scores.parquet")
+
+
+@pytest.mark.parametrize("spoil", [nothing_flown, half_copied, one_run])
+def test_odd_campaigns_have_every_panel(spoil: Callable[[Path], None], tmp_path: Path) -> None:
+    """No panel fails, and a run that is not there says so."""
+    folder = made_view(tmp_path / "c")
+    spoil(folder)
+    with served(content_of(folder)) as server, open_browser() as browser:
+        browser.open(server.address)
+        browser.wait("document.querySelector('.verdicts')")
+        for panel in ("runs", "matrix", "live", "sign", "verdict"):
+            browser.go(f"#/{panel}")
+            browser.wait(
+                f"document.querySelector('nav [aria-current]').hash === '#/{panel}' && document.querySelector('main').innerText"
+            )
+        assert browser.faults == []
+        browser.go("#/run/p002-r0-reference-naive")
+        browser.wait("document.querySelector('.run-head, [role=alert]')")
+
+
+def test_many_reports_and_detections_play(tmp_path: Path) -> None:
+    """900 reports and 100,000 detections in a session: the log holds the rows in view, and the lane one bar for each pixel."""
+    run_folder = tmp_path / "run"
+    run_folder.mkdir()
+    simspec = made_simspec(0, "reference-naive")
+    topics = VehicleTopics(simspec.vehicle.name)
+    spread = [
+        TargetReport(
+            id=f"r{n}",
+            time_s=n / 9,
+            class_label="truck",
+            east_m=n / 9,
+            north_m=0.0,
+            confidence=0.9,
+            mark=n % 2 == 0,
+        )
+        for n in range(900)
+    ]
+    reports = [_document_record(report.time_s, topics.reports, report) for report in spread]
+    result = ObjectHypothesisWithPose(ObjectHypothesis("civilian", 0.8))
+    found = Detection2D(results=(result,), bbox=BoundingBox2D(Pose2D(Point2D(10.0, 10.0)), 4.0, 4.0), id="t")
+    frame = encode(Detection2DArray(Header(Time.of(0), "f"), (found,) * 100))
+    frames = [
+        Record(SimTime(n * 10**8), topics.detections, Detection2DArray.TYPE, frame) for n in range(1000)
+    ]
+    write_recording(run_folder / "recording.mcap", simspec, made_tape(simspec), [*reports, *frames])
+    with served(content_of(run_folder)) as server, open_browser() as browser:
+        browser.open(f"{server.address}")
+        browser.wait("document.querySelector('[data-lane=reports]')")
+        assert browser.run("document.querySelectorAll('[data-lane=reports] rect').length") == 902
+        assert 100 < browser.run("document.querySelectorAll('[data-lane=detections] rect').length") < 1440
+        browser.press("End")
+        browser.wait("document.querySelector('.entry.now')")
+        assert browser.run("document.querySelectorAll('.entry').length") < 100
+        assert browser.faults == []
