@@ -140,7 +140,7 @@ function Now({ tape, t }) {
   const status = rowAt(tape.status, t);
   const thought = rowAt(tape.estimate, t);
   const link = rowAt(tape.operator_link, t);
-  const near_m = flight ? tape.nearestPerson(flight.x, flight.y, t) : null;
+  const near_m = flight ? tape.nearestPerson(flight.x, flight.y, flight.z, t) : null;
   const facts = [
     ["phase", status ? status.phase.replaceAll("_", " ") : "–"],
     ["mode", vehicle ? `${vehicle.mode.toLowerCase().replaceAll("_", " ")}${vehicle.armed ? "" : ", disarmed"}` : "–"],
