@@ -10,6 +10,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import cv2
+import numpy as np
 import polars as pl
 import pytest
 from browser import Browser, needs_chromium, open_browser
@@ -20,6 +22,7 @@ from bench.contracts import Outcome, Record, SessionResult, SimTime, TargetRepor
 from bench.reporting import load_report_data, matching, runs_table, scores_table
 from bench.streams import (
     BoundingBox2D,
+    CompressedImage,
     Detection2D,
     Detection2DArray,
     Header,
@@ -526,3 +529,28 @@ def test_many_reports_and_detections_play(tmp_path: Path) -> None:
         browser.wait("document.querySelector('.entry.now')")
         assert browser.run("document.querySelectorAll('.entry').length") < 100
         assert browser.faults == []
+
+
+def test_the_camera_shows_the_recorded_picture(tmp_path: Path) -> None:
+    """That of the moment: red first, blue from 50 s on."""
+    run_folder = tmp_path / "run"
+    run_folder.mkdir()
+    simspec = made_simspec(0, "reference-naive")
+    topic = f"/{simspec.vehicle.name}/camera/{simspec.vehicle.camera.name}/image_raw/compressed"
+    pictures = []
+    for time_s, bgr in ((10, (0, 0, 255)), (50, (255, 0, 0))):
+        _, jpeg = cv2.imencode(".jpg", np.full((72, 128, 3), bgr, dtype=np.uint8))
+        message = CompressedImage(Header(Time.of(time_s * 10**9), "front"), "jpeg", jpeg.tobytes())
+        pictures.append(Record(SimTime(time_s * 10**9), topic, CompressedImage.TYPE, encode(message)))
+    write_recording(run_folder / "recording.mcap", simspec, made_tape(simspec), pictures)
+    with served(content_of(run_folder)) as server, open_browser() as browser:
+        browser.open(server.address)
+        browser.wait("document.querySelector('.camera canvas')")
+        pixel = (
+            "[...document.querySelector('.camera canvas').getContext('2d').getImageData(40, 40, 1, 1).data]"
+        )
+        for time_s, (loud, quiet) in ((20, (0, 2)), (60, (2, 0))):
+            browser.go(f"#/run/run?t={time_s}")
+            browser.wait(f"{pixel}[{loud}] > 240 && {pixel}[{quiet}] < 15")
+        # Of the test's own looks at the pixels.
+        assert [fault for fault in browser.faults if "getImageData" not in fault] == []

@@ -293,7 +293,7 @@ function Run({ id, start_s, titles, run, tape }) {
         <aside class="side">
           <div class="moment">
             <Now tape={tape} t={clock.t} />
-            {tape.simspec?.vehicle?.camera && (tape.view.length || tape.detections.length) > 0 && <Camera tape={tape} t={clock.t} />}
+            {tape.simspec?.vehicle?.camera && (tape.view.length || tape.detections.length || tape.pictures.length) > 0 && <Camera tape={tape} t={clock.t} />}
           </div>
           <Verdict run={run} titles={titles} onSeek={clock.seek} />
           <Log entries={entries} t={clock.t} onSeek={clock.seek} />
