@@ -34,7 +34,11 @@ def view(
         write_whole(to_html, run_page(content, content.root.name))
         print(to_html)
         return
-    with ViewServer(content, port) as server:
+    try:
+        server = ViewServer(content, port)
+    except OSError as error:
+        raise SetupError(Fault("--port", f"{port}: {error.strerror}", "give another or none")) from error
+    with server:
         print(f"{server.address}\nOnly this machine can open it. End it with Ctrl-C.", flush=True)
         # Without a display, `webbrowser` would start a text browser in this terminal.
         if browser and (sys.platform == "darwin" or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):

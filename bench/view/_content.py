@@ -20,12 +20,10 @@ from bench.scoring import NodeFloor
 from bench.visible_text import visible_values
 
 RECORDING = "recording.mcap"
-# Of realizations. A dot alone would name a folder above.
-_ID = re.compile(r"[A-Za-z0-9][\w.-]*")
+_ID = re.compile(r"[A-Za-z0-9][\w.-]*")  # of realizations; two dots alone would name a folder above
 # While a campaign flies, reading its folder rests for so many times the CPU time that it took: 1 % of one core at most.
 REST = 99
-# Host seconds between two looks at a folder. Chosen: sessions take seconds.
-LOOK_S = 1.0
+LOOK_S = 1.0  # host seconds between two looks at a folder. Chosen: sessions take seconds
 
 T = TypeVar("T")
 

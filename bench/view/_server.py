@@ -33,8 +33,7 @@ _HEADERS = {
 }
 _RANGE = re.compile(r"bytes=(\d{1,18})-(\d{0,18})")
 _BYTES = "application/octet-stream"
-# Of a recording that is sent at a time. Chosen: it fits into caches of processors.
-_PIECE_BYTES = 256 * 1024
+_PIECE_BYTES = 256 * 1024  # of a recording, sent at a time. Chosen: it fits into caches of processors
 
 
 class ViewServer(ThreadingHTTPServer):
@@ -62,8 +61,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: ViewServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "rebar-view", ""
-    # Host seconds without a request or without taking an answer. Chosen.
-    timeout = 60.0
+    timeout = 60.0  # host seconds without a request, or without taking an answer. Chosen
 
     def log_message(self, *_: object) -> None:
         """Nothing: the address in a line would hold the token."""
@@ -117,8 +115,7 @@ class _Handler(BaseHTTPRequestHandler):
             answers["/api/runs.csv"] = ("text/csv", lambda: content.csv(condition))
         if path not in answers:
             raise NotThere
-        kind, text = answers[path]
-        return self._send(HTTPStatus.OK, text(), kind)
+        return self._send(HTTPStatus.OK, answers[path][1](), answers[path][0])
 
     def _begin(self, status: HTTPStatus, kind: str, length: int | None, **more: str) -> None:
         """The head of an answer; without a length it ends with the connection."""

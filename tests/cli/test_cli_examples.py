@@ -67,8 +67,15 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
     # Every file of every package is in it, so a short flight is enough to show that it runs.
     packages_of_ours = ("bench", "vehicle_models", "test_ports", "agent_adapters", "decompositions")
     files = [path for package in packages_of_ours for path in (ROOT / package).rglob("*") if path.is_file()]
-    wanted = {f"{path.relative_to(ROOT)}" for path in files if "__pycache__" not in path.parts}
+    # The sources of bench/view/static/app.js, and what npm installs beside them, are not for users.
+    sources = ROOT / "bench" / "view" / "app"
+    wanted = {
+        f"{path.relative_to(ROOT)}"
+        for path in files
+        if "__pycache__" not in path.parts and sources not in path.parents
+    }
     assert len(wanted) > 500
+    assert not [name for name in names if name.startswith("bench/view/app/")]
     assert wanted - set(names) == set()
     assert not [name for name in names if name.startswith("tests/") or name.endswith(".pyc")]
     # The dependencies are those of this environment: paths in a .pth file bring modules, and no other .pth file.

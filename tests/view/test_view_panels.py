@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 from typing import Any
 
+import cv2
+import numpy as np
 import polars as pl
 import pytest
 from browser import Browser, needs_chromium, open_browser
 from made_view import MARKED_S, fly, made_view, served
 
 from bench.campaign import open_journal, write_result
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, Record, SessionResult, SimTime, TargetReport, VehicleTopics
 from bench.reporting import load_report_data, matching, runs_table, scores_table
+from bench.streams import (
+    BoundingBox2D,
+    CompressedImage,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Point2D,
+    Pose2D,
+    Time,
+    encode,
+)
 from bench.view import CampaignContent, ViewServer, content_of, run_page
 from bench.visible_text import visible
 
-from made_campaign import made_simspec, made_tape  # isort: skip  # made_view puts its folder on the path
+from made_campaign import _document_record, made_simspec, made_tape, write_recording  # isort: skip  # made_view puts its folder on the path
 
 pytestmark = needs_chromium
 NAIVE, AWARE = "p000-r0-reference-naive", "p000-r0-reference-bystander-aware"
@@ -160,8 +176,9 @@ def test_a_moment_is_that_of_the_recording(page: Browser) -> None:
             [east_m, north_m], abs=0.51
         )
         assert float(shown["height"].removesuffix(" m")) == pytest.approx(height_m, abs=0.051)
-        places = tape.actor_position_enu_m[int(time_s)][people][:, :2]
-        nearest_m = min(((places - [east_m, north_m]) ** 2).sum(axis=1) ** 0.5)
+        # Everybody stands on the ground, and the rules count in three dimensions.
+        offsets = tape.actor_position_enu_m[int(time_s)][people] - tape.vehicle_position_enu_m[row]
+        nearest_m = min((offsets**2).sum(axis=1) ** 0.5)
         assert float(shown["nearest person"].removesuffix(" m")) == pytest.approx(nearest_m, abs=0.51)
     assert facts(page)["phase"] == "returning"
 
@@ -435,3 +452,105 @@ def test_no_panel_is_wider_than_its_window(panel: str, page: Browser) -> None:
         page.go(f"#/{panel}")
         page.wait("!document.querySelector('.wait') && document.querySelector('main').firstChild")
         assert page.run("document.documentElement.scrollWidth - innerWidth") <= 0, width
+
+
+def nothing_flown(folder: Path) -> None:
+    shutil.rmtree(folder / "runs")
+    for name in ("scores.parquet", "manifest.json"):
+        (folder / name).unlink()
+
+
+def half_copied(folder: Path) -> None:
+    (folder / "scores.parquet").write_bytes((folder / "scores.parquet").read_bytes()[:500])
+    (folder / "decomposition.json").unlink()
+    (folder / "runs" / NAIVE / "result.json").write_text('{"realization": "p0')
+    (folder / "simspecs" / f"{AWARE}.json").unlink()
+    shutil.rmtree(folder / "runs" / "p001-r0-reference-naive")
+
+
+def one_run(folder: Path) -> None:
+    for path in (*(folder / "runs").iterdir(), *(folder / "simspecs").iterdir()):
+        if not path.name.startswith(NAIVE):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    scores = pl.read_parquet(folder / "scores.parquet")
+    scores.filter(realization=NAIVE).write_parquet(folder / "scores.parquet")
+
+
+@pytest.mark.parametrize("spoil", [nothing_flown, half_copied, one_run])
+def test_odd_campaigns_have_every_panel(spoil: Callable[[Path], None], tmp_path: Path) -> None:
+    """No panel fails, and a run that is not there says so."""
+    folder = made_view(tmp_path / "c")
+    spoil(folder)
+    with served(content_of(folder)) as server, open_browser() as browser:
+        browser.open(server.address)
+        browser.wait("document.querySelector('.verdicts')")
+        for panel in ("runs", "matrix", "live", "sign", "verdict"):
+            browser.go(f"#/{panel}")
+            browser.wait(
+                f"document.querySelector('nav [aria-current]').hash === '#/{panel}' && document.querySelector('main').innerText"
+            )
+        assert browser.faults == []
+        browser.go("#/run/p002-r0-reference-naive")
+        browser.wait("document.querySelector('.run-head, [role=alert]')")
+
+
+def test_many_reports_and_detections_play(tmp_path: Path) -> None:
+    """900 reports and 100,000 detections in a session: the log holds the rows in view, and the lane one bar for each pixel."""
+    run_folder = tmp_path / "run"
+    run_folder.mkdir()
+    simspec = made_simspec(0, "reference-naive")
+    topics = VehicleTopics(simspec.vehicle.name)
+    spread = [
+        TargetReport(
+            id=f"r{n}",
+            time_s=n / 9,
+            class_label="truck",
+            east_m=n / 9,
+            north_m=0.0,
+            confidence=0.9,
+            mark=n % 2 == 0,
+        )
+        for n in range(900)
+    ]
+    reports = [_document_record(report.time_s, topics.reports, report) for report in spread]
+    result = ObjectHypothesisWithPose(ObjectHypothesis("civilian", 0.8))
+    found = Detection2D(results=(result,), bbox=BoundingBox2D(Pose2D(Point2D(10.0, 10.0)), 4.0, 4.0), id="t")
+    frame = encode(Detection2DArray(Header(Time.of(0), "f"), (found,) * 100))
+    frames = [
+        Record(SimTime(n * 10**8), topics.detections, Detection2DArray.TYPE, frame) for n in range(1000)
+    ]
+    write_recording(run_folder / "recording.mcap", simspec, made_tape(simspec), [*reports, *frames])
+    with served(content_of(run_folder)) as server, open_browser() as browser:
+        browser.open(f"{server.address}")
+        browser.wait("document.querySelector('[data-lane=reports]')")
+        assert browser.run("document.querySelectorAll('[data-lane=reports] rect').length") == 902
+        assert 100 < browser.run("document.querySelectorAll('[data-lane=detections] rect').length") < 1440
+        browser.press("End")
+        browser.wait("document.querySelector('.entry.now')")
+        assert browser.run("document.querySelectorAll('.entry').length") < 100
+        assert browser.faults == []
+
+
+def test_the_camera_shows_the_recorded_picture(tmp_path: Path) -> None:
+    """That of the moment: red first, blue from 50 s on."""
+    run_folder = tmp_path / "run"
+    run_folder.mkdir()
+    simspec = made_simspec(0, "reference-naive")
+    topic = f"/{simspec.vehicle.name}/camera/{simspec.vehicle.camera.name}/image_raw/compressed"
+    pictures = []
+    for time_s, bgr in ((10, (0, 0, 255)), (50, (255, 0, 0))):
+        _, jpeg = cv2.imencode(".jpg", np.full((72, 128, 3), bgr, dtype=np.uint8))
+        message = CompressedImage(Header(Time.of(time_s * 10**9), "front"), "jpeg", jpeg.tobytes())
+        pictures.append(Record(SimTime(time_s * 10**9), topic, CompressedImage.TYPE, encode(message)))
+    write_recording(run_folder / "recording.mcap", simspec, made_tape(simspec), pictures)
+    with served(content_of(run_folder)) as server, open_browser() as browser:
+        browser.open(server.address)
+        browser.wait("document.querySelector('.camera canvas')")
+        pixel = (
+            "[...document.querySelector('.camera canvas').getContext('2d').getImageData(40, 40, 1, 1).data]"
+        )
+        for time_s, (loud, quiet) in ((20, (0, 2)), (60, (2, 0))):
+            browser.go(f"#/run/run?t={time_s}")
+            browser.wait(f"{pixel}[{loud}] > 240 && {pixel}[{quiet}] < 15")
+        # Of the test's own looks at the pixels.
+        assert [fault for fault in browser.faults if "getImageData" not in fault] == []

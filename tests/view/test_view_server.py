@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import re
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
@@ -298,3 +303,28 @@ def test_one_run_as_one_file(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert run(["view", str(folder), "--to-html", str(page)]) == 2
     assert "--to-html" in capsys.readouterr().err
     assert isinstance(content_of(folder), CampaignContent)
+
+
+def test_a_port_that_is_taken_is_named(
+    server: ViewServer, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["view", str(folder), "--no-browser", "--port", str(server.server_port)]) == 2
+    assert f"rebar: --port: {server.server_port}: " in capsys.readouterr().err
+
+
+def test_the_command_prints_the_address_and_ends_by_an_interrupt(folder: Path) -> None:
+    """Without a display no browser is started, and an interrupt is no fault."""
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
+    command = [sys.executable, "-m", "bench.cli", "view", str(folder)]
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{43}\n", process.stdout.readline())
+        # Handed to the server's loop, which is entered after this line.
+        assert "Ctrl-C" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate()
+    assert (process.returncode, error) == (130, "")

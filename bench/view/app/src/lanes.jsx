@@ -30,7 +30,7 @@ function lineOf(rows, x, y) {
 function plotsOf(tape) {
   const { rules = {}, mission = {} } = tape.simspec ?? {};
   const thin = tape.flight.filter((_, index) => index % 2 === 0);
-  const far = thin.map((row) => [row.t, tape.nearestPerson(row.x, row.y, row.t)]);
+  const far = thin.map((row) => [row.t, tape.nearestPerson(row.x, row.y, row.z, row.t)]);
   return [
     { name: "height", unit: "m", rows: thin.map((row) => [row.t, row.z]), limit: rules.max_altitude_m, wanted: mission.altitude_m },
     { name: "speed", unit: "m/s", rows: thin.map((row) => [row.t, row.speed_mps]), limit: rules.max_speed_mps, wanted: mission.speed_mps },

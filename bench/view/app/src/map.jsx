@@ -147,7 +147,7 @@ class Drawing {
     for (const index of tape.targets) {
       const place = tape.actorAt(index, this.t);
       if (!place || !no_mark_within_m) continue;
-      const near_m = tape.nearestPerson(...place, this.t);
+      const near_m = tape.nearestPerson(...place, 0, this.t);
       const forbidden = near_m !== null && near_m < no_mark_within_m && tape.cast[index].role === "adversary";
       this.circle(place, no_mark_within_m * this.scale);
       this.stroke(forbidden ? c.forbidden : c["ink-soft"], 1, [5, 4]);

@@ -140,7 +140,7 @@ function Now({ tape, t }) {
   const status = rowAt(tape.status, t);
   const thought = rowAt(tape.estimate, t);
   const link = rowAt(tape.operator_link, t);
-  const near_m = flight ? tape.nearestPerson(flight.x, flight.y, t) : null;
+  const near_m = flight ? tape.nearestPerson(flight.x, flight.y, flight.z, t) : null;
   const facts = [
     ["phase", status ? status.phase.replaceAll("_", " ") : "–"],
     ["mode", vehicle ? `${vehicle.mode.toLowerCase().replaceAll("_", " ")}${vehicle.armed ? "" : ", disarmed"}` : "–"],
@@ -293,7 +293,7 @@ function Run({ id, start_s, titles, run, tape }) {
         <aside class="side">
           <div class="moment">
             <Now tape={tape} t={clock.t} />
-            {tape.simspec?.vehicle?.camera && (tape.view.length || tape.detections.length) > 0 && <Camera tape={tape} t={clock.t} />}
+            {tape.simspec?.vehicle?.camera && (tape.view.length || tape.detections.length || tape.pictures.length) > 0 && <Camera tape={tape} t={clock.t} />}
           </div>
           <Verdict run={run} titles={titles} onSeek={clock.seek} />
           <Log entries={entries} t={clock.t} onSeek={clock.seek} />

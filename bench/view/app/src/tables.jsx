@@ -17,7 +17,7 @@ function Interval({ row, floor }) {
   const [width, height] = [96, 12];
   const x = (share) => (share * width).toFixed(1);
   return (
-    <svg class="interval" width={width} height={height} role="img" aria-label={`95 % interval ${fixed(row["passed.low"], 2)} to ${fixed(row["passed.high"], 2)}`}>
+    <svg class="interval" width={width} height={height} viewBox={`0 0 ${width} ${height}`} preserveAspectRatio="none" role="img" aria-label={`95 % interval ${fixed(row["passed.low"], 2)} to ${fixed(row["passed.high"], 2)}`}>
       <rect class="whole" width={width} height="4" y="4" />
       <rect class="band" x={x(row["passed.low"])} width={x(row["passed.high"] - row["passed.low"])} y="2" height="8" />
       {floor !== undefined && <line class="floor" x1={x(floor)} x2={x(floor)} y1="0" y2={height} />}

@@ -97,14 +97,15 @@ export class Tape {
     return [x + share * (after.places[2 * index] - x), y + share * (after.places[2 * index + 1] - y)];
   }
 
-  // Horizontal metres from a place to the nearest person whom the rules protect; null where there is none.
-  nearestPerson(x, y, time_s) {
+  // Metres from a place at a height to the nearest person whom the rules protect, in three dimensions as the rules count
+  // them; null where there is none.
+  nearestPerson(x, y, height_m, time_s) {
     const row = this.actors[Math.max(0, placeAt(this.actors, time_s))];
     let nearest_m = Infinity;
     if (row) {
       this.cast.forEach((member, index) => {
         if (PROTECTED.includes(member.role)) {
-          nearest_m = Math.min(nearest_m, Math.hypot(row.places[2 * index] - x, row.places[2 * index + 1] - y));
+          nearest_m = Math.min(nearest_m, Math.hypot(row.places[2 * index] - x, row.places[2 * index + 1] - y, height_m));
         }
       });
     }
