@@ -297,3 +297,9 @@ def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) ->
     assert fact is not None
     rest = ("intelligence", "orders", "consents", "operator_link")
     assert fact.topics == tuple(f"/vehicle_1/{name}" for name in rest)
+
+
+def test_nothing_is_told_of_an_agent_that_never_flew(tmp_path: Path) -> None:
+    end, _, _ = flown(tmp_path, ["/vehicle_1/missions"])
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert end.fact(UnreadTopics) is None
