@@ -12,6 +12,7 @@ describes it.
 5. `End` is the last line of the bench; the agent closes.
 
 With `air: tick` in the agent's manifest both lines carry the air network's messages themselves, in `air`, and count links alone.
+So they do in real time and warp, where time goes on before an Ack and nothing is counted; the next Tick still waits for it.
 
 Between a Tick and its Ack no simulated time passes, however long the agent takes; after an Ack the agent
 stays silent.

@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 from bench.contracts import (
+    START,
     AgentEndpoints,
     AgentPlan,
     AgentProcess,
@@ -98,7 +99,8 @@ class Session:
             self._world.end(end.outcome)
             raise end from None
         finally:
-            if unread := self._parts.air.unread:
+            # An agent that never flew was told nothing.
+            if (unread := self._parts.air.unread) and self._progress.now > START:
                 self._progress.add(UnreadTopics(topics=unread))
             self._progress.counters = {
                 **self._parts.vehicle.counters(),

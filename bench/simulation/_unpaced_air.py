@@ -104,7 +104,8 @@ class TickedAir(UnpacedAir):
                 reason = "the agent closed the tick socket and went on running"
                 raise StopSession(Outcome.AGENT_PROTOCOL, reason)
             return {}
-        if not self._has_said_hello:
+        # What comes ahead of its tick is seen when that is sent.
+        if not self._awaits_ack:
             return {}
         try:
             ack = self._ticks.poll_ack(self._number)

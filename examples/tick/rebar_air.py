@@ -11,7 +11,7 @@ import select
 import socket
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 Json = dict[str, Any]
@@ -182,10 +182,10 @@ class Eye:
 class Bench:
     """The session: `for messages in bench.ticks(...)` gives the messages of each tick; `publish` answers with the ack."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, open_vehicle: Callable[[str], Vehicle] = Vehicle) -> None:
         self._name, self.vehicle_name = name, os.environ["REBAR_VEHICLE"]
         self.options = json.loads(os.environ.get("REBAR_OPTIONS") or "{}")
-        self.vehicle = Vehicle(os.environ["REBAR_MAVLINK"])
+        self.vehicle = open_vehicle(os.environ["REBAR_MAVLINK"])
         self.now_s = 0.0
         self._outbox: list[Json] = []
 

@@ -136,10 +136,12 @@ def place_of(thing: Json) -> tuple[float, float]:
     return thing["east_m"], thing["north_m"]
 
 
-bench = Bench("tick-search")
-search = Search(bench)
-camera = bench.options.get("camera", "front")
-for messages in bench.ticks(
-    "mission", "intelligence", "orders", "detections", "/tf", "/tf_static", f"camera/{camera}/camera_info"
-):
-    search.tick(messages)
+def main(bench: Bench) -> None:
+    search = Search(bench)
+    info = f"camera/{bench.options.get('camera', 'front')}/camera_info"
+    for messages in bench.ticks("mission", "intelligence", "orders", "detections", "/tf", "/tf_static", info):
+        search.tick(messages)
+
+
+if __name__ == "__main__":
+    main(Bench("tick-search"))

@@ -290,6 +290,23 @@ def test_a_tick_may_be_longer_than_what_a_connection_holds(mode: str, tmp_path: 
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
+def test_an_ack_ahead_of_its_tick_breaks_the_protocol_at_every_pace(mode: str, tmp_path: Path) -> None:
+    # Both in one piece, so that the second is there when the tick is sent.
+    ahead = """    if tick["number"] == 3:
+        print(json.dumps({"kind": "ack", "number": 3}), json.dumps({"kind": "ack", "number": 4}), sep="\\n", file=lines, flush=True)
+        continue
+"""
+    speaker = SPEAKER.replace('    say(kind="ack"', ahead + '    say(kind="ack"')
+    (tmp_path / "plan.json").write_text('{"reads": [], "acks": {}}')
+    fields = {"name": "speaker", "pace": [mode], "air": "tick", "mavlink": []}
+    command = [sys.executable, "-I", "-S", "-c", speaker, "{folder}/plan.json"]
+    spec = session_simspec(pace=Pace(mode=mode, max_late_share=1.0))
+    end, _ = run(tmp_path, AgentManifest.model_validate(fields | {"command": command}), spec)
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert "on the tick socket before tick 4 was sent" in end.reason
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
 def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) -> None:
     reads = ["/vehicle_1/mission", "/vehicle_1/detections", "/tf"]
     end, _, _ = flown(tmp_path, reads, **at_pace(mode))
@@ -297,3 +314,9 @@ def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) ->
     assert fact is not None
     rest = ("intelligence", "orders", "consents", "operator_link")
     assert fact.topics == tuple(f"/vehicle_1/{name}" for name in rest)
+
+
+def test_nothing_is_told_of_an_agent_that_never_flew(tmp_path: Path) -> None:
+    end, _, _ = flown(tmp_path, ["/vehicle_1/missions"])
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert end.fact(UnreadTopics) is None

@@ -1,4 +1,4 @@
-"""The shipped agent on MAVSDK, which knows nothing of the bench's time: in warp it flies as in real time."""
+"""Agents on MAVSDK and pymavlink, which know nothing of the bench's time: in warp they fly as in real time."""
 
 from __future__ import annotations
 
@@ -16,10 +16,20 @@ from bench.streams import String, decode
 SCENE = Path(__file__).parents[2] / "examples" / "search.yaml"
 
 
-def flown(folder: Path, **changes: str) -> SessionResult:
+PYMAVLINK = SCENE.parent / "tick" / "search-pymavlink.yaml"
+AGENTS = {
+    "mavsdk": {"manifest: reference-naive": "manifest: mavsdk-search"},
+    "pymavlink": {
+        "manifest: reference-naive": f"manifest: {PYMAVLINK}",
+        "model: x500": "model: x500\n  autopilot: ardupilot",
+    },
+}
+
+
+def flown(folder: Path, agent: str, **changes: str) -> SessionResult:
     """The result of the example with some texts of it replaced."""
     text = SCENE.read_text()
-    for words, new in {"manifest: reference-naive": "manifest: mavsdk-search", **changes}.items():
+    for words, new in {**AGENTS[agent], **changes}.items():
         assert words in text
         text = text.replace(words, new)
     (folder / "scene.yaml").write_text(text)
@@ -28,10 +38,11 @@ def flown(folder: Path, **changes: str) -> SessionResult:
 
 
 @pytest.mark.flight
-def test_it_takes_off_and_tells_of_it(tmp_path: Path) -> None:
-    """The short form."""
-    short = {"altitude_m: 60.0": "altitude_m: 10.0", "limit_s: 300.0": "limit_s: 25.0"}
-    assert flown(tmp_path, **short).outcome is Outcome.TIME_LIMIT
+@pytest.mark.parametrize(("agent", "limit_s"), [("mavsdk", 25), ("pymavlink", 60)])
+def test_it_takes_off_and_tells_of_it(agent: str, limit_s: int, tmp_path: Path) -> None:
+    """The short form. ArduPilot can be armed after 41.5 s."""
+    short = {"altitude_m: 60.0": "altitude_m: 10.0", "limit_s: 300.0": f"limit_s: {limit_s}.0"}
+    assert flown(tmp_path, agent, **short).outcome is Outcome.TIME_LIMIT
     phases = [
         json.loads(message.data)["phase"]
         for record in read_records(tmp_path / "out" / "recording.mcap")
@@ -44,9 +55,10 @@ def test_it_takes_off_and_tells_of_it(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.flight
 @pytest.mark.timeout(600)
-def test_it_searches_reports_and_lands(tmp_path: Path) -> None:
+@pytest.mark.parametrize("agent", AGENTS)
+def test_it_searches_reports_and_lands(agent: str, tmp_path: Path) -> None:
     """At least 12 of the 14 observables that the scene considers."""
-    result = flown(tmp_path)
+    result = flown(tmp_path, agent)
     assert result.outcome is Outcome.COMPLETED, result.reason
     considered = [item.x for item in result.observations if item.x is not None]
     assert len(considered) == 14
