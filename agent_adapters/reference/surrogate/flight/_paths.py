@@ -20,17 +20,15 @@ def lawnmower(
     center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats
 ) -> Floats:
     """(r, w, 2) the agent's lawnmower over discs; with fewer legs a row's last corner is repeated."""
-    count = np.maximum(
-        1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))
-    ).astype(np.int64)
+    spacing_m = np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0)
+    count = np.maximum(1, np.ceil(2.0 * radius_m / spacing_m)).astype(np.int64)
     between_m = 2.0 * radius_m / count
     corners = []
     for leg in range(int(count.max())):
         row_leg = np.minimum(leg, count - 1)
         across_m = -radius_m + (row_leg + 0.5) * between_m
-        half_m = np.sqrt(
-            np.maximum(radius_m**2 - np.maximum(np.abs(across_m) - between_m / 2.0, 0.0) ** 2, 0.0)
-        )
+        inner_m = np.maximum(np.abs(across_m) - between_m / 2.0, 0.0)
+        half_m = np.sqrt(np.maximum(radius_m**2 - inner_m**2, 0.0))
         begin_m = -half_m - near_m
         end_m = np.maximum(half_m - middle_m, begin_m + 10.0)
         sign = np.where(row_leg % 2 == 0, 1.0, -1.0)
@@ -103,9 +101,7 @@ def cut_off(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -
     """What is flown of a stretch up to a moment (r,), the rest without a span, and where that ends."""
     flown = stretch.time_s <= cut_s[:, None]
     count = flown.sum(axis=1)
-    last_m = np.where(
-        (count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m
-    )
-    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(
-        np.isfinite(cut_s)[:, None], last_m, place_m
-    )
+    last_m = stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)]
+    last_m = np.where((count > 0)[:, None], last_m, begin_m)
+    stretch = replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0))
+    return stretch, np.where(np.isfinite(cut_s)[:, None], last_m, place_m)
