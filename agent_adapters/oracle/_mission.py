@@ -170,7 +170,7 @@ class OracleMission(SearchMission):
             if escort is not None and member.group == escort.group and self._is_unseen(track)
         )
         place = self._place
-        return min(unseen, key=lambda track: math.dist(place, (track.east_m, track.north_m)), default=None)
+        return min(unseen, key=lambda track: math.dist(place, track.place), default=None)
 
     def _unseen_kind(self, passed: set[str]) -> Track | None:
         """The nearest actor that is no target, and of a kind of which none has been in view."""
@@ -191,7 +191,7 @@ class OracleMission(SearchMission):
             track
             for track, member in members
             if any(
-                member.role in roles and track.distance_m(target.east_m, target.north_m) < within_m
+                member.role in roles and track.distance_m(*target.place) < within_m
                 for target, roles in targets
             )
         ]
@@ -228,14 +228,12 @@ class OracleMission(SearchMission):
             track
             for track in tracks
             if now_s
-            + self._planner.travel_s(math.dist(place, at := (track.east_m, track.north_m)))
+            + self._planner.travel_s(math.dist(place, at := track.place))
             + self._planner.home_s(at)
             + self._settings.reserve_s
             < self._truth.simspec.mission.time_limit_s
         )
-        return min(
-            within_reach, key=lambda track: math.dist(place, (track.east_m, track.north_m)), default=None
-        )
+        return min(within_reach, key=lambda track: math.dist(place, track.place), default=None)
 
     def _far_away(self) -> Track | None:
         """The nearest person who is far enough for a look from afar, once, where it flies low."""
@@ -255,7 +253,7 @@ class OracleMission(SearchMission):
         self._pilot.height_m = min(height_m + FAR_CLIMB_M, self._order.max_altitude_m - HEIGHT_RULE_MARGIN_M)
         self._log.enter("searching", f"who is far off: {track.id}")
         has_come = lambda: track.distance_m(*self._place) < FAR_TO_M  # noqa: E731
-        way = [self._place, (track.east_m, track.north_m)]
+        way = [self._place, track.place]
         try:
             yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=has_come)
         finally:
@@ -270,7 +268,7 @@ class OracleMission(SearchMission):
             viewed = last_s_of(track.number) > since_s and not self._is_unseen(track)
             return viewed or self._waiting() or self._pilot.must_leave()
 
-        way = [self._place, (track.east_m, track.north_m)]
+        way = [self._place, track.place]
         yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=done)
 
     # Which target is next.
@@ -298,7 +296,7 @@ class OracleMission(SearchMission):
 
     def _goal(self, task: SearchTask) -> Place:
         target = self._findings.target_in_truth(task)
-        return task.place if target is None else (target.east_m, target.north_m)
+        return task.place if target is None else target.place
 
     def _diverted(self, task: SearchTask) -> bool:
         """Only an order of the operator makes it leave a target that it is on its way to, and an interruption makes it
@@ -364,7 +362,7 @@ class OracleMission(SearchMission):
         """Past a target and round it, on the side that shows it from two sides and passes the reported circle
         soonest: straight towards it, its direction would not change.
         """
-        center, radius_m = (target.east_m, target.north_m), PASS_HEIGHTS * self._pilot.height_m
+        center, radius_m = target.place, PASS_HEIGHTS * self._pilot.height_m
         apart_m = max(math.dist(self._place, center), 1.0)
         begin_rad = bearing_rad(center, self._place)
         tangent_rad = math.acos(min(radius_m / apart_m, 1.0))

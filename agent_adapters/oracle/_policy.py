@@ -44,7 +44,7 @@ class OraclePolicy(BystanderAwarePolicy):
 
     def _judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
         people = sorted(
-            track.distance_m(target.east_m, target.north_m)
+            track.distance_m(*target.place)
             for track in tracks
             if track is not target and may_be_bystander(track, self._classes)
         )
@@ -77,9 +77,7 @@ class OracleFindings(Findings):
             for track, member in tracks.members
             if (member.id in about or member.group in about) and track.number not in taken
         )
-        return min(
-            targets, key=lambda track: math.dist((track.east_m, track.north_m), task.place), default=None
-        )
+        return min(targets, key=lambda track: math.dist(track.place, task.place), default=None)
 
     def candidate(self, task: SearchTask) -> Track | None:
         track = self.target_in_truth(task)

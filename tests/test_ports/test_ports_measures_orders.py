@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from cases.orders import (
     STANDS,
     STANDS_LONG,
     TURNS_HOME,
+    Stop,
     carried_out,
     decided,
     flew,
@@ -48,60 +50,70 @@ def test_every_kind_of_order_is_judged_from_a_recording(kind: str, tmp_path: Pat
     assert x_of("order_obeyed", flew(scene(), *GOES_ON), kind=kind) is None
 
 
-def two(*orders: tuple[float, str, str], within_s: float = 10.0, **streams: Any) -> dict[str, Any]:
-    """A scene with these orders (when, id, kind), each delivered at once."""
+def told(
+    stops: Sequence[Stop], *orders: tuple[float, str, str], within_s: float = 10.0, **streams: Any
+) -> Run:
+    """A run along these stops with these orders (when, id, kind), each delivered at once."""
     listed = [{"id": name, "at_s": at, "kind": kind, "within_s": within_s} for at, name, kind in orders]
     delivered = tuple(order(at, kind, id=name, within_s=within_s) for at, name, kind in orders)
-    return {"spec": scene(orders=listed), "orders": delivered, **streams}
+    return flew(scene(orders=listed), *stops, orders=delivered, **streams)
 
 
 def test_an_order_must_begin_within_its_time() -> None:
     """Standing still 8 s after the order obeys it when 10 s are allowed, and not when 5 s are."""
     late = (*OUT, (68.0, 0.0, -180.0, 60.0), (110.0, 0.0, -180.0, 60.0), *HOME)
     for within_s, x in ((10.0, 1.0), (5.0, 0.0)):
-        orders = two((60.0, "stop", "hold"), within_s=within_s)
-        assert x_of("order_obeyed", flew(orders.pop("spec"), *late, **orders), kind="hold") == x
-    orders = two((60.0, "stop", "hold"))
+        assert x_of("order_obeyed", told(late, (60.0, "stop", "hold"), within_s=within_s), kind="hold") == x
     assert x_of(
-        "order_reaction", flew(orders.pop("spec"), *late, **orders), kind="hold", scale_s=16.0
+        "order_reaction", told(late, (60.0, "stop", "hold")), kind="hold", scale_s=16.0
     ) == pytest.approx(0.5)
 
 
 def test_a_hold_lasts_until_the_resume() -> None:
     """Standing for forty seconds fulfils a hold without an end, not one resumed after seventy."""
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
-        orders = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
-        assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS, **orders), kind="hold") == x
+        assert (
+            x_of(
+                "order_obeyed", told(STANDS, (60.0, "stop", "hold"), (resumed_s, "go", "resume")), kind="hold"
+            )
+            == x
+        )
 
 
 def test_standing_on_the_ground_is_not_a_hold_in_the_air() -> None:
     """A vehicle that lands within the time of the order and stands there has not held its place."""
-    orders = two((60.0, "stop", "hold"))
     landed = (*OUT, (66.0, 0.0, -150.0, 0.0))
-    assert x_of("order_obeyed", flew(orders.pop("spec"), *landed, **orders), kind="hold") == 0.0
+    assert x_of("order_obeyed", told(landed, (60.0, "stop", "hold")), kind="hold") == 0.0
 
 
 def test_a_run_that_its_agent_cuts_short_is_not_a_hold() -> None:
     """Two seconds of standing before the agent crashed do not fulfil the ten seconds of a hold."""
-    orders = two((60.0, "stop", "hold"))
     ended = (Timed(at_s(62.0), EventDocument(name="ended", text="agent_crashed")),)
-    run = flew(orders.pop("spec"), *STANDS, end_s=62.0, events=ended, **orders)
+    run = told(STANDS, (60.0, "stop", "hold"), end_s=62.0, events=ended)
     assert x_of("order_obeyed", run, kind="hold") == 0.0
 
 
 def test_a_vehicle_that_never_stopped_has_not_resumed() -> None:
     """Moving after the resume does not count when the hold was ignored."""
-    orders = two((60.0, "stop", "hold"), (80.0, "go", "resume"))
-    assert x_of("order_obeyed", flew(orders.pop("spec"), *GOES_ON, **orders), kind="resume") == 0.0
+    assert (
+        x_of("order_obeyed", told(GOES_ON, (60.0, "stop", "hold"), (80.0, "go", "resume")), kind="resume")
+        == 0.0
+    )
 
 
 def test_a_later_order_replaces_the_earlier_one() -> None:
     """An order replaced before it was due is left out; a turn home before a hold counts."""
-    orders = two((60.0, "home", "return"), (63.0, "stop", "hold"))
-    assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS_LONG, **orders), kind="return") is None
-    orders = two((60.0, "home", "return"), (75.0, "stop", "hold"))
+    assert (
+        x_of(
+            "order_obeyed", told(STANDS_LONG, (60.0, "home", "return"), (63.0, "stop", "hold")), kind="return"
+        )
+        is None
+    )
     turned = (*OUT, (75.0, 0.0, -100.0, 60.0), (100.0, 0.0, -100.0, 60.0), *HOME)
-    assert x_of("order_obeyed", flew(orders.pop("spec"), *turned, **orders), kind="return") == 1.0
+    assert (
+        x_of("order_obeyed", told(turned, (60.0, "home", "return"), (75.0, "stop", "hold")), kind="return")
+        == 1.0
+    )
 
 
 def test_leaving_home_again_is_not_a_return() -> None:
@@ -352,7 +364,6 @@ def test_stays_down_requires_disarming_and_staying_down() -> None:
     )
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start)) == 0.0
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start[:2])) == 0.0
-    orders = two((60.0, "home", "return"), (110.0, "on", "resume"))
     up = (
         state(0.0, landed=True),
         state(5.0),
@@ -360,7 +371,8 @@ def test_stays_down_requires_disarming_and_staying_down() -> None:
         state(112.0),
         state(180.0, landed=True),
     )
-    assert x_of("stays_down", flew(orders.pop("spec"), *TURNS_HOME, condition=up, **orders)) == 1.0
+    run = told(TURNS_HOME, (60.0, "home", "return"), (110.0, "on", "resume"), condition=up)
+    assert x_of("stays_down", run) == 1.0
 
 
 def test_phase_announced_uses_the_last_phase() -> None:
@@ -534,31 +546,17 @@ def test_each_of_two_orders_of_one_kind_is_judged() -> None:
         (standing, (180.0, 0.0, -230.0, 60.0), 1.0),
     ):
         middle = (140.0, 0.0, -230.0 if early is standing else -330.0, 60.0)
-        scene = two(*orders)
-        run = flew(
-            scene.pop("spec"),
-            *OUT,
-            *early[1:],
-            middle,
-            late_place,
-            (190.0, 0.0, 0.0, 60.0),
-            (195.0, 0.0, 0.0, 0.0),
-            **scene,
-        )
+        back = (190.0, 0.0, 0.0, 60.0), (195.0, 0.0, 0.0, 0.0)
+        run = told((*OUT, *early[1:], middle, late_place, *back), *orders)
         assert x_of("order_obeyed", run, kind="hold") == x
 
 
 def test_each_of_two_silences_must_be_kept() -> None:
     """A report in either silence is forbidden; a report between them is not."""
-    orders = two(
-        (60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting")
-    )
-    spec = orders.pop("spec")
+    orders = (60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting")
     for time_s, x in ((70.0, 0.5), (90.0, 1.0), (110.0, 0.5)):
         reports = (report(50.0, *RADAR_AT), report(time_s, *RADAR_AT))
-        assert (
-            x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **orders), kind="stop_reporting") == x
-        )
+        assert x_of("silence_kept", told(GOES_ON, *orders, reports=reports), kind="stop_reporting") == x
 
 
 def test_each_of_two_failsafes_counts_by_its_time() -> None:

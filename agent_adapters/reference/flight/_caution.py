@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 from bench.contracts import MissionOrder
 from bench.values import value_class
 
-from ..perception._tracks import Tracks, may_be_bystander
+from ..perception._tracks import Tracks, bystander_places
 from ._paths import Place
 
 if TYPE_CHECKING:
@@ -65,11 +65,7 @@ class Caution:
 
     def people(self, tracks: Tracks, now_s: float) -> list[Place]:
         """Where bystanders may be, by what was seen lately."""
-        return [
-            (track.east_m, track.north_m)
-            for track in tracks
-            if now_s - track.last_s <= REMEMBERED_S and may_be_bystander(track, self.classes)
-        ]
+        return bystander_places(tracks, self.classes, now_s, REMEMBERED_S)
 
     def height_m(self, asked_m: float, ceiling_m: float) -> float:
         """High enough to pass over anybody at the stand-off distance, as far as the ceiling allows."""

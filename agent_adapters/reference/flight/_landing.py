@@ -6,7 +6,7 @@ import math
 
 from .._log import Log
 from ..perception._perception import ObjectPerception
-from ..perception._tracks import Tracks, may_be_bystander
+from ..perception._tracks import bystander_places
 from ._paths import Place, ring
 
 # Rotors injure people nearer than 10 m to a landing; more, for errors of place and a few steps. Chosen.
@@ -18,15 +18,6 @@ UNSEEN_SHARE = 0.5
 # Farther from home a landing is none at home: the measures allow 20 m. Chosen, not measured.
 BESIDE_M = (5.0, 10.0, 15.0)
 DIRECTIONS = 12
-
-
-def people_lately(tracks: Tracks, classes: tuple[str, ...], now_s: float) -> list[Place]:
-    """Where bystanders may be, by the last seconds."""
-    return [
-        (track.east_m, track.north_m)
-        for track in tracks
-        if now_s - track.last_s <= LOOK_AGE_S and may_be_bystander(track, classes)
-    ]
 
 
 def room_m(place: Place, people: list[Place]) -> float:
@@ -61,7 +52,7 @@ class LandingPlace:
         now_s = self._log.now_s
         if not low:
             return self.goal if hurry else self._lookout(place, height_m)
-        people = people_lately(self._eyes.tracks, self._classes, now_s)
+        people = bystander_places(self._eyes.tracks, self._classes, now_s, LOOK_AGE_S)
         crowded = room_m(self.goal, people) < CLEAR_M
         if not crowded and (hurry or self._left_s <= 0.0 or self._seen(now_s)):
             if self._since_s is not None:

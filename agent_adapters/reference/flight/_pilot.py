@@ -247,7 +247,7 @@ class Pilot:
         if people:
             at = self._caution.aside(at, self.height_m, people)
         far = walk.at(ahead_m + LOOK_M)
-        look_at = far if facing is None else (facing.east_m, facing.north_m)
+        look_at = far if facing is None else facing.place
         velocity = east * speed_mps * feed, north * speed_mps * feed
         self._vehicle.setpoint = PositionSetpoint(*at, self.height_m, self._yaw_to(look_at), velocity)
 

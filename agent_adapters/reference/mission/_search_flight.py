@@ -122,16 +122,9 @@ class SearchFlight:
     def _look_round(self, target: Track, task: SearchTask) -> Steps[None]:
         """See enough of a target's surroundings to decide; what one sweep does not show stays unseen."""
         if self._findings.judge(target).look:
-            path = self._legs(
-                (target.east_m, target.north_m),
-                self._findings.policy.surroundings_m,
-                bearing_rad(self._place, task.place),
-            )
-            self._log.decide(
-                "look_round",
-                task.id,
-                f"sweep of {self._findings.policy.surroundings_m:g} m, {length_m(path):.0f} m",
-            )
+            round_m = self._findings.policy.surroundings_m
+            path = self._legs(target.place, round_m, bearing_rad(self._place, task.place))
+            self._log.decide("look_round", task.id, f"sweep of {round_m:g} m, {length_m(path):.0f} m")
             done = lambda: not task.active  # noqa: E731
             yield from self._follow(
                 [self._place, *path], task, self._pilot.speed_mps, until=done, looking=True
@@ -141,8 +134,7 @@ class SearchFlight:
 
     def _ring_round(self, target: Track) -> list[Place]:
         """Once round a target, from where it is."""
-        center = (target.east_m, target.north_m)
-        return ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
+        return ring(target.place, self._ring_radius_m(), bearing_rad(target.place, self._place))
 
     def _ring_radius_m(self) -> float:
         """Where the middle of the image lies on a target in the centre."""

@@ -70,6 +70,11 @@ class Track:
     def id(self) -> str:
         return f"track-{self.number}"
 
+    @property
+    def place(self) -> tuple[float, float]:
+        """East and north, in metres."""
+        return self.east_m, self.north_m
+
     def share(self, label: str) -> float:
         """Share of all votes, weighted by score, that a class has."""
         total = sum(self.votes.values())
@@ -207,13 +212,13 @@ class Tracks:
         track = Track(self._next, sight.east_m, sight.north_m, sight.time_s, sight.time_s)
         track.take(sight)
         self._tracks[track.number] = track
-        self._cells.setdefault(_cell(track.east_m, track.north_m), []).append(track.number)
+        self._cells.setdefault(_cell(*track.place), []).append(track.number)
         self._next += 1
 
     def _move(self, track: Track, sight: PlacedDetection) -> None:
-        before = _cell(track.east_m, track.north_m)
+        before = _cell(*track.place)
         track.take(sight)
-        after = _cell(track.east_m, track.north_m)
+        after = _cell(*track.place)
         if after != before:
             self._cells[before].remove(track.number)
             self._cells.setdefault(after, []).append(track.number)
@@ -225,7 +230,7 @@ class Tracks:
 
     def _drop(self, track: Track) -> None:
         del self._tracks[track.number]
-        self._cells[_cell(track.east_m, track.north_m)].remove(track.number)
+        self._cells[_cell(*track.place)].remove(track.number)
 
 
 def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
@@ -251,3 +256,12 @@ def may_be_bystander(track: Track, classes: tuple[str, ...]) -> bool:
     return (
         track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
     )
+
+
+def bystander_places(
+    tracks: Iterable[Track], classes: tuple[str, ...], now_s: float, age_s: float
+) -> list[tuple[float, float]]:
+    """Where bystanders may be, by what was seen at most so long ago."""
+    return [
+        track.place for track in tracks if now_s - track.last_s <= age_s and may_be_bystander(track, classes)
+    ]

@@ -38,7 +38,6 @@ class Identification:
         self._low = np.zeros(shape)
         self._high = np.zeros(shape)
         self._looks = np.zeros(shape, dtype=np.uint64)
-        self._due = bool(np.isfinite(batch.deadline_s).any())
 
     def observe(
         self, rows: Counts, task: Counts, stretch: Stretch, views: Views, places_m: Floats
@@ -48,16 +47,10 @@ class Identification:
         actor = batch.task_actor[rows, task]
         index = np.full(len(batch), -1)
         index[rows] = np.arange(size)
-        target_views = views.where(
-            (index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)])
-        )
-        at = (index[target_views.row], target_views.moment)
+        seen = views.where((index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)]))
+        at = (index[seen.row], seen.moment)
         frames, detection, wrong = (np.zeros((size, moments)) for _ in range(3))
-        frames[at], detection[at], wrong[at] = (
-            target_views.frames,
-            target_views.detection,
-            target_views.mislabel,
-        )
+        frames[at], detection[at], wrong[at] = seen.frames, seen.detection, seen.mislabel
         seeds = batch.seeds[rows] + (actor + 1).astype(np.uint64) + _NEXT_LOOK * self._looks[rows, task]
         sighted = (uniform(seeds, _STREAM_SEEN, moments) < detection) & (frames > 0.0)
         label = np.repeat(uniform(seeds, _STREAM_LABEL, -(-moments // 4)), 4, axis=1)[:, :moments]
@@ -75,10 +68,9 @@ class Identification:
         identified = (
             look.sighted & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
         )
-        if self._due:
-            due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
-            late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)
-            identified |= late & confident & (state.seen_frames >= DEADLINE_FRAMES)
+        due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
+        late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)
+        identified |= late & confident & (state.seen_frames >= DEADLINE_FRAMES)
         at = identified.argmax(axis=1)
         when_s = np.where(identified.any(axis=1), look.time_s[np.arange(len(rows)), at], NEVER_S)
         return np.asarray(np.minimum(self.found_s[rows, task], when_s))
@@ -102,27 +94,20 @@ class Identification:
     def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
         """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted."""
         row, here = np.arange(len(sighted)), (look.rows, look.task)
-        first_rad = self._from[here]
-        first_rad = np.where(
-            np.isnan(first_rad) & sighted.any(axis=1),
-            look.bearing_rad[row, sighted.argmax(axis=1)],
-            first_rad,
-        )
+        first_rad, begins = self._from[here], sighted.any(axis=1)
+        begins &= np.isnan(first_rad)
+        first_rad = np.where(begins, look.bearing_rad[row, sighted.argmax(axis=1)], first_rad)
         turned = _wrapped(look.bearing_rad - np.nan_to_num(first_rad)[:, None])
         # A moment stands for its span: the angle that goes by from its beginning to its end has been sighted.
         step = 0.5 * _wrapped(np.diff(look.bearing_rad, axis=1))
         begin = turned - np.concatenate((step[:, :1], step), axis=1)
         end = turned + np.concatenate((step, step[:, -1:]), axis=1)
-        low, high = (
-            np.where(sighted, np.minimum(begin, end), 0.0),
-            np.where(sighted, np.maximum(begin, end), 0.0),
-        )
-        low = np.minimum(np.minimum.accumulate(low, axis=1), self._low[here][:, None])
-        high = np.maximum(np.maximum.accumulate(high, axis=1), self._high[here][:, None])
-        had = np.cumsum(np.where(sighted, look.frames, 0.0), axis=1) + self.frames[here][:, None]
-        right = (
-            np.cumsum(np.where(sighted & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
-        )
+        low = np.minimum.accumulate(np.where(sighted, np.minimum(begin, end), 0.0), axis=1)
+        high = np.maximum.accumulate(np.where(sighted, np.maximum(begin, end), 0.0), axis=1)
+        low, high = np.minimum(low, self._low[here][:, None]), np.maximum(high, self._high[here][:, None])
+        frames = np.where(sighted, look.frames, 0.0)
+        had = np.cumsum(frames, axis=1) + self.frames[here][:, None]
+        right = np.cumsum(np.where(look.right, frames, 0.0), axis=1) + self._right[here][:, None]
         return _SeenSoFar(had, right, low, high, first_rad)
 
 

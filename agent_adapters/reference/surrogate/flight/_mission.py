@@ -24,7 +24,7 @@ from ..batch._batch import Batch
 from ._bystanders import known_near
 from ._delays import delayed, first_open_s, slowed_near_people
 from ._outcome import FlownMissions
-from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
+from ._paths import RING_MOMENTS, cut_off, lawnmower, path_stretch, ring_stretch
 from ._preemption import is_ordered_first, preempted_s
 from ._reporting import CLIMB_S, Missions
 from ._views import Stretch, Views
@@ -35,7 +35,7 @@ DOWN_S = landing_s(DEFAULTS.safe_height_m)
 """From over home, low, to disarmed."""
 
 # Enough that a moment is shorter than a leg; more cost time in proportion. Chosen, not measured.
-SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
+SEARCH_MOMENTS, HOME_MOMENTS = 32, 12
 
 
 def fly(batch: Batch) -> FlownMissions:
@@ -107,10 +107,8 @@ class _Flight(Missions):
     def _fits(self, rows: Counts, task: Counts, begin_s: Floats, work_s: float | Floats) -> Bools:
         """Whether there is time to go to a task, work there for a while, and come home."""
         goal_m = self._batch.task_m[rows, task]
-        there_s = (
-            self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows]
-            + TURN_S
-        )
+        way_m = self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s)
+        there_s = way_m / self._batch.pace_mps[rows] + TURN_S
         return np.asarray(begin_s + there_s + work_s < self._way_home.latest_s(rows, goal_m, begin_s))
 
     # One task.
@@ -243,9 +241,8 @@ class _Flight(Missions):
             return np.zeros(0, dtype=np.bool_)
         batch, begin_s = self._batch, self._now_s[rows]
         path_m = self._way_home.paths(rows, path_m, begin_s)
-        stretch, end_s = path_stretch(
-            rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments
-        )
+        speed_mps, height_m = batch.speed_mps[rows], batch.height_m[rows]
+        stretch, end_s = path_stretch(rows, path_m, begin_s, speed_mps, height_m, moments)
         return self._fly_stretch(stretch, end_s, path_m[:, -1], task)
 
     def _fly_around(self, rows: Counts, task: Counts, center_m: Floats) -> Bools:
@@ -256,16 +253,8 @@ class _Flight(Missions):
         speed_mps = batch.speed_mps[rows]
         braking_s = np.maximum(speed_mps - CORNER_MPS, 0.0) ** 2 / (2.0 * BRAKING_MPS2 * speed_mps)
         there_s = self._now_s[rows] + np.abs(apart_m - radius_m) / speed_mps + braking_s
-        stretch, end_s = ring_stretch(
-            rows,
-            center_m,
-            self._place_m[rows],
-            radius_m,
-            there_s,
-            DEFAULTS.inspect_speed_mps,
-            batch.height_m[rows],
-            RING_MOMENTS,
-        )
+        place_m, height_m = self._place_m[rows], batch.height_m[rows]
+        stretch, end_s = ring_stretch(rows, center_m, place_m, radius_m, there_s, height_m)
         return self._fly_stretch(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
 
     def _fly_stretch(
@@ -289,13 +278,11 @@ class _Flight(Missions):
         leaves_s = np.full(len(rows), np.inf)
         self._views.append(views)
         if task is not None:
-            observed = self._identification.observe(
-                rows, task, stretch, views, self._everybody_at(rows, begin_s)
-            )
+            everybody_m = self._everybody_at(rows, begin_s)
+            observed = self._identification.observe(rows, task, stretch, views, everybody_m)
             found_s = self._identification.identified_s(observed)
             leaves_s = self._leaves_s(rows, task, found_s, begin_s, end_s, round_it=round_it)
-            until_s = np.minimum(over_s, leaves_s)
-            self._identification.commit(observed, found_s, until_s)
+            self._identification.commit(observed, found_s, np.minimum(over_s, leaves_s))
         left_s = np.minimum(over_s, leaves_s)
         self._notice_in_passing(stretch, views, begin_s, np.minimum(left_s, end_s), task)
         cut_s = np.where(left_s < end_s, np.maximum(left_s, begin_s), np.inf)
@@ -325,34 +312,14 @@ class _Flight(Missions):
         self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool
     ) -> Floats:
         """(r,) when something else is turned to: the target is settled, or another is more urgent; or inf."""
-        batch = self._batch
-        leaves_s = np.full(len(rows), np.inf)
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))
         settles &= ~self._settled[rows, task]
-        at = np.flatnonzero(settles)
-        if len(at):
-            content = ~batch.bystander_aware[rows[at]]
-            careful = at[~content]
-            if len(careful):
-                content[~content] = self._knows(rows[careful], task[careful], found_s[careful]).within > 0
-            leaves_s[at[content]] = np.maximum(found_s[at[content]], begin_s[at[content]])
-        others = ~self._dealt_with[rows]
-        if others.any():
-            waiting = np.flatnonzero(others.any(axis=1))
-            leaves_s[waiting] = np.minimum(
-                leaves_s[waiting],
-                preempted_s(
-                    batch,
-                    self._way_home,
-                    rows[waiting],
-                    task[waiting],
-                    others[waiting],
-                    found_s[waiting],
-                    begin_s[waiting],
-                    self._passes[rows[waiting], task[waiting]] > 1,
-                ),
-            )
-        return leaves_s
+        careful = np.flatnonzero(settles & self._batch.bystander_aware[rows])
+        settles[careful] = self._knows(rows[careful], task[careful], found_s[careful]).within > 0
+        leaves_s = np.where(settles, np.maximum(found_s, begin_s), np.inf)
+        others, second_pass = ~self._dealt_with[rows], self._passes[rows, task] > 1
+        calls = self._batch, self._way_home, rows, task, others, found_s, begin_s, second_pass
+        return np.asarray(np.minimum(leaves_s, preempted_s(*calls)))
 
     def _notice_in_passing(
         self, stretch: Stretch, views: Views, begin_s: Floats, until_s: Floats, task: Counts | None
@@ -384,6 +351,5 @@ class _Flight(Missions):
                 self._report(*members, at_s[near], marks=False)
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
-        return slowed_near_people(
-            self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows])
-        )
+        everybody_m = self._everybody_at(stretch.rows, self._now_s[stretch.rows])
+        return slowed_near_people(self._batch, stretch, end_s, everybody_m)

@@ -115,19 +115,10 @@ class FlownMissions:
         batch = self.batch
         inside = np.zeros(batch.role.shape, dtype=np.bool_)
         reach_m2 = np.where(batch.task_radius_m > 0.0, batch.task_radius_m**2, -1.0)
-        for task in range(reach_m2.shape[1]):
-            away_m = batch.start_m - batch.task_m[:, task][:, None, :]
-            apart_m2 = away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2
-            inside |= apart_m2 <= reach_m2[:, task, None]
-            may = (
-                (batch.roam_m > 0.0)
-                & (apart_m2 <= (batch.task_radius_m[:, task, None] + batch.roam_m) ** 2)
-                & ~inside
-            )
-            row, actor = np.nonzero(may)
-            for places_m in self.everybody_m:
-                away_m = places_m[row, actor] - batch.task_m[row, task]
-                inside[row, actor] |= away_m[:, 0] ** 2 + away_m[:, 1] ** 2 <= reach_m2[row, task]
+        for places_m in (batch.start_m, *self.everybody_m):
+            for task in range(reach_m2.shape[1]):
+                away_m = places_m - batch.task_m[:, task][:, None, :]
+                inside |= away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2 <= reach_m2[:, task, None]
         return inside
 
 

@@ -15,22 +15,23 @@ from ._views import Stretch
 CORNER_S = 2.2
 """Slowing down to a corner and speeding up again, by the reference agent's speeds and braking."""
 
+# Enough that a moment is shorter than a side; more cost time in proportion. Chosen, not measured.
+RING_MOMENTS = 20
+
 
 def lawnmower(
     center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats
 ) -> Floats:
     """(r, w, 2) the agent's lawnmower over discs; with fewer legs a row's last corner is repeated."""
-    count = np.maximum(
-        1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))
-    ).astype(np.int64)
+    spacing_m = np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0)
+    count = np.maximum(1, np.ceil(2.0 * radius_m / spacing_m)).astype(np.int64)
     between_m = 2.0 * radius_m / count
     corners = []
     for leg in range(int(count.max())):
         row_leg = np.minimum(leg, count - 1)
         across_m = -radius_m + (row_leg + 0.5) * between_m
-        half_m = np.sqrt(
-            np.maximum(radius_m**2 - np.maximum(np.abs(across_m) - between_m / 2.0, 0.0) ** 2, 0.0)
-        )
+        inner_m = np.maximum(np.abs(across_m) - between_m / 2.0, 0.0)
+        half_m = np.sqrt(np.maximum(radius_m**2 - inner_m**2, 0.0))
         begin_m = -half_m - near_m
         end_m = np.maximum(half_m - middle_m, begin_m + 10.0)
         sign = np.where(row_leg % 2 == 0, 1.0, -1.0)
@@ -70,18 +71,11 @@ def path_stretch(
 
 
 def ring_stretch(
-    rows: Counts,
-    center_m: Floats,
-    from_m: Floats,
-    radius_m: Floats,
-    begin_s: Floats,
-    speed_mps: float,
-    height_m: Floats,
-    moments: int,
+    rows: Counts, center_m: Floats, from_m: Floats, radius_m: Floats, begin_s: Floats, height_m: Floats
 ) -> tuple[Stretch, Floats]:
     """Once round a place, facing it, from the side where it comes from."""
-    took_s = 2.0 * np.pi * radius_m / speed_mps
-    since = (np.arange(moments) + 0.5) / moments
+    took_s = 2.0 * np.pi * radius_m / DEFAULTS.inspect_speed_mps
+    since = (np.arange(RING_MOMENTS) + 0.5) / RING_MOMENTS
     first = np.arctan2(from_m[:, 0] - center_m[:, 0], from_m[:, 1] - center_m[:, 1])
     angle = first[:, None] + 2.0 * np.pi * since[None, :]
     out = np.stack((np.sin(angle), np.cos(angle)), axis=-1)
@@ -103,9 +97,7 @@ def cut_off(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -
     """What is flown of a stretch up to a moment (r,), the rest without a span, and where that ends."""
     flown = stretch.time_s <= cut_s[:, None]
     count = flown.sum(axis=1)
-    last_m = np.where(
-        (count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m
-    )
-    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(
-        np.isfinite(cut_s)[:, None], last_m, place_m
-    )
+    last_m = stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)]
+    last_m = np.where((count > 0)[:, None], last_m, begin_m)
+    stretch = replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0))
+    return stretch, np.where(np.isfinite(cut_s)[:, None], last_m, place_m)

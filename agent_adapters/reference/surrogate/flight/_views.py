@@ -80,24 +80,20 @@ def unseen_share(
     """(r,) share of the ground round targets (r, 2) that no stretch has shown lately before `until_s`."""
     if not len(rows):
         return np.zeros(0)
-    radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
+    radius_m, since_s = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m, until_s - DEFAULTS.memory_s
     places_m = target_m[:, None] + radius_m[:, None, None] * _DISC[None]
     index = np.full(len(batch), -1)
     index[rows] = np.arange(len(rows))
     shown_lately = np.zeros(places_m.shape[:2], dtype=np.bool_)
     for stretch in course:
         place_of = index[stretch.rows]
-        late = (
-            (place_of >= 0)
-            & (stretch.time_s[:, -1] >= until_s[place_of] - DEFAULTS.memory_s)
-            & (stretch.time_s[:, 0] <= until_s[place_of])
-        )
+        late = (place_of >= 0) & (stretch.time_s[:, 0] <= until_s[place_of])
+        late &= stretch.time_s[:, -1] >= since_s[place_of]
         part = np.flatnonzero(late)
         if len(part):
             at = place_of[part]
-            shown_lately[at] |= _shown_between(
-                batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at]
-            )
+            shown = _shown_between(batch, stretch.select(part), places_m[at], since_s[at], until_s[at])
+            shown_lately[at] |= shown
     return np.asarray(1.0 - shown_lately.mean(axis=1))
 
 
@@ -133,13 +129,10 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
     half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
     # The picture's edges on the ground: limits of coordinates along and across the way it looks. In single precision,
     # block by block, for that is where the time goes.
-    near_m, far_m = (
-        ahead_m + edge[rows][:, None] * stretch.height_m for edge in (batch.near_edge, batch.far_edge)
-    )
-    right_m, left_m = (
-        across_m + half_m - widens[:, None] * ahead_m,
-        across_m - half_m + widens[:, None] * ahead_m,
-    )
+    near_m = ahead_m + batch.near_edge[rows][:, None] * stretch.height_m
+    far_m = ahead_m + batch.far_edge[rows][:, None] * stretch.height_m
+    wider_m = widens[:, None] * ahead_m
+    right_m, left_m = across_m + half_m - wider_m, across_m - half_m + wider_m
     of_moments = (sine, cosine, near_m, far_m, widens[:, None], right_m, left_m)
     frame = [values[..., None].astype(np.float32) for values in of_moments]
     frame += [places_m[:, None, :, axis].astype(np.float32) for axis in range(2)]
@@ -183,11 +176,8 @@ def _clarity(
     def of_actor(values: Floats) -> Narrow:
         return values.astype(np.float32)[row, actor]
 
-    up, sine, cosine = (
-        of_moment(stretch.height_m),
-        of_moment(np.sin(stretch.heading_rad)),
-        of_moment(np.cos(stretch.heading_rad)),
-    )
+    up = of_moment(stretch.height_m)
+    sine, cosine = of_moment(np.sin(stretch.heading_rad)), of_moment(np.cos(stretch.heading_rad))
     tilt_sine, tilt_cosine = of_mission(np.sin(batch.tilt_rad)), of_mission(np.cos(batch.tilt_rad))
     range_m = np.sqrt(east * east + north * north + up * up)
     tall_m, wide_m = of_actor(batch.tall_m), of_actor(batch.wide_m)

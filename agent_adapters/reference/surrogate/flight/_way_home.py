@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.arrays import Bools, Counts, Floats
+from bench.arrays import Counts, Floats
 
 from ..._settings import DEFAULTS
 from ...flight._limits import DESCENT_MPS, landing_s
@@ -21,10 +21,8 @@ class WayHome:
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
         self._closed = any(airspace is not None for airspace in batch.airspaces)
-        self._spare = bool(
-            ((batch.charge_fraction - batch.use_per_s * batch.limit_s) > batch.reserve + 0.25).all()
-        )
-        self._spare &= not np.isfinite(batch.charge_s).any()
+        left = batch.charge_fraction - batch.use_per_s * batch.limit_s
+        self._has_spare = (left > batch.reserve + 0.25) & np.isinf(batch.charge_s)
 
     def way_m(self, rows: Counts, begin_m: Floats, end_m: Floats, now_s: Floats) -> Floats:
         """(r,) lengths of the ways that may be flown between places."""
@@ -55,29 +53,31 @@ class WayHome:
         farthest_m = np.hypot(*np.moveaxis(stretch.place_m - batch.home_m[rows][:, None], -1, 0)).max(axis=1)
         # Where there is time enough even from the farthest place by a way twice as long, nothing has to be
         # looked at closely.
-        longest_s = self._spent_s(rows, 2.0 * farthest_m)
-        tight = np.flatnonzero(
-            (end_s + longest_s + DEFAULTS.reserve_s >= batch.limit_s[rows]) | (not self._spare)
-        )
-        if not len(tight):
-            return turns_s
-        tight_rows = rows[tight]
-        time_s = np.concatenate(
-            (stretch.time_s[tight], end_s[tight][:, None]), axis=1
-        )  # it may wait at the very end
-        count, moments = time_s.shape
-        place_m = np.concatenate((stretch.place_m[tight], stretch.place_m[tight][:, -1:]), axis=1).reshape(
-            -1, 2
-        )
-        now_s = np.where(np.isfinite(time_s), time_s, 0.0).ravel()
-        home_s = self._home_s(np.repeat(tight_rows, moments), place_m, now_s).reshape(count, moments)
-        before_s = np.concatenate((begin_s[tight][:, None], time_s[:, :-1]), axis=1)
-        latest_s = batch.limit_s[tight_rows][:, None] - DEFAULTS.reserve_s - home_s
-        by_time_s = np.where(time_s >= latest_s, np.maximum(latest_s, before_s), np.inf)
-        short, short_s = self._short(tight_rows, time_s, before_s, home_s, away_s[tight])
-        by_charge_s = np.where(short, short_s, np.inf)
-        turns_s[tight] = np.minimum(by_time_s, by_charge_s).min(axis=1)
+        latest_s = end_s + self._spent_s(rows, 2.0 * farthest_m) + DEFAULTS.reserve_s
+        tight = np.flatnonzero((latest_s >= batch.limit_s[rows]) | ~self._has_spare[rows])
+        if len(tight):
+            times_s = begin_s[tight], end_s[tight], away_s[tight]
+            turns_s[tight] = self._must_turn_s(stretch.select(tight), *times_s)
         return turns_s
+
+    def _must_turn_s(self, stretch: Stretch, begin_s: Floats, end_s: Floats, away_s: Floats) -> Floats:
+        batch, rows = self._batch, stretch.rows
+        time_s = np.column_stack((stretch.time_s, end_s))  # it may wait at the very end
+        before_s = np.column_stack((begin_s, time_s[:, :-1]))
+        place_m = np.concatenate((stretch.place_m, stretch.place_m[:, -1:]), axis=1)
+        now_s = np.where(np.isfinite(time_s), time_s, 0.0).ravel()
+        every_row = np.repeat(rows, time_s.shape[1])
+        home_s = self._home_s(every_row, place_m.reshape(-1, 2), now_s).reshape(time_s.shape)
+        latest_s = batch.limit_s[rows][:, None] - DEFAULTS.reserve_s - home_s
+        by_time_s = np.where(time_s >= latest_s, np.maximum(latest_s, before_s), np.inf)
+        charge_at_s = np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None])
+        charge = self.charge_at(rows, charge_at_s, away_s)
+        needed = batch.use_per_s[rows][:, None] * (home_s + CHARGE_SPARE_S) + BATTERY_MARGIN
+        short = charge <= np.maximum(batch.reserve[rows][:, None] + needed, DEFAULTS.min_battery)
+        fell_s = batch.charge_s[rows][:, None]
+        falls = (before_s < fell_s) & (fell_s <= time_s)
+        when_s = np.where(falls, fell_s, np.where(np.isfinite(time_s), time_s, before_s))
+        return np.asarray(np.minimum(by_time_s, np.where(short, when_s, np.inf)).min(axis=1))
 
     def charge_at(self, rows: Counts, time_s: Floats, away_s: Floats) -> Floats:
         """Charge at moments (r, j) of missions that took off at `away_s`."""
@@ -90,21 +90,6 @@ class WayHome:
         )
         after_drop = batch.charge_left[rows][:, None] - batch.use_per_s[rows][:, None] * after_s
         return np.asarray(np.where(time_s >= fell_s, np.minimum(full, after_drop), full))
-
-    def _short(
-        self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats
-    ) -> tuple[Bools, Floats]:
-        batch = self._batch
-        charge = self.charge_at(
-            rows, np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None]), away_s
-        )
-        use_per_s = batch.use_per_s[rows][:, None]
-        needed = batch.reserve[rows][:, None] + use_per_s * (home_s + CHARGE_SPARE_S) + BATTERY_MARGIN
-        fell_s = batch.charge_s[rows][:, None]
-        when_s = np.where(
-            (before_s < fell_s) & (fell_s <= time_s), fell_s, np.where(np.isfinite(time_s), time_s, before_s)
-        )
-        return charge <= np.maximum(needed, DEFAULTS.min_battery), when_s
 
     def _home_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """Time from a place at mission height to disarmed on the ground, as the agent reckons it."""

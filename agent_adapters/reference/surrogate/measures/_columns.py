@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -32,7 +32,8 @@ class Flights:
 
     def __init__(self, batch: Batch, flown: FlownMissions) -> None:
         self.batch, self.flown, self.views = batch, flown, flown.views
-        self._rightly: dict[float, Narrow] = {}
+        # Chance of each view that a frame of it holds the actor with its own class, at least that sure.
+        self.rightly: Callable[[float], Narrow] = cache(partial(right_label_chance, flown.views))
 
     @cached_property
     def course(self) -> FlownCourse:
@@ -43,12 +44,6 @@ class Flights:
     def counts(self) -> Floats:
         """(n, a) in how many frames each actor was had rightly."""
         return frame_counts(self.batch, self.views, self.rightly(0.0))
-
-    def rightly(self, least: float) -> Narrow:
-        """Chance of each view that a frame of it holds the actor with its own class, at least that sure."""
-        if least not in self._rightly:
-            self._rightly[least] = right_label_chance(self.views, least)
-        return self._rightly[least]
 
     def chosen(
         self,
