@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle_missions import Row, bare, download, item, step, to, upload
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models.controller.ardupilot._missions import MISSIONS as ARDUPILOT
 from vehicle_models.controller.links._enums import MAV_CMD
@@ -18,8 +18,6 @@ from vehicle_models.controller.missions._item_actions import effect_of
 from vehicle_models.controller.px4._missions import MISSIONS as PX4
 from vehicle_models.controller.state._plan_store import MISSION, MissionItem
 from vehicle_models.tables import mission_table
-
-Make = Callable[..., Client]
 
 # AP_Mission::mavlink_int_to_mission_cmd of ArduPilot 4.6.
 WITH_PLACE = {16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92, 94, 179, 188, 189, 191, 195, 197, 201}
