@@ -13,12 +13,11 @@ from typing import Any
 import pytest
 from pymavlink.DFReader import DFReader_binary
 from pyulog.core import ULog
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
 
-Make = Callable[..., Client]
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 ACCEPTED, TEMPORARILY_REJECTED, UNSUPPORTED = 0, 1, 3
 FORCE = 21196
@@ -27,7 +26,7 @@ FTP_HEAD = struct.Struct("<HBBBBBBI")
 
 def listed(client: Client, start: int = 0, end: int = 0xFFFF) -> list[Any]:
     client.send(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
-    return [m for m in client.fly(0.1) if m.get_type() == "LOG_ENTRY"]
+    return of("LOG_ENTRY", client.fly(0.1))
 
 
 @dataclass
@@ -110,8 +109,7 @@ def fly_twice(client: Client) -> None:
     assert client.command(ARM, 1) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
     client.fly(7.0)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 3.5, 9))
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"NAV_ACC_RAD", 4.25, 9))
+    client.put(MPC_XY_CRUISE=3.5, NAV_ACC_RAD=4.25)
     client.fly(1.0)
     assert client.command(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
     client.fly(9.0)

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from board_stand_in import INT32, REAL32, Board
 from serial_cable import Cable
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
@@ -334,9 +334,7 @@ def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, clien
         client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 1e6 / 5)
         client.send(mavlink.MAVLink_param_set_message(1, 1, b"HIL_ACT_FUNC1", 0.0, 6))
         step(vehicle, board, 0.3, client)
-        denied = [m.result for m in client.received if m.get_type() == "COMMAND_ACK" and m.command == 511][
-            -3:
-        ]
+        denied = [m.result for m in of("COMMAND_ACK", client.received) if m.command == 511][-3:]
         texts = client.texts()
         assert vehicle.counters()["board_streams_refused"] == 3
         assert parameter(board, "HIL_ACT_FUNC1") == 101
@@ -372,11 +370,7 @@ def test_what_agents_set_on_a_board_is_put_back(
         (note,) = home.iterdir()
         assert json.loads(note.read_text())["MPC_Z_VEL_MAX_UP"] == [3.0, REAL32]
         # The agent is not told the former value, which would look like a refusal.
-        answers = [
-            (message.param_id, message.param_value)
-            for message in client.received
-            if message.get_type() == "PARAM_VALUE"
-        ]
+        answers = [(message.param_id, message.param_value) for message in of("PARAM_VALUE", client.received)]
         assert answers == [("MPC_Z_VEL_MAX_UP", 9.0), ("MPC_XY_CRUISE", 7.0)]
     assert board.parameters == original
     assert (
@@ -408,9 +402,9 @@ def test_agents_leave_nothing_else_on_a_board(cable: Cable, client: Client) -> N
         step(vehicle, board, 0.2, client)
         assert [message for message in board.heard if message.get_type() != "COMMAND_LONG"] == []
         assert not {message.command for message in board.heard} & set(commands)
-    denied = {m.command: m.result for m in client.received if m.get_type() == "COMMAND_ACK"}
+    denied = {m.command: m.result for m in of("COMMAND_ACK", client.received)}
     assert [denied[command] for command in commands] == [2, 2, 2]
-    (answer,) = (m for m in client.received if m.get_type() == "FILE_TRANSFER_PROTOCOL")
+    (answer,) = (m for m in of("FILE_TRANSFER_PROTOCOL", client.received))
     assert (answer.payload[3], answer.payload[12]) == (129, 9)
     assert "SETUP_SIGNING is not done over the bench" in client.texts()
     assert f"P{MAX_PARAMETERS}: over {MAX_PARAMETERS} parameters a session" in client.texts()

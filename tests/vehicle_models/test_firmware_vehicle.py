@@ -15,7 +15,7 @@ from typing import Any
 import firmware_stand_in as stand_in
 import pytest
 from firmware_files import install_firmware
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
@@ -166,7 +166,7 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         assert vehicle.condition().landed
         assert not vehicle.condition().armed
         assert not vehicle.condition().crashed
-        acknowledged = [message.command for message in client.received if message.get_type() == "COMMAND_ACK"]
+        acknowledged = [message.command for message in of("COMMAND_ACK", client.received)]
         assert {400, 22, 21} <= set(acknowledged)
         assert vehicle.sent()["onboard"] == len(client.received)
     artefacts = {path.name for path in (tmp_path / "kept").iterdir()}

@@ -296,7 +296,7 @@ def test_no_number_ends_the_simulation(kind: str) -> None:
         client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, *[NAN] * 4, 2**31 - 1, 2**31 - 1, NAN)
         client.setpoint(NAN, NAN, NAN)
         client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [NAN] * 4, NAN, NAN, NAN, NAN))
-        client.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", NAN, 9))
+        client.put(WPNAV_SPEED=NAN)
         wait(client, 3.0)
 
 

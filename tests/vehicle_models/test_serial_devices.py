@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from serial_cable import Cable
-from vehicle_client import mavlink, simspec
+from vehicle_client import mavlink, of, simspec
 
 from bench.contracts import LinkSpec, Vehicle, VehiclePlan
 from bench.errors import SetupError
@@ -50,7 +50,7 @@ class Companion:
         return self.mav.parse_buffer(data) or []
 
     def parameters(self) -> list[str]:
-        return [message.param_id for message in self.messages() if message.get_type() == "PARAM_VALUE"]
+        return [message.param_id for message in of("PARAM_VALUE", self.messages())]
 
 
 def links(*cables: Cable, baud: int = 921600) -> tuple[LinkSpec, ...]:
@@ -101,7 +101,7 @@ def test_a_companion_that_does_not_read_loses_whole_messages(cables: list[Cable]
     with open_x500(VehiclePlan(simspec(), links(cables[0], baud=57600))) as vehicle:
         fly(vehicle, 100)
         # The first bytes are the oldest: what came later found no room.
-        times = [message.time_boot_ms for message in companion.messages() if message.get_type() == "ATTITUDE"]
+        times = [message.time_boot_ms for message in of("ATTITUDE", companion.messages())]
         assert 0 < times[-1] < 1900
         fly(vehicle, 5)
         companion.messages()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, simspec
 
-Make = Callable[..., Client]
 # pymavlink follows ArduPilot's definitions, which lack this message.
 PROTOCOL_VERSION = 300
 ACCEPTED, _, DENIED, UNSUPPORTED, FAILED = range(5)
@@ -120,8 +118,7 @@ def test_parameters_are_plain_numbers(copter: Client) -> None:
     """Integers as floats, any case and the spelling repeated, index 65535, silence for what is unknown."""
     copter.send(mavlink.MAVLink_param_request_read_message(1, 1, b"rtl_alt", -1))
     copter.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
-    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 1234.6, 9))
-    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 300.0, 9))
+    copter.put(RTL_ALT=1234.6, FS_GCS_ENABLE=300.0)
     values = [message for message in copter.fly(0.1) if message.get_type().startswith("PARAM")]
     assert [(value.param_id, value.param_value, value.param_index) for value in values] == [
         ("rtl_alt", 1500.0, 65535),
@@ -132,7 +129,7 @@ def test_parameters_are_plain_numbers(copter: Client) -> None:
 
 def test_a_lost_station_returns(copter: Client) -> None:
     """FS_GCS_ENABLE 1: five seconds after the last heartbeat of system 255, RTL with status CRITICAL."""
-    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 9))
+    copter.put(FS_GCS_ENABLE=1.0)
     copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10)
     copter.fly(10.0, lambda: copter.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)))

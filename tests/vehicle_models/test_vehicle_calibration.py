@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
-Make = Callable[..., Client]
 ACCEPTED, REJECTED, _, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 START, ACCEPT, CANCEL = (
@@ -35,13 +33,12 @@ def progress(messages: list[Any]) -> list[tuple[int, ...]]:
     """Compass, mask, status, attempt and percentage of every MAG_CAL_PROGRESS."""
     return [
         (m.compass_id, m.cal_mask, m.cal_status, m.attempt, m.completion_pct)
-        for m in messages
-        if m.get_type() == "MAG_CAL_PROGRESS"
+        for m in of("MAG_CAL_PROGRESS", messages)
     ]
 
 
 def requested_positions(messages: list[Any]) -> list[float]:
-    return [m.param1 for m in messages if m.get_type() == "COMMAND_LONG" and m.command == POSITION]
+    return [m.param1 for m in of("COMMAND_LONG", messages) if m.command == POSITION]
 
 
 def follow_progress(client: Client) -> None:
@@ -66,7 +63,7 @@ def test_compasses_wait_then_run_and_never_finish(copter: Client) -> None:
     # A second start changes nothing; that of a part adds to it.
     assert copter.command(START, 2, 0, 0, 30) == [ACCEPTED]
     assert set(progress(copter.fly(0.3))) == {(compass, 7, 2, 1, 0) for compass in range(3)}
-    assert not [m for m in copter.received if m.get_type() == "MAG_CAL_REPORT"]
+    assert not of("MAG_CAL_REPORT", copter.received)
 
 
 @pytest.mark.parametrize(("end", "result"), [(CANCEL, ACCEPTED), (ACCEPT, FAILED)])
@@ -84,7 +81,7 @@ def test_compasses_end_one_by_one_without_a_report(copter: Client, end: int, res
     assert copter.command(end) == [result]
     assert copter.command(end) == [ACCEPTED]
     assert progress(copter.fly(1.0)) == []
-    assert not [m for m in copter.received if m.get_type() == "MAG_CAL_REPORT"]
+    assert not of("MAG_CAL_REPORT", copter.received)
 
 
 def test_only_compasses_in_use_are_calibrated(copter: Client) -> None:
@@ -138,7 +135,7 @@ def test_accelerometers_ask_for_positions_and_fail_at_the_second(copter: Client)
     messages = copter.fly(3.2)
     assert copter.texts() == ["Place vehicle level and press any key."]
     assert requested_positions(copter.received) == [1, 1, 1, 1]
-    request = next(m for m in messages if m.get_type() == "COMMAND_LONG")
+    request = next(m for m in of("COMMAND_LONG", messages))
     assert (request.target_system, request.target_component) == (0, 0)
     assert copter.command(POSITION, 2) == [FAILED]
     assert copter.command(POSITION, 1) == [ACCEPTED]
@@ -203,4 +200,4 @@ def test_calibrations_that_end_at_once(copter: Client) -> None:
     assert calibrate(copter, 0, 0, 0, 0, 4) == [REJECTED]
     assert calibrate(copter, 0, 0, 0, 0, 76) == [ACCEPTED]
     assert calibrate(copter, 0, 0, 1) == [IN_PROGRESS]
-    assert [m.result for m in copter.fly(1.1) if m.get_type() == "COMMAND_ACK"] == [ACCEPTED]
+    assert [m.result for m in of("COMMAND_ACK", copter.fly(1.1))] == [ACCEPTED]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, simspec
 
-Make = Callable[..., Client]
 AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 

@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
 from vehicle_models.controller.px4._identity import EVENTS
 
-Make = Callable[..., Client]
 PX4_HOLD = (1, 4, 3)
 ALTCTL, POSCTL = (1, 2), (1, 3)
 ALT_HOLD, GUIDED, RTL = 2, 4, 6
@@ -39,11 +38,6 @@ def beat_and_sticks(client: Client) -> Callable[[], None]:
 def put(client: Client, name: str, value: float) -> None:
     client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
     client.fly(0.1, lambda: beat(client))
-
-
-def state(client: Client) -> tuple[str, str]:
-    condition = client.vehicle.condition()
-    return condition.mode, condition.failsafe
 
 
 def lose_position(client: Client) -> None:
@@ -84,11 +78,11 @@ def test_px4_holds_once_for_two_causes_and_shows_the_later(make: Make) -> None:
     """Sticks and station are lost in the same tenth of a second: one Hold, one return."""
     client = px4_by_sticks(make)
     client.fly(3.2)
-    assert state(client) == ("AUTO_LOITER", "link")
+    assert client.state() == ("AUTO_LOITER", "link")
     client.fly(5.0)
-    assert state(client) == ("AUTO_RTL", "link")
+    assert client.state() == ("AUTO_RTL", "link")
     (number,) = {event.number for event in EVENTS if event.name == "commander_failsafe_enter"}
-    events = [message.id for message in client.received if message.get_type() == "EVENT"]
+    events = [message.id for message in of("EVENT", client.received)]
     assert events.count(number) == 2
 
 
@@ -97,11 +91,11 @@ def test_px4_returns_although_the_second_cause_has_ended(make: Make) -> None:
     client = px4_by_sticks(make)
     client.fly(3.2)
     client.fly(1.0, lambda: beat(client))
-    assert state(client) == ("AUTO_LOITER", "link")
+    assert client.state() == ("AUTO_LOITER", "link")
     client.fly(4.5, lambda: beat(client))
-    assert state(client) == ("AUTO_RTL", "link")
+    assert client.state() == ("AUTO_RTL", "link")
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, *PX4_HOLD)[-1] == 0
-    assert state(client) == ("AUTO_LOITER", "")
+    assert client.state() == ("AUTO_LOITER", "")
 
 
 def test_px4_keeps_the_second_cause_when_the_first_has_ended(make: Make) -> None:
@@ -109,38 +103,38 @@ def test_px4_keeps_the_second_cause_when_the_first_has_ended(make: Make) -> None
     client = px4_by_sticks(make)
     client.fly(3.2)
     client.fly(1.0, lambda: sticks(client))
-    assert state(client) == ("AUTO_LOITER", "link")
+    assert client.state() == ("AUTO_LOITER", "link")
     client.fly(4.5, lambda: sticks(client))
-    assert state(client) == ("AUTO_RTL", "link")
+    assert client.state() == ("AUTO_RTL", "link")
 
 
 def test_copter_returns_until_both_causes_have_ended(make: Make) -> None:
     """The remaining cause is shown, whichever of the two ends first; the mode stays."""
     client = copter(make, FS_GCS_ENABLE=1, FS_THR_ENABLE=1)
     client.fly(4.1)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_RC_FAIL", 1, 9))
+    client.put(SIM_RC_FAIL=1)
     client.fly(1.3)
-    assert state(client)[0] == "RTL"
+    assert client.state()[0] == "RTL"
     assert {text for text in client.texts() if text.endswith("Failsafe")} == {
         "GCS Failsafe",
         "Radio Failsafe",
     }
     beat(client)
     client.fly(0.1)
-    assert state(client) == ("RTL", "radio")
+    assert client.state() == ("RTL", "radio")
     put(client, "SIM_RC_FAIL", 0)
-    assert state(client) == ("RTL", "")
+    assert client.state() == ("RTL", "")
 
 
 def test_copter_follows_the_later_of_two_causes(make: Make) -> None:
     """No reaction is stronger than another: a return replaces a landing."""
     client = copter(make, FS_GCS_ENABLE=1, FS_THR_ENABLE=3)
     client.fly(3.0)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_RC_FAIL", 1, 9))
+    client.put(SIM_RC_FAIL=1)
     client.fly(1.2)
-    assert state(client) == ("LAND", "radio")
+    assert client.state() == ("LAND", "radio")
     client.fly(1.5)
-    assert state(client) == ("RTL", "link")
+    assert client.state() == ("RTL", "link")
 
 
 # A return without a position.
@@ -163,11 +157,11 @@ def test_px4_refuses_what_needs_a_position_without_one(
     """As every mode that cannot be flown; the pilot flies on."""
     client = px4_by_sticks(make, ALTCTL)
     lose_position(client)
-    assert state(client) == ("ALTCTL", "")
+    assert client.state() == ("ALTCTL", "")
     assert client.command(int(command[0]), *command[1:])[-1] == 1
     assert f"Switching to {label} is currently not available\t" in client.texts()
     client.fly(1.0, beat_and_sticks(client))
-    assert state(client) == ("ALTCTL", "")
+    assert client.state() == ("ALTCTL", "")
 
 
 def test_px4_refuses_offboard_control_while_it_descends_without_a_position(make: Make) -> None:
@@ -190,9 +184,9 @@ def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> Non
     client = px4_by_sticks(make, ALTCTL)
     lose_position(client)
     client.fly(3.2, lambda: beat(client))
-    assert state(client) == ("AUTO_LAND", "sticks")
+    assert client.state() == ("AUTO_LAND", "sticks")
     client.fly(1.0, lambda: beat(client))
-    assert state(client) == ("AUTO_LAND", "sticks")
+    assert client.state() == ("AUTO_LAND", "sticks")
 
 
 @pytest.mark.parametrize(
@@ -211,13 +205,13 @@ def test_copter_refuses_what_needs_a_position_without_one(
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
     lose_position(client)
-    assert state(client) == ("ALT_HOLD", "")
+    assert client.state() == ("ALT_HOLD", "")
     assert client.command(int(command[0]), *command[1:]) == [4]
     assert f"Mode change to {mode} failed: requires position" in client.texts()
-    assert state(client) == ("ALT_HOLD", "")
+    assert client.state() == ("ALT_HOLD", "")
     assert client.command(mavlink.MAV_CMD_NAV_LAND) == [0]
     assert client.command(int(command[0]), *command[1:]) == [4]
-    assert state(client) == ("LAND", "")
+    assert client.state() == ("LAND", "")
 
 
 def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:
@@ -225,9 +219,9 @@ def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> 
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
     lose_position(client)
-    assert state(client) == ("ALT_HOLD", "")
+    assert client.state() == ("ALT_HOLD", "")
     client.fly(5.2, lambda: sticks(client))
-    assert state(client) == ("LAND", "link")
+    assert client.state() == ("LAND", "link")
 
 
 # Two clients at once.
@@ -258,7 +252,7 @@ def pair() -> Iterator[Callable[[str], tuple[Client, Client]]]:
 
 def acknowledged(client: Client) -> list[tuple[int, int, int]]:
     """Commands, results and target systems of the acknowledgements that came to a client."""
-    acknowledgements = [message for message in client.received if message.get_type() == "COMMAND_ACK"]
+    acknowledgements = of("COMMAND_ACK", client.received)
     return [(message.command, message.result, message.target_system) for message in acknowledgements]
 
 
@@ -315,7 +309,7 @@ def test_copter_counts_the_time_of_each_dip_anew(make: Make) -> None:
         client.fly(6.0, lambda: beat(client))
         put(client, "SIM_BATT_VOLTAGE", 12.6)
         client.fly(1.0, lambda: beat(client))
-    assert state(client) == ("GUIDED", "")
+    assert client.state() == ("GUIDED", "")
 
 
 def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
@@ -325,14 +319,14 @@ def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
     client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
     put(client, "SIM_BATT_VOLTAGE", 10.5)
     client.fly(10.5, lambda: beat(client))
-    assert state(client) == ("RTL", "battery")
+    assert client.state() == ("RTL", "battery")
     put(client, "SIM_BATT_VOLTAGE", 12.6)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
     client.fly(1.0, lambda: beat(client))
-    assert state(client) == ("GUIDED", "battery")
+    assert client.state() == ("GUIDED", "battery")
     put(client, "SIM_BATT_VOLTAGE", 10.5)
     client.fly(10.5, lambda: beat(client))
-    assert state(client) == ("GUIDED", "battery")
+    assert client.state() == ("GUIDED", "battery")
     assert client.texts().count("Battery Failsafe") == 1
 
 
@@ -354,9 +348,9 @@ def test_px4_warns_of_the_first_dip_and_acts_when_the_second_goes_deeper(make: M
     client.fly(6.0)
     assert [text for text in client.texts() if text.strip() == "Low battery"] == warnings
     assert len(warnings) == 1
-    assert state(client) == ("AUTO_LOITER", "")
+    assert client.state() == ("AUTO_LOITER", "")
     put(client, "SIM_BAT_MIN_PCT", 6.0)
     client.fly(1.0)
-    assert state(client) == ("AUTO_LOITER", "battery")
+    assert client.state() == ("AUTO_LOITER", "battery")
     client.fly(5.0)
-    assert state(client) == ("AUTO_RTL", "battery")
+    assert client.state() == ("AUTO_RTL", "battery")

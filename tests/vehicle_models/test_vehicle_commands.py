@@ -4,16 +4,15 @@ addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect
 
-Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 
 PX4_BOTH = {
@@ -153,9 +152,7 @@ def test_px4_gripper_takes_its_time(make: Make) -> None:
     client = make()
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 0) == [IN_PROGRESS]
-    assert [message.result for message in client.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [
-        ACCEPTED
-    ]
+    assert [message.result for message in of("COMMAND_ACK", client.fly(2.0))] == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 1) == [ACCEPTED]
 
 
@@ -169,11 +166,11 @@ def test_a_command_in_progress_can_be_cancelled(make: Make) -> None:
 
     def cancelled(system: int, number: int) -> list[int]:
         client.send(dialect.MAVLink_command_cancel_message(system, 1, number))
-        return [message.result for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
+        return [message.result for message in of("COMMAND_ACK", client.fly(0.1))]
 
     assert cancelled(0, 211) == cancelled(42, 211) == cancelled(1, 400) == []
     assert cancelled(1, 211) == [CANCELLED]
-    assert [message for message in client.fly(2.0) if message.get_type() == "COMMAND_ACK"] == []
+    assert of("COMMAND_ACK", client.fly(2.0)) == []
     assert cancelled(1, 211) == []
 
 
@@ -193,7 +190,7 @@ def test_px4_addresses(make: Make) -> None:
                 system, component, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 1, 5, 0, 0, 0, 0, 0
             )
         )
-        acks = [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
+        acks = of("COMMAND_ACK", client.fly(0.1))
         assert bool(acks) is answered, (system, component)
     assert (acks[0].target_system, acks[0].target_component, acks[0].progress) == (245, 190, 0)
 
@@ -230,9 +227,7 @@ def test_copter_details(copter: Client) -> None:
     assert copter.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 9, 5.0) == [ACCEPTED]
     assert copter.command(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 0, 0, 1) == [IN_PROGRESS]
-    assert [message.result for message in copter.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [
-        ACCEPTED
-    ]
+    assert [message.result for message in of("COMMAND_ACK", copter.fly(2.0))] == [ACCEPTED]
     assert {"ServoRelayEvent: Channel 1 is already in use", "Invalid channel option (999)"} <= set(
         copter.texts()
     )
@@ -263,9 +258,7 @@ def test_copter_addresses(copter: Client) -> None:
                 system, component, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0, 0, 0, 0, 0, 0, 0, 0
             )
         )
-        assert (
-            bool([message for message in copter.fly(0.1) if message.get_type() == "COMMAND_ACK"]) is answered
-        ), (
+        assert bool(of("COMMAND_ACK", copter.fly(0.1))) is answered, (
             system,
             component,
         )
@@ -302,7 +295,7 @@ def test_px4_answers_a_new_origin_with_its_own(make: Make) -> None:
     client.fly(5.0)
     origin = client.last("GPS_GLOBAL_ORIGIN")
     client.send(mavlink.MAVLink_set_gps_global_origin_message(1, 10, 20, 30))
-    answers = [m for m in client.fly(0.1) if m.get_type() == "GPS_GLOBAL_ORIGIN"]
+    answers = of("GPS_GLOBAL_ORIGIN", client.fly(0.1))
     assert [(m.latitude, m.longitude) for m in answers] == [(origin.latitude, origin.longitude)]
 
 

@@ -9,15 +9,14 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from test_vehicle_missions import Row, bare, to, upload
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, Make, mavlink, simspec
 
-Make = Callable[..., Client]
 ENVIRONMENT = {"wind": {"speed_mps": 4.0, "from_deg": 200.0, "turbulence_mps": 4.0}}
 NOISY = {"wander_m": 2.0, "noise_m": 0.1}
 READY_S = {"px4": 5.0, "ardupilot": 2.0}

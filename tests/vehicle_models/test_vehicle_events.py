@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from test_vehicle_missions import upload
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from vehicle_models.controller.px4._identity import EVENTS
 
-Make = Callable[..., Client]
 NUMBERS = {event.name: event.number for event in EVENTS}
 
 
 def events(client: Client) -> list[str]:
     """Names of the received events, in order."""
     names = {number: name for name, number in NUMBERS.items()}
-    return [names[message.id] for message in client.received if message.get_type() == "EVENT"]
+    return [names[message.id] for message in of("EVENT", client.received)]
 
 
 def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
@@ -48,7 +45,7 @@ def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
     assert upload(client, [(mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, NAN, 2_000_000_000, 0, 10)]) == 0
     assert events(client) == ["navigator_mis_first_wp_far"]
     assert client.texts() == []
-    (event,) = [message for message in client.received if message.get_type() == "EVENT"]
+    (event,) = of("EVENT", client.received)
     assert event.log_levels == 0x33
     client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert upload(client, [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(0, 50), 10)]) == 0
@@ -62,15 +59,13 @@ def test_events_are_numbered_without_gaps_and_come_again(make: Make) -> None:
     client.is_station = False
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(13.0)
-    first = [(message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"]
+    first = [(message.sequence, message.id) for message in of("EVENT", client.received)]
     assert [sequence for sequence, _ in first] == list(range(len(first)))
     assert first[-1][1] == NUMBERS["commander_gcs_lost"]
     client.received.clear()
     client.send(mavlink.MAVLink_request_event_message(1, 1, 0, len(first) - 1))
     client.fly(0.1)
-    assert [
-        (message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"
-    ] == first
+    assert [(message.sequence, message.id) for message in of("EVENT", client.received)] == first
 
 
 def test_ardupilot_has_no_events(make: Make) -> None:
@@ -78,4 +73,4 @@ def test_ardupilot_has_no_events(make: Make) -> None:
     client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     client.fly(3.0)
     assert client.texts() == ["Arming motors"]
-    assert not [message for message in client.received if message.get_type() == "EVENT"]
+    assert not of("EVENT", client.received)

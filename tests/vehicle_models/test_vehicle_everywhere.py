@@ -5,18 +5,16 @@ rally points, returns.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from test_vehicle_missions import Row, bare, to, upload
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, Make, mavlink, simspec
 
 from bench.simspec import SimSpec
 
-Make = Callable[..., Client]
 USUAL = {"latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_m": 488.0}
 PLACES = [
     {"latitude_deg": 0.0, "longitude_deg": 180.0, "altitude_m": 488.0},

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
-
-Make = Callable[..., Client]
 
 
 def px4(make: Make, **parameters: float) -> Client:
@@ -27,15 +24,6 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
 
 def beat(client: Client) -> None:
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-
-
-def put(client: Client, name: str, value: float) -> None:
-    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-
-
-def state(client: Client) -> tuple[str, str]:
-    condition = client.vehicle.condition()
-    return condition.mode, condition.failsafe
 
 
 def until(client: Client, mode: str, most_s: float) -> float:
@@ -56,11 +44,11 @@ def test_a_station_that_comes_back_during_the_hold_ends_it(make: Make) -> None:
     client.is_station = False
     beat(client)
     client.fly(13.2)
-    assert state(client) == ("AUTO_LOITER", "link")
+    assert client.state() == ("AUTO_LOITER", "link")
     assert client.last("HEARTBEAT").system_status == 5
     beat(client)
     client.fly(6.0)
-    assert state(client) == ("AUTO_LOITER", "")
+    assert client.state() == ("AUTO_LOITER", "")
 
 
 def test_a_return_for_a_lost_station_goes_on_when_it_is_back(make: Make) -> None:
@@ -70,14 +58,14 @@ def test_a_return_for_a_lost_station_goes_on_when_it_is_back(make: Make) -> None
     client.is_station = False
     beat(client)
     client.fly(17.2)
-    assert state(client) == ("AUTO_RTL", "link")
+    assert client.state() == ("AUTO_RTL", "link")
     # There is no station that could read of it.
     assert not [text for text in client.texts() if "Failsafe" in text]
     beat(client)
     client.fly(0.5)
-    assert state(client) == ("AUTO_RTL", "link")
+    assert client.state() == ("AUTO_RTL", "link")
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)[-1] == 0
-    assert state(client) == ("AUTO_LOITER", "")
+    assert client.state() == ("AUTO_LOITER", "")
 
 
 def test_by_default_a_lost_station_changes_nothing(make: Make) -> None:
@@ -86,7 +74,7 @@ def test_by_default_a_lost_station_changes_nothing(make: Make) -> None:
     client.is_station = False
     beat(client)
     client.fly(20.0)
-    assert state(client) == ("AUTO_LOITER", "")
+    assert client.state() == ("AUTO_LOITER", "")
 
 
 def test_lost_sticks_hold_and_return(make: Make) -> None:
@@ -100,7 +88,7 @@ def test_lost_sticks_hold_and_return(make: Make) -> None:
     client.fly(0.5, sticks)
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
     client.fly(1.0, sticks)
-    assert state(client) == ("POSCTL", "")
+    assert client.state() == ("POSCTL", "")
     assert until(client, "AUTO_LOITER", 2.0) == pytest.approx(1.0, abs=0.15)
     assert client.vehicle.condition().failsafe == "sticks"
     assert until(client, "AUTO_RTL", 7.0) == pytest.approx(5.0, abs=0.15)
@@ -131,31 +119,31 @@ def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
     ]
     assert places == sorted(places)
     assert "Critical battery" not in texts
-    states = [message.charge_state for message in client.received if message.get_type() == "BATTERY_STATUS"]
+    states = [message.charge_state for message in of("BATTERY_STATUS", client.received)]
     assert sorted(set(states)) == [1, 2, 3, 4]
 
 
 def test_copter_needs_ten_seconds_of_low_voltage(make: Make) -> None:
     """BATT_LOW_VOLT 11 with action 2: after BATT_LOW_TIMER RTL and CRITICAL; at 9.5 V with action 1 LAND."""
     client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2, BATT_CRT_VOLT=10.0, BATT_FS_CRT_ACT=1)
-    put(client, "SIM_BATT_VOLTAGE", 10.5)
+    client.put(SIM_BATT_VOLTAGE=10.5)
     client.fly(9.8)
-    assert state(client) == ("GUIDED", "")
+    assert client.state() == ("GUIDED", "")
     client.fly(1.3)
-    assert state(client) == ("RTL", "battery")
+    assert client.state() == ("RTL", "battery")
     assert client.last("HEARTBEAT").system_status == 5
     assert any(text.startswith("Battery 1 is low 10.") and text.endswith(" mAh") for text in client.texts())
-    put(client, "SIM_BATT_VOLTAGE", 9.5)
+    client.put(SIM_BATT_VOLTAGE=9.5)
     client.fly(10.3)
-    assert state(client) == ("LAND", "battery")
+    assert client.state() == ("LAND", "battery")
     assert client.texts().count("Battery Failsafe") == 2
 
 
 def test_copter_says_that_the_battery_is_low_and_flies_on_by_default(make: Make) -> None:
     client = copter(make)
-    put(client, "SIM_BATT_VOLTAGE", 9.0)
+    client.put(SIM_BATT_VOLTAGE=9.0)
     client.fly(11.0)
-    assert state(client) == ("GUIDED", "battery")
+    assert client.state() == ("GUIDED", "battery")
     assert "Battery Failsafe" in client.texts()
 
 
@@ -182,14 +170,14 @@ def test_copter_counts_the_charge_from_where_a_client_says(
 def test_copter_radio(make: Make) -> None:
     """SIM_RC_FAIL 1: 0.8 s later RTL and CRITICAL; back: the text, and the mode stays."""
     client = copter(make)
-    put(client, "SIM_RC_FAIL", 1)
+    client.put(SIM_RC_FAIL=1)
     client.fly(0.7)
-    assert state(client) == ("GUIDED", "")
+    assert client.state() == ("GUIDED", "")
     client.fly(0.2)
-    assert state(client) == ("RTL", "radio")
-    put(client, "SIM_RC_FAIL", 0)
+    assert client.state() == ("RTL", "radio")
+    client.put(SIM_RC_FAIL=0)
     client.fly(0.2)
-    assert state(client) == ("RTL", "")
+    assert client.state() == ("RTL", "")
     assert [text for text in client.texts() if "Radio" in text] == [
         "Radio Failsafe",
         "Radio Failsafe Cleared",
@@ -200,12 +188,12 @@ def test_copter_stays_critical_while_the_station_is_lost(make: Make) -> None:
     """GUIDED can be chosen again, but the failsafe lasts until the station is back: then ACTIVE."""
     client = copter(make, FS_GCS_ENABLE=1)
     client.fly(5.2)
-    assert state(client) == ("RTL", "link")
+    assert client.state() == ("RTL", "link")
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert state(client) == ("GUIDED", "link")
+    assert client.state() == ("GUIDED", "link")
     beat(client)
     client.fly(1.1)
-    assert state(client) == ("GUIDED", "")
+    assert client.state() == ("GUIDED", "")
     assert client.last("HEARTBEAT").system_status == 4
     assert [text for text in client.texts() if "GCS" in text] == ["GCS Failsafe", "GCS Failsafe Cleared"]
 
@@ -215,7 +203,7 @@ def test_another_system_is_not_the_ground_station(make: Make) -> None:
     client = copter(make, FS_GCS_ENABLE=1)
     client.mav.srcSystem = 42
     client.fly(5.2, lambda: beat(client))
-    assert state(client) == ("RTL", "link")
+    assert client.state() == ("RTL", "link")
 
 
 def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
@@ -243,12 +231,12 @@ def test_without_satellites_it_lands(make: Make, autopilot: str, mode: str, acts
     client.fly(acts_s - 0.1)
     assert client.vehicle.condition().failsafe == ""
     client.fly(0.2)
-    assert state(client) == (mode, "position")
+    assert client.state() == (mode, "position")
     navigation.set_off(False)
     client.fly(0.1 if autopilot == "px4" else 0.9)
-    assert state(client) == (mode, "position")
+    assert client.state() == (mode, "position")
     client.fly(0.2)
-    assert state(client) == (("AUTO_LOITER", "") if autopilot == "px4" else ("LAND", ""))
+    assert client.state() == (("AUTO_LOITER", "") if autopilot == "px4" else ("LAND", ""))
 
 
 def fly_until_disarmed(client: Client, limit_s: float) -> tuple[float, float]:
@@ -336,7 +324,7 @@ def test_copter_tells_of_a_lost_position_and_steers_none(make: Make) -> None:
     client.fly(1.2, lambda: beat(client))
     back = [*(f"EKF3 IMU{number} is using GPS" for number in (0, 1)), "EKF Failsafe Cleared"]
     assert client.texts()[begun:] == [*failsafe, *aiding, *back]
-    assert state(client) == ("LAND", "")
+    assert client.state() == ("LAND", "")
     assert client.vehicle._controller._guidance.manoeuvre._place is None  # type: ignore[attr-defined]
 
 
@@ -364,10 +352,10 @@ def test_a_copter_stays_critical_on_the_ground_until_its_position_is_back(make: 
 
 def test_a_copter_stays_critical_on_the_ground_until_its_radio_is_back(make: Make) -> None:
     client = copter(make)
-    put(client, "SIM_RC_FAIL", 1)
+    client.put(SIM_RC_FAIL=1)
     fly_until_disarmed(client, 60.0)
     assert status(client) == (False, 81, 5)
-    put(client, "SIM_RC_FAIL", 0)
+    client.put(SIM_RC_FAIL=0)
     assert status(client) == (False, 81, 3)
 
 
@@ -381,13 +369,13 @@ def test_a_copter_that_a_failsafe_disarmed_stays_critical(make: Make, cause: str
     if cause == "station":
         beat(client)
     else:
-        put(client, "SIM_BATT_VOLTAGE", 9.0)
+        client.put(SIM_BATT_VOLTAGE=9.0)
     client.fly(6.0)
     assert status(client) == (False, 89, 5)
     if cause == "station":
         beat(client)
     else:
-        put(client, "SIM_BATT_VOLTAGE", 12.6)
+        client.put(SIM_BATT_VOLTAGE=12.6)
     assert status(client) == (False, 89, 3)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
 
@@ -405,7 +393,7 @@ def test_a_failsafe_of_a_copter_waits_before_it_lands(make: Make) -> None:
     """Four seconds, also for a battery or a station; a landing that is ordered, or for the fence, begins at once."""
     client = copter(make, FS_GCS_ENABLE=5)
     client.fly(5.2)
-    assert state(client) == ("LAND", "link")
+    assert client.state() == ("LAND", "link")
     client.fly(3.5)
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.1)
     client.fly(2.0)

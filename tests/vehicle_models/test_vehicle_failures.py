@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, simspec
 
 from bench.contracts import SESSION_EVENTS, Record
 from bench.errors import SetupError
@@ -15,8 +14,6 @@ from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene
 from bench.simulation._truth import TruthRecorder
 from vehicle_models.controller.links._dialect import dialect as mavlink
-
-Make = Callable[..., Client]
 
 
 def failing(*failures: dict[str, Any], **vehicle: Any) -> Any:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 
 import pytest
 import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle_missions import Row, download, ready_ardupilot, step, to, upload
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
 from vehicle_models._geodesy import LocalFrame, TangentPlane
 from vehicle_models.controller.ardupilot import ARDUPILOT
@@ -27,8 +26,6 @@ from vehicle_models.controller.state._flight_state import (
 )
 from vehicle_models.controller.state._parameter_store import ParameterStore
 from vehicle_models.controller.state._plan_store import MissionItem, StoredPlan
-
-Make = Callable[..., Client]
 
 
 def corner(client: Client, east: float, north: float, count: int = 4, command: int = 5001) -> Row:
@@ -84,11 +81,6 @@ ACTIONS = {  # GF_ACTION: mode soon after the breach, mode after the Hold, fails
 }
 
 
-def states(client: Client) -> tuple[str, str]:
-    condition = client.vehicle.condition()
-    return condition.mode, condition.failsafe
-
-
 def flight_texts(client: Client) -> list[str]:
     return [text.strip() for text in client.texts() if "Geofence" in text or "Failsafe" in text]
 
@@ -107,13 +99,13 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     client.offboard(0, 0, -10)
     while client.vehicle.truth().position_enu_m[1] < 21.5:  # two looks at the fence
         client.fly(0.1, lambda: client.setpoint(50, 0, -10))
-    assert states(client) == (soon, failsafe)
+    assert client.state() == (soon, failsafe)
     hold = ["Failsafe activated: entering Hold for 5 seconds"] if action in (3, 5) else []
     acts = [] if hold or not action else ["Failsafe activated"]
     breach = ["Geofence: approaching or outside geofence"] if action else []
     assert flight_texts(client) == [*breach, *hold, *acts]
     client.fly(5.5, lambda: client.setpoint(50, 0, -10))
-    assert states(client) == (then, failsafe)
+    assert client.state() == (then, failsafe)
     assert flight_texts(client) == [*breach, *hold, *(acts or (["Failsafe activated"] if hold else []))]
 
 
@@ -128,7 +120,7 @@ def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
     client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     client.setpoint(0, 0, -30)
     client.fly(1.5)
-    assert states(client) == ("TERMINATION", "fence")
+    assert client.state() == ("TERMINATION", "fence")
     assert client.vehicle.truth().velocity_enu_mps[2] < -8.0
     assert client.last("HEARTBEAT").system_status == 8
     assert "Geofence: exceeding maximum distance to Home" in flight_texts(client)
@@ -142,7 +134,7 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
     client.airborne()
     client.offboard(0, 0, -10)
     client.fly(6.0, lambda: client.setpoint(0, 0, -25))
-    assert states(client) == ("AUTO_LOITER", "fence")
+    assert client.state() == ("AUTO_LOITER", "fence")
     assert flight_texts(client)[-2:] == [
         "Geofence: exceeding maximum altitude above Home",
         "Failsafe activated",
@@ -151,11 +143,11 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
     count = len(flight_texts(client))
     client.offboard(0, 0, -18)
     client.fly(2.0, lambda: client.setpoint(0, 0, -18))
-    assert states(client) == ("OFFBOARD", "")
+    assert client.state() == ("OFFBOARD", "")
     assert len(flight_texts(client)) == count
     client.fly(5.0, lambda: client.setpoint(0, 0, -10))
     client.fly(5.0, lambda: client.setpoint(0, 0, -18))
-    assert states(client) == ("AUTO_LOITER", "fence")
+    assert client.state() == ("AUTO_LOITER", "fence")
     assert len(flight_texts(client)) == count + 2
 
 
@@ -175,20 +167,20 @@ def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
     client.airborne()
     empty(client)
     client.fly(1.0)
-    assert states(client) == ("AUTO_LAND", "battery")
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    assert client.state() == ("AUTO_LAND", "battery")
+    client.put(GF_MAX_VER_DIST=5.0)
     client.fly(0.5)
     assert "Geofence: exceeding maximum altitude above Home" in flight_texts(client)
     assert client.vehicle.condition().mode == "AUTO_LAND"
 
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}}))
     client.airborne()
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    client.put(GF_MAX_VER_DIST=5.0)
     client.fly(6.0)
-    assert states(client) == ("AUTO_RTL", "fence")
+    assert client.state() == ("AUTO_RTL", "fence")
     empty(client)
     client.fly(6.0)
-    assert states(client) == ("AUTO_LAND", "battery")
+    assert client.state() == ("AUTO_LAND", "battery")
 
 
 COPTER_ACTIONS = {0: "GUIDED", 1: "RTL", 2: "LAND", 3: "RTL", 4: "BRAKE", 5: "RTL"}
@@ -200,10 +192,9 @@ def test_ardupilot_fence_actions(make: Make, action: int) -> None:
     failsafe is shown.
     """
     client = airborne_ardupilot(make)
-    for name, value in ((b"FENCE_ALT_MAX", 5.0), (b"FENCE_ACTION", float(action)), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_ALT_MAX=5.0, FENCE_ACTION=float(action), FENCE_ENABLE=1.0)
     client.fly(0.3)
-    assert states(client) == (COPTER_ACTIONS[action], "")
+    assert client.state() == (COPTER_ACTIONS[action], "")
     texts = [text for text in client.texts() if "breached" in text or "recovery" in text]
     assert texts == ["Max Alt fence breached", *(["Manual recovery started"] if action else [])]
 
@@ -213,8 +204,7 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
     inside it is over.
     """
     client = airborne_ardupilot(make)
-    for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_RADIUS=30.0, FENCE_ENABLE=1.0)
     client.fly(0.1)
     outwards(client, 9.0)
     assert client.vehicle.condition().mode == "RTL"
@@ -230,8 +220,7 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
 
     client = airborne_ardupilot(make)
     outwards(client, 30.0)
-    for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_RADIUS=30.0, FENCE_ENABLE=1.0)
     client.fly(0.3)
     assert client.vehicle.condition().mode == "LAND"
 
@@ -254,8 +243,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     granted.
     """
     client = airborne_ardupilot(make)
-    for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_RADIUS=40.0, FENCE_ENABLE=1.0)
     client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
     client.fly(0.1)
     farthest: list[float] = []
@@ -265,7 +253,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     assert client.vehicle.condition().mode == "RTL"
     assert client.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
     assert 40.0 < max(farthest) < 41.0
-    status = [message for message in client.received if message.get_type() == "FENCE_STATUS"]
+    status = of("FENCE_STATUS", client.received)
     assert {(statu.breach_status, statu.breach_type) for statu in status} == {(0, 0), (1, 3)}
     assert {statu.breach_mitigation for statu in status} == {1, 2}
     assert client.last("FENCE_STATUS").breach_count == 1
@@ -276,7 +264,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
 def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
     """DO_FENCE_ENABLE turns the fence on and off; a ceiling and a polygon lead home; other values fail."""
     client = airborne_ardupilot(make)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ALT_MAX", 15.0, 9))
+    client.put(FENCE_ALT_MAX=15.0)
     client.fly(0.1)
     assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 7) == [4]
     client.fly(6.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
@@ -292,8 +280,7 @@ def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
     that the fence acts.
     """
     client = airborne_ardupilot(make)
-    for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_ALT_MAX=15.0, FENCE_ENABLE=1.0)
     client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
     client.fly(0.1)
     client.fly(8.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
@@ -305,8 +292,7 @@ def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
 def test_ardupilot_setpoints_outside_are_not_flown_to(make: Make) -> None:
     """A global position beyond the fence: no text, and it stays."""
     client = airborne_ardupilot(make)
-    for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.put(FENCE_RADIUS=40.0, FENCE_ENABLE=1.0)
     client.fly(0.1)
     text_count = len(client.texts())
     latitude, longitude = client.vehicle_goal(0, 80)

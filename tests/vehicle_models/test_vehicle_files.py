@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
 from vehicle_models.controller.files._served_files import ServedFiles
 
-Make = Callable[..., Client]
 _HEAD = struct.Struct("<HBBBBBBI")
 NAMES = ("a", "b", "d", "d/a", "d/e", "d/e/a", "a/b")
 
@@ -37,9 +36,7 @@ class Ftp:
         head = _HEAD.pack(self._sequence & 0xFFFF, session, opcode, len(data), 0, 0, 0, offset)
         payload = head + data + bytes(239 - len(data))
         self._client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
-        (answer,) = [
-            message for message in self._client.fly(0.04) if message.get_type() == "FILE_TRANSFER_PROTOCOL"
-        ]
+        (answer,) = of("FILE_TRANSFER_PROTOCOL", self._client.fly(0.04))
         raw = bytes(answer.payload)
         sequence, _, reply, size, requested, _, _, _ = _HEAD.unpack_from(raw)
         assert (sequence, requested) == ((self._sequence + 1) & 0xFFFF, opcode)

@@ -8,11 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
-
-Make = Callable[..., Client]
 
 
 def track(client: Client, seconds: float, each: Callable[[], None] | None = None) -> NDArray[np.float64]:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 import socket
-from collections.abc import Callable
 from contextlib import closing
 
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
-Make = Callable[..., Client]
 PREARM = 0x10000000
 
 
@@ -133,7 +131,7 @@ def test_copter_arms_as_soon_as_its_estimator_shows_a_position(copter: Client) -
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 193, 100_000) == [0]
     while running_s(copter) < 45.0:
-        reports = [m for m in copter.fly(0.1) if m.get_type() == "EKF_STATUS_REPORT"]
+        reports = of("EKF_STATUS_REPORT", copter.fly(0.1))
         if reports and reports[-1].flags == 831:
             break
         assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
@@ -187,7 +185,7 @@ def test_copter_repeats_what_fails(copter: Client) -> None:
 
 def test_a_low_battery_keeps_a_copter_from_arming(copter: Client) -> None:
     until(copter, 43.0)
-    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_BATT_VOLTAGE", 9.0, 9))
+    copter.put(SIM_BATT_VOLTAGE=9.0)
     copter.fly(0.1)
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
     assert [text for text in copter.texts() if text.startswith("Arm: ")] == [

@@ -6,19 +6,13 @@ import json
 import lzma
 import struct
 import zlib
-from collections.abc import Callable
 from typing import Any
 
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
 
-Make = Callable[..., Client]
 REQUEST = 512
-
-
-def only(messages: list[Any], name: str) -> list[Any]:
-    return [message for message in messages if message.get_type() == name]
 
 
 def ask(client: Client, number: int, index: float = 0.0) -> tuple[list[int], list[Any]]:
@@ -46,7 +40,7 @@ def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[A
         mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))])
     )
     replies = []
-    for message in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
+    for message in of("FILE_TRANSFER_PROTOCOL", client.fly(0.06)):
         payload = bytes(message.payload)
         _, _, op, length, requested, complete, _, offset = struct.unpack_from("<HBBBBBBI", payload)
         replies.append((op, length, requested, complete, offset, payload[12 : 12 + length]))
@@ -79,23 +73,23 @@ def test_px4_answers_requests_for_its_identity(make: Make) -> None:
     """
     client = make()
     results, messages = ask(client, 148)
-    assert (results, only(messages, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
+    assert (results, of("AUTOPILOT_VERSION", messages)[0].capabilities) == ([0], 59647)
     results, messages = ask(client, 300)
-    protocol = only(messages, "PROTOCOL_VERSION")[0]
+    protocol = of("PROTOCOL_VERSION", messages)[0]
     assert (results, protocol.version, protocol.min_version, protocol.max_version) == ([0], 200, 100, 203)
     results, messages = ask(client, 435)
-    modes = only(messages, "AVAILABLE_MODES")
+    modes = of("AVAILABLE_MODES", messages)
     assert results == [0]
     assert [mode.mode_index for mode in modes] == list(range(1, modes[0].number_modes + 1))
     named = {mode.custom_mode: mode for mode in modes}
     assert (named[3 << 24 | 4 << 16].mode_name, named[3 << 24 | 4 << 16].standard_mode) == ("Hold", 0)
     assert (named[5 << 24 | 4 << 16].mode_name, named[5 << 24 | 4 << 16].standard_mode) == ("", 5)
     assert sum(mode.mode_name == "(Mode not available)" and mode.properties == 2 for mode in modes) == 8
-    assert [len(only(ask(client, 435, index)[1], "AVAILABLE_MODES")) for index in (1, 200)] == [1, 0]
+    assert [len(of("AVAILABLE_MODES", ask(client, 435, index)[1])) for index in (1, 200)] == [1, 0]
     assert [
         ask(client, number, index)[0] for number, index in ((435, 200), (411, 0), (437, 0), (31999, 0))
     ] == [[2]] * 4
-    assert only(ask(client, 436)[1], "CURRENT_MODE")[0].custom_mode == 3 << 24 | 4 << 16
+    assert of("CURRENT_MODE", ask(client, 436)[1])[0].custom_mode == 3 << 24 | 4 << 16
 
 
 def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> None:
@@ -111,7 +105,7 @@ def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> No
         "COMMAND_ACK",
         "AUTOPILOT_VERSION",
     ]
-    version = only(messages, "AUTOPILOT_VERSION")[0]
+    version = of("AUTOPILOT_VERSION", messages)[0]
     assert (version.capabilities, bytes(version.uid2)[17]) == (64495, 0)
     assert [ask(client, number)[0] for number in (300, 397, 435, 436, 411)] == [[4]] * 5
 
@@ -122,12 +116,12 @@ def test_px4_events_are_numbered_and_kept(make: Make) -> None:
     """
     client = make()
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]
-    (event,) = only(client.received, "EVENT")
+    (event,) = of("EVENT", client.received)
     assert (event.sequence, event.id >> 24, event.log_levels) == (0, 1, 0x22)
     client.send(mavlink.MAVLink_request_event_message(1, 1, 0, 0))
-    assert [message.id for message in only(client.fly(0.02), "EVENT")] == [event.id]
+    assert [message.id for message in of("EVENT", client.fly(0.02))] == [event.id]
     client.send(mavlink.MAVLink_request_event_message(1, 1, 7, 9))
-    (error,) = only(client.fly(0.02), "RESPONSE_EVENT_ERROR")
+    (error,) = of("RESPONSE_EVENT_ERROR", client.fly(0.02))
     assert (error.sequence, error.sequence_oldest_available) == (7, 0)
 
 
@@ -136,7 +130,7 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
     hold.
     """
     client = make()
-    (metadata,) = only(ask(client, 397)[1], "COMPONENT_METADATA")
+    (metadata,) = of("COMPONENT_METADATA", ask(client, 397)[1])
     assert metadata.uri == "mftp://etc/extras/component_general.json.xz"
     packed = fetch(client, "etc/extras/component_general.json.xz")
     assert plain_crc(packed) == metadata.file_crc
@@ -149,10 +143,10 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
     takeoff = described["MIS_TAKEOFF_ALT"]
     assert (takeoff["type"], takeoff["default"], takeoff["units"]) == ("Float", 2.5, "m")
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
-    listed = {message.param_id for message in only(client.fly(1.5), "PARAM_VALUE")} - {"_HASH_CHECK"}
+    listed = {message.param_id for message in of("PARAM_VALUE", client.fly(1.5))} - {"_HASH_CHECK"}
     assert listed == set(described)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    event = only(client.received, "EVENT")[-1]
+    event = of("EVENT", client.received)[-1]
     events = files[4]["components"]["1"]["event_groups"]["default"]["events"]
     assert events[str(event.id & 0xFFFFFF)]["name"] == "commander_armed_by"
 
@@ -179,7 +173,7 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     while not answers[-1][3]:
         answers += [
             (op, length, requested, complete, offset, data)
-            for message in only(client.fly(0.02), "FILE_TRANSFER_PROTOCOL")
+            for message in of("FILE_TRANSFER_PROTOCOL", client.fly(0.02))
             for (_, _, op, length, requested, complete, _, offset), data in [
                 (
                     struct.unpack_from("<HBBBBBBI", bytes(message.payload)),
@@ -226,7 +220,7 @@ def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
     assert {message.get_srcSystem() for message in client.received} == {7}
     assert client.command(REQUEST, 148) == []
     client.send(mavlink.MAVLink_command_long_message(7, 1, REQUEST, 0, 148, 0, 0, 0, 0, 0, 0))
-    assert [message.result for message in only(client.fly(0.02), "COMMAND_ACK")] == [0]
+    assert [message.result for message in of("COMMAND_ACK", client.fly(0.02))] == [0]
     (bits,) = struct.unpack("<f", struct.pack("<i", 9))
     client.send(mavlink.MAVLink_param_set_message(7, 1, b"MAV_SYS_ID", bits, 6))
     assert {message.get_srcSystem() for message in client.fly(2.0)} == {7}

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import simspec
+from vehicle_client import of, simspec
 
 from bench.contracts import LinkSpec, Vehicle, VehiclePlan
 from bench.errors import SetupError
@@ -124,7 +124,7 @@ def test_an_unread_serial_line_loses_what_it_cannot_hold(opened: Open) -> None:
         vehicle.step()
         messages += mav.parse_buffer(os.read(line, 1 << 16)) or []
     assert mav.total_receive_errors == 0
-    assert [message.time_boot_ms for message in messages if message.get_type() == "ATTITUDE"][-1] > 7900
+    assert [message.time_boot_ms for message in of("ATTITUDE", messages)][-1] > 7900
     os.close(line)
 
 
@@ -208,7 +208,7 @@ def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -
     client.socket.send(frame)
     client.socket.send(frame)
     messages = client.fly(5)
-    assert len([message for message in messages if message.get_type() == "PARAM_VALUE"]) == 1
+    assert len(of("PARAM_VALUE", messages)) == 1
     assert vehicle.counters()["mavlink_old_timestamp"] == 1
     # This pymavlink cannot tell what it does not know, such as ESC_INFO.
     known = [message for message in messages if not message.get_type().startswith("UNKNOWN")]
@@ -262,7 +262,7 @@ def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Pe
     client = peer(vehicle)
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
     messages = client.fly(3)
-    (answer,) = [message for message in messages if message.get_type() == "PARAM_VALUE"]
+    (answer,) = of("PARAM_VALUE", messages)
     assert answer.get_msgbuf()[2] == 1
     assert "mavlink_unsigned" not in vehicle.counters()
 

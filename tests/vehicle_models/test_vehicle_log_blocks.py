@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from log_client import ARM, Make, dataflash
-from vehicle_client import Client, simspec
+from log_client import ARM, dataflash
+from vehicle_client import Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
@@ -82,7 +82,7 @@ def test_a_receiver_with_losses_reassembles_a_log_that_dfreader_reads(make: Make
     receiver = Receiver(client, lambda count: count % 7 in (3, 4))
     receiver.status(START)
     receiver.fly(3.0)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 700, 9))
+    client.put(WPNAV_SPEED=700)
     numbers = receiver.fly(38.0)
     assert len(numbers) > len(set(numbers)) > 100
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
@@ -109,25 +109,25 @@ def test_a_block_comes_again_until_it_is_acknowledged(make: Make) -> None:
     client = copter(make)
     receiver = Receiver(client, lambda count: False)
     receiver.status(START)
-    numbers = [m.seqno for m in client.fly(0.06) if m.get_type() == "REMOTE_LOG_DATA_BLOCK"]
+    numbers = [m.seqno for m in of("REMOTE_LOG_DATA_BLOCK", client.fly(0.06))]
     assert numbers == list(range(27))
-    later = [m.seqno for m in client.fly(2.0) if m.get_type() == "REMOTE_LOG_DATA_BLOCK"]
+    later = [m.seqno for m in of("REMOTE_LOG_DATA_BLOCK", client.fly(2.0))]
     assert set(later) == set(range(MAX_BLOCKS))
     assert later.count(0) > 5
     # An acknowledgement makes room for one, a NACK sends its block at once; neither takes an unknown number.
     for number, status in ((5, ACK), (5, ACK), (5000, ACK), (5000, NACK), (5, NACK)):
         receiver.status(number, status)
-    assert 5 not in (again := [m.seqno for m in client.fly(0.3) if m.get_type() == "REMOTE_LOG_DATA_BLOCK"])
+    assert 5 not in (again := [m.seqno for m in of("REMOTE_LOG_DATA_BLOCK", client.fly(0.3))])
     assert max(again) == MAX_BLOCKS
     receiver.status(6, NACK)
-    assert next(m.seqno for m in client.fly(0.02) if m.get_type() == "REMOTE_LOG_DATA_BLOCK") == 6
+    assert next(m.seqno for m in of("REMOTE_LOG_DATA_BLOCK", client.fly(0.02))) == 6
 
 
 @pytest.mark.parametrize(("buffer_kib", "blocks"), [(1.0, 8), (4.0, 18)])
 def test_the_buffer_bounds_what_waits(make: Make, buffer_kib: float, blocks: int) -> None:
     client = copter(make, LOG_MAV_BUFSIZE=buffer_kib)
     Receiver(client).status(START)
-    numbers = {m.seqno for m in client.fly(2.0) if m.get_type() == "REMOTE_LOG_DATA_BLOCK"}
+    numbers = {m.seqno for m in of("REMOTE_LOG_DATA_BLOCK", client.fly(2.0))}
     assert numbers == set(range(blocks))
 
 
@@ -137,7 +137,7 @@ def test_a_silent_receiver_is_given_up_and_may_begin_anew(make: Make) -> None:
     receiver.status(START)
     assert receiver.fly(1.0)
     client.fly(11.0)
-    assert not [m for m in client.fly(5.0) if m.get_type() == "REMOTE_LOG_DATA_BLOCK"]
+    assert not of("REMOTE_LOG_DATA_BLOCK", client.fly(5.0))
     receiver.status(START)
     again = Receiver(client)
     assert again.fly(0.1)[0] == 0

@@ -16,14 +16,13 @@ from log_client import (
     UNSUPPORTED,
     Download,
     FlownLogs,
-    Make,
     downloaded,
     fly_twice,
     listed,
     ulog,
 )
 from pyulog.core import ULog
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
@@ -90,7 +89,7 @@ def test_a_log_says_of_the_flight_what_telemetry_said(px4_logs: FlownLogs) -> No
     for m, row in attitudes:
         assert [row[f"q[{n}]"] for n in range(4)] == pytest.approx([m.q1, m.q2, m.q3, m.q4], abs=1e-6)
     fixes = topic(log, "vehicle_gps_position")
-    raw = {(m.lat, m.lon, m.alt) for m in px4_logs.client.received if m.get_type() == "GPS_RAW_INT"}
+    raw = {(m.lat, m.lon, m.alt) for m in of("GPS_RAW_INT", px4_logs.client.received)}
     places = zip(fixes["latitude_deg"], fixes["longitude_deg"], fixes["altitude_msl_m"], strict=True)
     assert {(round(a * 1e7), round(o * 1e7), round(h * 1e3)) for a, o, h in list(places)[8:-8]} <= raw
     assert list(topic(log, "sensor_gps")["eph"]) == list(fixes["eph"])
@@ -170,12 +169,12 @@ def test_pieces_are_the_ones_that_were_asked_for(px4_logs: FlownLogs) -> None:
     messages = client.fly(0.1)
     other.take(messages)
     assert other.content() == second[:90]
-    assert [m.id for m in messages if m.get_type() == "LOG_DATA"] == [1]
+    assert [m.id for m in of("LOG_DATA", messages)] == [1]
     for number in (2, 60_000):
         Download(client, number, 0).request(0, 90)
     client.send(mavlink.MAVLink_log_request_end_message(1, 1))
     piece.request(0, 90)
-    assert not [m for m in client.fly(0.1) if m.get_type() == "LOG_DATA"]
+    assert not of("LOG_DATA", client.fly(0.1))
     assert [e.id for e in listed(client, 1, 1)] == [1]
 
 
@@ -189,7 +188,7 @@ def test_the_log_folder_has_the_same_files(px4_logs: FlownLogs) -> None:
         sequence += 2
         payload = FTP_HEAD.pack(sequence & 0xFFFF, 0, opcode, len(data), 0, 0, 0, offset) + data
         client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload.ljust(251, b"\0")))
-        (answer,) = [m for m in client.fly(0.04) if m.get_type() == "FILE_TRANSFER_PROTOCOL"]
+        (answer,) = of("FILE_TRANSFER_PROTOCOL", client.fly(0.04))
         raw = bytes(answer.payload)
         return raw[3], raw[12 : 12 + raw[4]]
 
@@ -220,7 +219,7 @@ def test_a_log_does_not_depend_on_who_read_it_when(make: Make) -> None:
             if asks:
                 client.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
             if count == 5:
-                client.send(mavlink.MAVLink_param_set_message(1, 1, b"NAV_ACC_RAD", 4.25, 9))
+                client.put(NAV_ACC_RAD=4.25)
             client.fly(0.14)
         assert client.command(ARM, 0) == [ACCEPTED]
         contents.append(downloaded(client, listed(client)[0]))

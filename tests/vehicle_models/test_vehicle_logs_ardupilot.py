@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from log_client import ACCEPTED, ARM, Download, Make, dataflash, downloaded, listed
-from vehicle_client import Client, mavlink, simspec
+from log_client import ACCEPTED, ARM, Download, dataflash, downloaded, listed
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
@@ -30,7 +30,7 @@ def copter_logs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Clie
         assert client.command(ARM, 1) == [ACCEPTED]
         assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3) == [ACCEPTED]
         client.fly(6.0)
-        client.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 700, 9))
+        client.put(WPNAV_SPEED=700)
         client.fly(1.0)
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
         client.fly(20.0)
@@ -69,7 +69,7 @@ def test_a_dataflash_log_says_of_the_flight_what_telemetry_said(
             motion = (row.PN, row.PE, row.PD, row.VN, row.VE, row.VD)
             assert motion == pytest.approx((m.x, m.y, m.z, m.vx, m.vy, m.vz), abs=1e-4)
     assert min(compared.values()) > 100, compared
-    fixes = {(m.lat, m.lon) for m in client.received if m.get_type() == "GPS_RAW_INT"}
+    fixes = {(m.lat, m.lon) for m in of("GPS_RAW_INT", client.received)}
     places = [(round(row.Lat * 1e7), round(row.Lng * 1e7)) for row in log["GPS"]]
     assert sum(place in fixes for place in places) > 0.9 * len(places) > 50
     # GPS time is UTC with 18 leap seconds more, counted from 1980.
@@ -158,7 +158,7 @@ def test_a_copter_serves_one_link_at_a_time(two_links: Callable[..., tuple[Clien
     second._listen()
     assert second.last("LOG_DATA").count == 90
     first.send(mavlink.MAVLink_log_request_data_message(1, 1, 1, 90, 90))
-    assert [m.ofs for m in first.fly(0.1) if m.get_type() == "LOG_DATA"] == [90]
+    assert [m.ofs for m in of("LOG_DATA", first.fly(0.1))] == [90]
 
 
 @pytest.mark.parametrize(("parameters", "logs"), [({"LOG_DISARMED": 1.0}, 1), ({"LOG_BACKEND_TYPE": 2.0}, 0)])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle_missions import Row, bare, download, item, step, to, upload
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models.controller.ardupilot._missions import MISSIONS as ARDUPILOT
 from vehicle_models.controller.links._enums import MAV_CMD
@@ -18,8 +18,6 @@ from vehicle_models.controller.missions._item_actions import effect_of
 from vehicle_models.controller.px4._missions import MISSIONS as PX4
 from vehicle_models.controller.state._plan_store import MISSION, MissionItem
 from vehicle_models.tables import mission_table
-
-Make = Callable[..., Client]
 
 # AP_Mission::mavlink_int_to_mission_cmd of ArduPilot 4.6.
 WITH_PLACE = {16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92, 94, 179, 188, 189, 191, 195, 197, 201}
@@ -290,3 +288,20 @@ def test_numbers_that_are_no_place_are_no_degrees_in_a_float_item(make: Make) ->
         step(client)
         send(1, 178, x, y)
         assert step(client)[-1].type == verdict
+
+
+def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
+    """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a
+    mission.
+    """
+    client = make(simspec("ardupilot"))
+    client.guided(20.0, risen_s=20.0)
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+    latitude, longitude = (angle * 1e-7 for angle in client.vehicle_goal(0.0, 15.0))
+    client.send(
+        mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18)
+    )
+    client.fly(15.0)
+    assert client.last("MISSION_ACK").type == 0
+    east, north, up = client.vehicle.truth().position_enu_m
+    assert (east, north, up) == pytest.approx((0.0, 15.0, 18.0), abs=1.0)

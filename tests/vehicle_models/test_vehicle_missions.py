@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
-Make = Callable[..., Client]
 Row = tuple[Any, ...]  # command, frame, params 1 to 4, x, y, z
 
 
@@ -140,9 +139,9 @@ def test_px4_repeats_requests_and_gives_up_without_an_answer(make: Make) -> None
     assert upload(client, [to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     messages = client.fly(7.0)
-    requests = [message for message in messages if message.get_type() == "MISSION_REQUEST_INT"]
+    requests = of("MISSION_REQUEST_INT", messages)
     assert 19 <= len(requests) <= 22
-    assert not [message for message in messages if message.get_type() == "MISSION_ACK"]
+    assert not of("MISSION_ACK", messages)
     assert "Operation timeout\t" in client.texts()
     assert len(download(client)) == 1
 
@@ -195,7 +194,7 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
         "Returning to launch\t",
     ]
     assert [text for text in texts if text in wanted] == wanted
-    currents = [message.seq for message in client.received if message.get_type() == "MISSION_CURRENT"]
+    currents = [message.seq for message in of("MISSION_CURRENT", client.received)]
     assert sorted(set(currents)) == [0, 2, 4]
     assert client.last("MISSION_CURRENT").mission_state == 5
     east, north, up = client.vehicle.truth().position_enu_m

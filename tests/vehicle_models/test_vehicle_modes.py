@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import Client, simspec
+from vehicle_client import Make, of, simspec
 
-Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
 # main, sub, base_mode disarmed, system_status disarmed; None: refused
@@ -156,7 +153,7 @@ def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     for number in (4, 99):
         client.send(mavlink.MAVLink_set_mode_message(1, 1, number))
-        assert not [message for message in client.fly(0.2) if message.get_type() == "COMMAND_ACK"]
+        assert not of("COMMAND_ACK", client.fly(0.2))
     assert client.vehicle.condition().mode == "GUIDED"
     assert "No such mode 99" in client.texts()
 

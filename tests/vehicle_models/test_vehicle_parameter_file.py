@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from ports import free_port
-from vehicle_client import mavlink
+from vehicle_client import mavlink, of
 
 from bench.contracts import LinkSpec
 from bench.errors import SetupError
@@ -50,7 +50,7 @@ def test_set_parameters_survive_a_restart(tmp_path: Path) -> None:
         for data in fly_and_set(file, request)
         for message in mavlink.MAVLink(None).parse_buffer(data) or []
     ]
-    assert [message.param_value for message in messages if message.get_type() == "PARAM_VALUE"] == [7.5]
+    assert [message.param_value for message in of("PARAM_VALUE", messages)] == [7.5]
 
 
 @pytest.mark.parametrize("text", ["no json", "[1, 2]", '{"MIS_TAKEOFF_ALT": "high"}', '{"NO_SUCH": 1}'])

@@ -6,23 +6,20 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from vehicle_models import tables
 from vehicle_models.controller import AUTOPILOTS
 from vehicle_models.controller.state._parameter_store import INT8, INT16, INT32, REAL32
 from vehicle_models.tables import PARAMETER_SECTIONS, constant_subscripts
 
-Make = Callable[..., Client]
-
 
 def values(messages: list[Any]) -> list[Any]:
-    return [message for message in messages if message.get_type() == "PARAM_VALUE"]
+    return of("PARAM_VALUE", messages)
 
 
 def put(client: Client, name: str, value: float, kind: int = 9) -> list[Any]:
@@ -74,12 +71,8 @@ def test_px4_set_reports_twice_and_errors(make: Make) -> None:
     assert [value.param_value for value in values(put(client, "MPC_XY_VEL_MAX", 9999.0))] == [9999.0, 9999.0]
     assert len(values(put(client, "MPC_XY_VEL_MAX", 9999.0))) == 1
     assert len(values(put(client, "NAV_DLL_ACT", bits(2), 6))) == 2
-    assert [
-        value.error for value in put(client, "NAV_DLL_ACT", 2.0, 9) if value.get_type() == "PARAM_ERROR"
-    ] == [7]
-    assert [
-        value.error for value in put(client, "nav_dll_act", 2.0, 6) if value.get_type() == "PARAM_ERROR"
-    ] == [1]
+    assert [value.error for value in of("PARAM_ERROR", put(client, "NAV_DLL_ACT", 2.0, 9))] == [7]
+    assert [value.error for value in of("PARAM_ERROR", put(client, "nav_dll_act", 2.0, 6))] == [1]
 
 
 def test_ardupilot_pushes_and_clamps(make: Make) -> None:

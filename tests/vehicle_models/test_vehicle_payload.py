@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from test_vehicle_missions import bare, to, upload
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from bench.contracts import START, CarriesCamera, LinkSpec, VehiclePlan
 from bench.simulation._standalone import Periodic, StandalonePlan, fly, standalone_simspec
 from vehicle_models import open_x500
-
-Make = Callable[..., Client]
 
 
 def carrying(autopilot: str = "px4", **camera: Any) -> Any:
@@ -76,9 +74,7 @@ def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, 100_000
     ) == [0]
     client.fly(1.0)
-    statuses = [
-        message for message in client.received if message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"
-    ]
+    statuses = of("GIMBAL_DEVICE_ATTITUDE_STATUS", client.received)
     assert 9 <= len(statuses) <= 11
     w, _, y, _ = statuses[-1].q
     assert math.degrees(2.0 * math.atan2(y, w)) == pytest.approx(-60.0, abs=0.1)
@@ -202,11 +198,7 @@ def camera_command(client: Client, number: int, *params: float) -> list[int]:
     padded = [*params, *[0.0] * (7 - len(params))]
     client.send(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
     messages = client.fly(0.02)
-    return [
-        message.result
-        for message in messages
-        if message.get_type() == "COMMAND_ACK" and message.get_srcComponent() == 100
-    ]
+    return [message.result for message in of("COMMAND_ACK", messages) if message.get_srcComponent() == 100]
 
 
 def expose(client: Client, frames: range) -> None:
@@ -218,18 +210,14 @@ def expose(client: Client, frames: range) -> None:
 
 
 def images(client: Client) -> list[Any]:
-    return [message for message in client.received if message.get_type() == "CAMERA_IMAGE_CAPTURED"]
+    return of("CAMERA_IMAGE_CAPTURED", client.received)
 
 
 def test_the_camera_is_a_component_of_its_own(make: Make) -> None:
     """A heartbeat a second from component 100, and information that gives back the SimSpec's numbers."""
     client = make(carrying(mavlink=True, gimbal=True))
     client.fly(3.0)
-    beats = [
-        message
-        for message in client.received
-        if message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 100
-    ]
+    beats = [message for message in of("HEARTBEAT", client.received) if message.get_srcComponent() == 100]
     assert len(beats) in (3, 4)
     assert (beats[0].type, beats[0].autopilot) == (30, 8)
     assert camera_command(

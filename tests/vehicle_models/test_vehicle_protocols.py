@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
-Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, _, FAILED = range(5)
 SHELL, REPLY = 10, 1
 
@@ -53,7 +50,7 @@ def ask(client: Client, line: str, seconds: float = 0.2) -> str:
     for piece in (data[:3], data[3:]):
         fields = (SHELL, 0, 0, 0, len(piece), [*piece, *bytes(70 - len(piece))])
         client.send(mavlink.MAVLink_serial_control_message(*fields))
-    answers = [m for m in client.fly(seconds) if m.get_type() == "SERIAL_CONTROL"]
+    answers = of("SERIAL_CONTROL", client.fly(seconds))
     assert all((answer.device, answer.flags) == (SHELL, REPLY) for answer in answers)
     return b"".join(bytes(answer.data[: answer.count]) for answer in answers).decode()
 

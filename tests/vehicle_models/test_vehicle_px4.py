@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable
 from contextlib import closing
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import SetupError
 from vehicle_models import open_x500
 
-Make = Callable[..., Client]
 CURRENT_MODE = 436
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
@@ -45,7 +43,7 @@ def test_long_texts_come_in_pieces(make: Make) -> None:
     """A text of 52 characters and a tab is two chunks with one id, as PX4 sends it."""
     client = make()
     client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    pieces = [message for message in client.received if message.get_type() == "STATUSTEXT"]
+    pieces = of("STATUSTEXT", client.received)
     assert [piece.chunk_seq for piece in pieces] == [0, 1]
     assert len({piece.id for piece in pieces}) == 1
     assert pieces[0].id > 0
@@ -98,9 +96,9 @@ def test_unknown_commands_are_unsupported(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_DO_SET_ROI_LOCATION) == [ACCEPTED]
     client.send(mavlink.MAVLink_command_long_message(42, 1, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
     client.send(mavlink.MAVLink_command_long_message(1, 99, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
-    assert not [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
+    assert not of("COMMAND_ACK", client.fly(0.1))
     client.send(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
-    acks = [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
+    acks = of("COMMAND_ACK", client.fly(0.1))
     assert [(ack.result, ack.target_system, ack.target_component) for ack in acks] == [
         (UNSUPPORTED, 245, 190)
     ]
@@ -112,9 +110,7 @@ def test_landed_states_follow_the_flight(make: Make) -> None:
     client.airborne(5.0)
     client.command(mavlink.MAV_CMD_NAV_LAND)
     client.fly(15.0)
-    states = [
-        message.landed_state for message in client.received if message.get_type() == "EXTENDED_SYS_STATE"
-    ]
+    states = [message.landed_state for message in of("EXTENDED_SYS_STATE", client.received)]
     assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [
         1,
         3,
@@ -225,7 +221,7 @@ def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
     """_HASH_CHECK, then every index in order; integers as bits; count as stated."""
     client = make()
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
-    values = [message for message in client.fly(1.0) if message.get_type() == "PARAM_VALUE"]
+    values = of("PARAM_VALUE", client.fly(1.0))
     assert values[0].param_id == "_HASH_CHECK"
     assert values[0].param_type == 5
     assert [value.param_index for value in values[1:]] == list(range(values[0].param_count))
@@ -257,7 +253,7 @@ def test_setting_parameters(make: Make) -> None:
     assert set_parameter("MIS_TAKEOFF_ALT", 7.0, 6) == [("PARAM_ERROR", 7)]
     assert set_parameter("MPC_XY_VEL_MAX", math.nan) == [("PARAM_VALUE", 12.0)]
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
-    assert [message.error for message in client.fly(0.1) if message.get_type() == "PARAM_ERROR"] == [1]
+    assert [message.error for message in of("PARAM_ERROR", client.fly(0.1))] == [1]
     client.fly(4.0)
     client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     client.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 7)
@@ -348,9 +344,7 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     begun_us = round(spec.environment.start_utc.timestamp() * 1e6)
     assert system_time.time_unix_usec == begun_us + system_time.time_boot_ms * 1000
     client.send(mavlink.MAVLink_timesync_message(0, 77))
-    answers = [
-        message for message in client.fly(0.02) if message.get_type() == "TIMESYNC" and message.ts1 == 77
-    ]
+    answers = [message for message in of("TIMESYNC", client.fly(0.02)) if message.ts1 == 77]
     assert [message.tc1 for message in answers] == [client.vehicle.time.ns - 20_000_000]
 
 
@@ -403,7 +397,7 @@ def test_texts_go_where_a_ground_station_is_heard(make: Make) -> None:
     def texts_of_a_refusal() -> int:
         client.received.clear()
         client.command(mavlink.MAV_CMD_MISSION_START)
-        assert [message for message in client.received if message.get_type() == "EVENT"]
+        assert of("EVENT", client.received)
         return len(client.texts())
 
     assert texts_of_a_refusal() == 0
@@ -492,7 +486,7 @@ def test_a_return_levels_its_gimbal(make: Make) -> None:
     client.received.clear()
     client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     client.fly(3.0)
-    commands = [message for message in client.received if message.get_type() == "COMMAND_LONG"]
+    commands = of("COMMAND_LONG", client.received)
     assert [(message.command, message.param1) for message in commands[::2]][:1] == [(1001, 1.0)]
     assert Counter(message.command for message in commands) == {1000: 4, 1001: 8}
     assert {message.target_system for message in commands} == {1}
@@ -505,5 +499,5 @@ def test_a_return_levels_its_gimbal(make: Make) -> None:
     client.send(mavlink.MAVLink_command_ack_message(1000, 0))
     client.mav.srcSystem = 245
     client.fly(3.0)
-    commands = [message for message in client.received if message.get_type() == "COMMAND_LONG"]
+    commands = of("COMMAND_LONG", client.received)
     assert Counter(message.command for message in commands) == {1000: 1, 1001: 8}

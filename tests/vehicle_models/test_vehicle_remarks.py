@@ -7,15 +7,13 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable
 
 import pytest
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models import TangentPlane
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
-Make = Callable[..., Client]
 MOTOR_TEST = mavlink.MAV_CMD_DO_MOTOR_TEST
 
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
 from bench.simulation._parameter_file import HasParameters
 from vehicle_models import open_wing, open_x500
 
-Make = Callable[..., Client]
 AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 REBOOT, ACCEPTED, DENIED, UNSUPPORTED, FAILED = 246, 0, 2, 3, 4
 ID = {"px4": "MAV_SYS_ID", "ardupilot": "SYSID_THISMAV"}
@@ -59,12 +58,12 @@ def upload(client: Client, count: int) -> None:
         )
         item = mavlink.MAVLink_mission_item_int_message
         client.send(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
-    assert next(message for message in client.fly(0.1) if message.get_type() == "MISSION_ACK").type == 0
+    assert next(message for message in of("MISSION_ACK", client.fly(0.1))).type == 0
 
 
 def items_of(client: Client, system: int) -> int:
     client.send(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
-    count: int = next(message for message in client.fly(0.1) if message.get_type() == "MISSION_COUNT").count
+    count: int = next(message for message in of("MISSION_COUNT", client.fly(0.1))).count
     return count
 
 
@@ -197,7 +196,7 @@ def test_the_key_and_the_counts_stay() -> None:
         counters = vehicle.counters()
         assert (counters["mavlink_unsigned"], counters["mavlink_old_timestamp"]) == (2, 1)
         messages = mavlink.MAVLink(None).parse_buffer(all_of(client)) or []
-        boots = [message.time_boot_ms for message in messages if message.get_type() == "ATTITUDE"]
+        boots = [message.time_boot_ms for message in of("ATTITUDE", messages)]
         assert boots[-1] == pytest.approx(1200, abs=60)
 
 
@@ -219,7 +218,7 @@ def test_the_fixed_wing_begins_anew() -> None:
         )
         steps(vehicle, 1)
         messages = mav.parse_buffer(client.recv(1 << 16)) or []
-        (clock,) = [message for message in messages if message.get_type() == "SYSTEM_TIME"]
+        (clock,) = of("SYSTEM_TIME", messages)
         assert clock.time_boot_ms == pytest.approx(1000, abs=40)
 
 

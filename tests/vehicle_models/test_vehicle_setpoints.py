@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from vehicle_client import NAN, Client
+from vehicle_client import NAN, Client, Make, of
 
 from vehicle_models.controller.services._setpoints import _NAN3 as MASKED
 from vehicle_models.controller.services._setpoints import _Setpoint
 
-Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 POSITION, VELOCITY, ACCELERATION = 0xDF8, 0xDC7, 0xC3F  # masks that leave one group (and no yaw)
 YAW, YAWRATE = 0x400, 0x800
@@ -316,16 +315,16 @@ def test_copter_echoes_targets_in_guided_alone(copter: Client) -> None:
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 100_000
     ) == [ACCEPTED]
     local(copter, POSITION, x=5.0, z=-10.0)
-    echoes = [message for message in copter.fly(2.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    echoes = of("POSITION_TARGET_GLOBAL_INT", copter.fly(2.0))
     assert (echoes[-1].coordinate_frame, echoes[-1].type_mask, echoes[-1].alt) == (
         0,
         65016,
         pytest.approx(498.0, abs=0.1),
     )
     copter.fly(0.1, lambda: local(copter, VELOCITY, vx=1.0))
-    assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert not of("POSITION_TARGET_GLOBAL_INT", copter.fly(1.0))
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
-    assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert not of("POSITION_TARGET_GLOBAL_INT", copter.fly(1.0))
 
 
 def test_a_setpoint_is_empty_or_too_large_as_its_numbers_say() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from test_vehicle_failsafes import beat, copter, put, px4
-from vehicle_client import NAN, Client, simspec
+from test_vehicle_failsafes import beat, copter, px4
+from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
-Make = Callable[..., Client]
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
@@ -118,11 +115,11 @@ def test_ardupilot_reports_failsafes_and_refusals_in_these_words(make: Make) -> 
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 23)
     client.fly(6.0)
     client.fly(1.0, lambda: beat(client))
-    put(client, "SIM_RC_FAIL", 1)
+    client.put(SIM_RC_FAIL=1)
     client.fly(1.5, lambda: beat(client))
-    put(client, "SIM_RC_FAIL", 0)
+    client.put(SIM_RC_FAIL=0)
     client.fly(1.0, lambda: beat(client))
-    put(client, "SIM_BATT_VOLTAGE", 10.8)
+    client.put(SIM_BATT_VOLTAGE=10.8)
     client.fly(3.0, lambda: beat(client))
     texts = sent(client, begun)
     (low,) = [text for _, text in texts if text.startswith("Battery 1 is low ")]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, of, simspec
 
 from vehicle_models.controller import AUTOPILOTS
 from vehicle_models.tables import SIMULATED_SENSORS
-
-Make = Callable[..., Client]
 
 REAL32, INT32 = 9, 6
 READ_ONLY = 5
@@ -44,10 +41,6 @@ def wire(autopilot: str, name: str, value: int) -> float:
     return float(struct.unpack("<f", struct.pack("<i", value))[0]) if bitwise else float(value)
 
 
-def of_kind(messages: Sequence[Any], kind: str) -> list[Any]:
-    return [message for message in messages if message.get_type() == kind]
-
-
 @pytest.mark.parametrize("autopilot", sorted(TRIED))
 def test_parameters_of_the_simulation_can_be_read_and_not_set(make: Make, autopilot: str) -> None:
     """Each is refused as the autopilot refuses, counted, and keeps its value; others are set."""
@@ -56,18 +49,18 @@ def test_parameters_of_the_simulation_can_be_read_and_not_set(make: Make, autopi
     for number, name in enumerate(TRIED[autopilot], start=1):
         answers = set_to(client, name, wire(autopilot, name, 7), kind_of(autopilot, name))
         if autopilot == "px4":
-            assert [error.error for error in of_kind(answers, "PARAM_ERROR")] == [READ_ONLY]
-            assert of_kind(answers, "PARAM_VALUE") == []
+            assert [error.error for error in of("PARAM_ERROR", answers)] == [READ_ONLY]
+            assert of("PARAM_VALUE", answers) == []
         else:
             assert f"Param write denied ({name})" in client.texts()
-            (value,) = of_kind(answers, "PARAM_VALUE")
+            (value,) = of("PARAM_VALUE", answers)
             assert value.param_value != 7.0
         assert client.vehicle.counters()["simulation_refused"] == number
         assert client.vehicle.changed_parameters() == before  # type: ignore[attr-defined]
     free = FREE[autopilot]
-    assert of_kind(set_to(client, free, 7.0, kind_of(autopilot, free)), "PARAM_VALUE")[0].param_value == 7.0
+    assert of("PARAM_VALUE", set_to(client, free, 7.0, kind_of(autopilot, free)))[0].param_value == 7.0
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, TRIED[autopilot][0].encode(), -1))
-    assert of_kind(client.fly(0.1), "PARAM_VALUE")[0].param_id == TRIED[autopilot][0]
+    assert of("PARAM_VALUE", client.fly(0.1))[0].param_id == TRIED[autopilot][0]
     assert client.vehicle.counters()["simulation_refused"] == len(TRIED[autopilot])
 
 
@@ -77,7 +70,7 @@ def test_names_in_another_case_are_refused_too(make: Make) -> None:
     set_to(client, "sim_batt_voltage", 9.0)
     assert "Param write denied (SIM_BATT_VOLTAGE)" in client.texts()
     px4 = make(restricted("px4"))
-    (error,) = of_kind(set_to(px4, "sim_bat_drain", 9.0), "PARAM_ERROR")
+    (error,) = of("PARAM_ERROR", set_to(px4, "sim_bat_drain", 9.0))
     assert error.error == 1
 
 
@@ -94,7 +87,7 @@ def test_failures_are_not_injected(make: Make) -> None:
 def test_the_simspec_allows_it_and_sets_anything_itself(make: Make) -> None:
     """With `simulation_control` the same attempts succeed and are no attempts; without, the SimSpec still sets them."""
     client = make(simspec("ardupilot"))
-    assert of_kind(set_to(client, "SIM_RC_FAIL", 1.0), "PARAM_VALUE")[0].param_value == 1.0
+    assert of("PARAM_VALUE", set_to(client, "SIM_RC_FAIL", 1.0))[0].param_value == 1.0
     assert client.vehicle.counters()["simulation_refused"] == 0
     given = make(restricted("px4", parameters={"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 30.0}))
     given.fly(0.1)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from vehicle_client import Client, simspec
+from vehicle_client import Client, Make, simspec
 
 from vehicle_models.controller.links._frames import KINDS, Packer
 
-Make = Callable[..., Client]
 # Messages that do what they say to a vehicle in flight whatever their values are; SETUP_SIGNING would lock
 # the others out.
 OBEYED = {"SETUP_SIGNING", "SET_MODE"}  # mode 0 is a mode, and without a pilot the end of a flight

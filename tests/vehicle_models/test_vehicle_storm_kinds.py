@@ -6,17 +6,14 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 
 import pytest
 from test_vehicle_storm import extreme_frames, fire, hover, mutilated
 from test_vehicle_wing import MakeWing, take_off
 from test_vehicle_wing import make_wing as make_wing
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, simspec
 
 from vehicle_models.controller.links._frames import KINDS, message_id
-
-Make = Callable[..., Client]
 
 
 def still_circles(client: Client) -> None:

@@ -15,9 +15,8 @@ from typing import Any
 import pymap3d
 import pytest
 from scipy.spatial.transform import Rotation
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, simspec
 
-Make = Callable[..., Client]
 HOME_EAST_M, HOME_NORTH_M, HEADING_DEG, GROUND_M = 40.0, -30.0, 30.0, 488.0
 G_MPS2 = 9.80665
 # Gauss, north, east, down: the field over Zurich, which every magnetometer shows.

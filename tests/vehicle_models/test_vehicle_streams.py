@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, Make, of, simspec
 
 from vehicle_models.controller.links._dialect import dialect as mavlink
-
-Make = Callable[..., Client]
 
 # What was observed on PX4's links.
 BOTH = {
@@ -94,7 +91,7 @@ def test_attitudes_between_two_steps_are_those_of_the_middle(make: Make) -> None
     client.airborne(5.0)
     place = client.vehicle_goal(0.0, 30.0)
     client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 493.0)
-    rows = [message for message in client.fly(3.0) if message.get_type() == "ATTITUDE"]
+    rows = of("ATTITUDE", client.fly(3.0))
     assert len(rows) == 300
     assert {after.time_boot_ms - before.time_boot_ms for before, after in pairwise(rows)} == {10}
     turned = [abs(after.pitch - before.pitch) for before, after in pairwise(rows)]
@@ -157,7 +154,7 @@ def test_copter_rates_by_parameter(make: Make) -> None:
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 0
     ) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == pytest.approx(5.0, abs=0.3)
-    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
+    client.put(SR0_POSITION=0)
     client.fly(0.1)
     assert "GLOBAL_POSITION_INT" not in counted(client, 2.0)
 
@@ -181,7 +178,7 @@ def test_long_texts_come_in_pieces(make: Make) -> None:
     client = make()
     client.fly(1.0)
     client.vehicle._controller._context.texts.send(6, "x" * 50)  # type: ignore[attr-defined]
-    pieces = [message for message in client.fly(0.1) if message.get_type() == "STATUSTEXT"]
+    pieces = of("STATUSTEXT", client.fly(0.1))
     assert [(piece.text, piece.chunk_seq) for piece in pieces] == [("x" * 50, 0), ("\t", 1)]
     assert len({piece.id for piece in pieces}) == 1
     assert pieces[0].id > 0

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
 
 import pytest
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Make, mavlink, simspec
 
 from bench.cli._app import run
 from bench.contracts import load_plugin
@@ -14,7 +13,6 @@ from vehicle_models.controller.policies._command_table import COMMAND_NAMES
 from vehicle_models.controller.policies._message_table import SENDING_ORDER
 from vehicle_models.tables import CONFORMANCE, VERDICTS, command_table, parameter_table, parameters_read
 
-Make = Callable[..., Client]
 CELLS_BY_COMMAND = {int(number): (px4, ardupilot) for number, _, px4, ardupilot in command_table()[1:]}
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from test_vehicle_missions import ready_ardupilot, to, upload
-from vehicle_client import Client, mavlink, simspec
+from vehicle_client import Client, Make, mavlink, simspec
 
 from bench.contracts import Vector
 from vehicle_models.controller import ARDUPILOT, PX4, FlightState, ReferencePoint
@@ -17,7 +16,6 @@ from vehicle_models.controller.guidance._waypoints import PathSegment, WaypointA
 from vehicle_models.controller.state._flight_limits import FlightLimits, PathLimits
 from vehicle_models.controller.state._parameter_store import ParameterStore
 
-Make = Callable[..., Client]
 STEP_NS = 20_000_000
 
 

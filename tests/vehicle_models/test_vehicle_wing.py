@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from vehicle_client import NAN, Client, mavlink, simspec
+from vehicle_client import NAN, Client, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
@@ -326,7 +326,7 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     assert max(nearest) < 26.0
     assert turned > 15  # seconds on the circle
     assert away_m(client, 0.0, 0.0) < 50.0
-    reached = {message.seq for message in client.received if message.get_type() == "MISSION_ITEM_REACHED"}
+    reached = {message.seq for message in of("MISSION_ITEM_REACHED", client.received)}
     assert {0, 1, 2, 3, 4} <= reached
 
 
@@ -346,7 +346,7 @@ def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_
     while client.vehicle.time.s < 200.0 and north < 370.0:
         client.fly(0.5)
         east, north, _ = client.vehicle.truth().position_enu_m
-        reached = {message.seq for message in client.received if message.get_type() == "MISSION_ITEM_REACHED"}
+        reached = {message.seq for message in of("MISSION_ITEM_REACHED", client.received)}
         if 0 in reached and north > 150.0:
             beside.append(abs(east - 150.0))
     assert north >= 370.0

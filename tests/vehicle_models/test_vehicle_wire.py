@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 import random
 import struct
-from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vehicle_client import Client, simspec
+from vehicle_client import Make, simspec
 from vehicle_client import mavlink as mavlink
 
 from vehicle_models.controller.links._frames import KINDS, Decoder, FrameReader, Packer, wire_values
-
-Make = Callable[..., Client]
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
@@ -37,6 +37,11 @@ def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:
     )
 
 
+def of(kind: str, messages: Iterable[Any]) -> list[Any]:
+    """The messages of one kind."""
+    return [message for message in messages if message.get_type() == kind]
+
+
 class Client:
     """The other end of a `udp_out` link. `fly` steps the vehicle and collects every received message."""
 
@@ -65,19 +70,16 @@ class Client:
         """Send a COMMAND_LONG, let one step pass, and return the results acknowledged."""
         padded = [*params, *[0.0] * (7 - len(params))]
         self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
-        return [
-            message.result
-            for message in self.fly(0.02)
-            if message.get_type() == "COMMAND_ACK" and message.command == number
-        ]
+        return [answer.result for answer in of("COMMAND_ACK", self.fly(0.02)) if answer.command == number]
 
     def command_int(self, number: int, frame: int, *params: float) -> list[int]:
         self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
-        return [
-            message.result
-            for message in self.fly(0.02)
-            if message.get_type() == "COMMAND_ACK" and message.command == number
-        ]
+        return [answer.result for answer in of("COMMAND_ACK", self.fly(0.02)) if answer.command == number]
+
+    def put(self, **parameters: float) -> None:
+        """Set parameters that are floats."""
+        for name, value in parameters.items():
+            self.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
 
     def setpoint(
         self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float
@@ -124,8 +126,13 @@ class Client:
     def last(self, name: str) -> Any:
         return next(message for message in reversed(self.received) if message.get_type() == name)
 
+    def state(self) -> tuple[str, str]:
+        """Mode and failsafe."""
+        condition = self.vehicle.condition()
+        return condition.mode, condition.failsafe
+
     def texts(self) -> list[str]:
-        return [message.text for message in self.received if message.get_type() == "STATUSTEXT"]
+        return [message.text for message in of("STATUSTEXT", self.received)]
 
     def airborne(self, height_m: float = 10.0) -> None:
         """Arm a PX4, take off, wait until it holds."""
@@ -158,8 +165,11 @@ class Client:
         assert self.vehicle.condition().mode == "OFFBOARD"
 
 
+Make = Callable[..., Client]
+
+
 @pytest.fixture
-def make() -> Iterator[Callable[..., Client]]:
+def make() -> Iterator[Make]:
     """Build a client and the vehicle that talks to it; both are closed when the test ends."""
     with ExitStack() as stack:
 
@@ -182,7 +192,7 @@ def make() -> Iterator[Callable[..., Client]]:
 
 
 @pytest.fixture
-def px4(make: Callable[..., Client]) -> Client:
+def px4(make: Make) -> Client:
     """A PX4 at 10 m, with the streams of a companion."""
     client = make(streams="onboard")
     client.airborne()
@@ -190,7 +200,7 @@ def px4(make: Callable[..., Client]) -> Client:
 
 
 @pytest.fixture
-def copter(make: Callable[..., Client]) -> Client:
+def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.guided()

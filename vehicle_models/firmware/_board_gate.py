@@ -49,7 +49,7 @@ class BoardGate:
     def __init__(self, budget: LineBudget, system: Callable[[], int]) -> None:
         self._budget, self._system = budget, system
         self._answers: list[bytes] = []
-        self._sequence = 0
+        self._packer = Packer(0, _AUTOPILOT_COMPONENT)
         self.refused = 0
 
     def admits(self, frame: bytes) -> bool:
@@ -98,6 +98,5 @@ class BoardGate:
         return self.refuse(reason)
 
     def _answer(self, number: int, values: tuple[object, ...]) -> None:
-        packer = Packer(self._system(), _AUTOPILOT_COMPONENT)
-        self._answers.append(packer.pack(number, self._sequence, values))
-        self._sequence = (self._sequence + 1) & 0xFF
+        self._packer.system = self._system()
+        self._answers.append(self._packer.pack_next(number, values))

@@ -63,8 +63,7 @@ class BoardLine:
         self.reader = SequenceReader()
         self.state = BoardState()
         self._connect_s = connect_s
-        self._packer = Packer(_SYSTEM, _COMPONENT)
-        self._sequence = 0
+        self._pack = Packer(_SYSTEM, _COMPONENT).pack_next
         self._next_beat_s = 0.0
 
     def read(self) -> list[bytes]:
@@ -216,11 +215,6 @@ class BoardLine:
         elif number == PARAM_VALUE:
             value, _, _, _, kind = _VALUE.unpack(payload_of(frame, _VALUE.size))
             self.state.parameters[value_name(frame)] = BoardParameter(_off_wire(value, kind), kind)
-
-    def _pack(self, number: int, values: tuple[object, ...]) -> bytes:
-        frame = self._packer.pack(number, self._sequence, values)
-        self._sequence = (self._sequence + 1) & 0xFF
-        return frame
 
 
 def value_name(frame: bytes) -> str:

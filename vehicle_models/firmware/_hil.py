@@ -53,8 +53,7 @@ class HilEncoder:
     """Packs messages of the simulator, with one sequence of numbers for all."""
 
     def __init__(self) -> None:
-        self._packer = Packer(_SYSTEM, _COMPONENT)
-        self._sequence = 0
+        self._pack = Packer(_SYSTEM, _COMPONENT).pack_next
 
     def sensor(
         self,
@@ -99,11 +98,6 @@ class HilEncoder:
         head = (time_us, *attitude, *rates_radps, place.latitude_e7, place.longitude_e7)
         motion = (round(place.altitude_m * 1000.0), *_cmps(place.velocity_ned_mps))
         return self._pack(HIL_STATE_QUATERNION, (*head, *motion, airspeed_cmps, airspeed_cmps, *forces))
-
-    def _pack(self, number: int, values: tuple[float, ...]) -> bytes:
-        frame = self._packer.pack(number, self._sequence, values)
-        self._sequence = (self._sequence + 1) & 0xFF
-        return frame
 
 
 def actuator_controls(frame: bytes) -> ActuatorControls:

@@ -56,7 +56,6 @@ class Telemetry:
     """MAV_RESULT of the bench's own commands, by their numbers."""
     _decoder: Decoder = field(default_factory=Decoder)
     _packer: Packer = field(default_factory=lambda: Packer(_SYSTEM, _COMPONENT))
-    _sequence: int = 0
     _critical: bool = False
     _cause: str = ""
 
@@ -128,17 +127,12 @@ class Telemetry:
     def parameter(self, name: str, value: float) -> bytes:
         """PARAM_SET of a parameter that is a float: all of ArduPilot are, on MAVLink."""
         values = (value, self.system, _AUTOPILOT_COMPONENT, name.encode(), _REAL32)
-        return self._packed(_NUMBERS["PARAM_SET"], values)
+        return self._packer.pack_next(_NUMBERS["PARAM_SET"], values)
 
     def command(self, number: int, first: float, second: float) -> bytes:
         """COMMAND_LONG with its first two parameters."""
         values = (first, second, 0.0, 0.0, 0.0, 0.0, 0.0, number, self.system, _AUTOPILOT_COMPONENT, 0)
-        return self._packed(_NUMBERS["COMMAND_LONG"], values)
-
-    def _packed(self, number: int, values: tuple[object, ...]) -> bytes:
-        frame = self._packer.pack(number, self._sequence, values)
-        self._sequence = (self._sequence + 1) & 0xFF
-        return frame
+        return self._packer.pack_next(_NUMBERS["COMMAND_LONG"], values)
 
 
 # FIRMWARE_VERSION_TYPE by its least value.

@@ -1,4 +1,4 @@
-"""ArduCopter's answers to commands, as section 5 of the observations has them."""
+"""ArduCopter's answers to commands, as section 5 of the observations has them, and how it takes setpoints and sticks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
 from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
+from ..policies._setpoints import SetpointPolicy
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, LandedState
 from ..state._service import Command, CommandResult, Refusal
@@ -117,4 +118,24 @@ COMMANDS = CommandPolicy(
     altitude_amsl_m=_altitude_amsl_m,
     roi_names_place=roi_by_coordinates,
     motor_test_order=(0, 3, 1, 2),  # clockwise from the front right
+)
+
+SETPOINTS = SetpointPolicy(
+    **choices(SetpointPolicy, "ardupilot"),
+    local_frames={
+        MAV_FRAME.LOCAL_NED: "local",
+        MAV_FRAME.LOCAL_OFFSET_NED: "offset",
+        # ArduPilot treats both body frames as offsets from the vehicle, turned by its heading.
+        MAV_FRAME.BODY_NED: "body",
+        MAV_FRAME.BODY_OFFSET_NED: "body",
+    },
+    global_frames={
+        MAV_FRAME.GLOBAL: "amsl",
+        MAV_FRAME.GLOBAL_RELATIVE_ALT: "home",
+        MAV_FRAME.GLOBAL_INT: "amsl",
+        MAV_FRAME.GLOBAL_RELATIVE_ALT_INT: "home",
+        MAV_FRAME.GLOBAL_TERRAIN_ALT: "ground",
+        MAV_FRAME.GLOBAL_TERRAIN_ALT_INT: "ground",
+    },
+    echo_behaviours=(Behaviour.OFFBOARD,),
 )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from ..policies._autopilot import Autopilot
-from ._commands import COMMANDS
+from ._commands import COMMANDS, SETPOINTS
 from ._identity import IDENTITY
 from ._logs import LOGS
 from ._missions import MISSIONS
 from ._modes import MODES
 from ._parameters import PARAMETERS
 from ._safety import SAFETY
-from ._setpoints import SETPOINTS
 from ._telemetry import TELEMETRY
 
 PX4 = Autopilot(

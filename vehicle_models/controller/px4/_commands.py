@@ -1,13 +1,14 @@
-"""PX4's answers to commands, as section 3.3 of the observations has them."""
+"""PX4's answers to commands, as section 3.3 of the observations has them, and how it takes setpoints and sticks."""
 
 from __future__ import annotations
 
 import math
 
-from ..links._enums import MAV_CMD
+from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
 from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
+from ..policies._setpoints import SetpointPolicy
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState
 from ..state._service import Command, CommandResult, Refusal
@@ -67,4 +68,16 @@ COMMANDS = CommandPolicy(
     refuse_home=lambda flight, command: None,
     altitude_amsl_m=_altitude_amsl_m,
     roi_names_place=roi_by_kind,
+)
+
+SETPOINTS = SetpointPolicy(
+    **choices(SetpointPolicy, "px4"),
+    # In the body frame PX4 takes velocities and accelerations, and no positions.
+    local_frames={MAV_FRAME.LOCAL_NED: "local", MAV_FRAME.BODY_NED: "body-velocity"},
+    global_frames={
+        MAV_FRAME.GLOBAL_INT: "amsl",
+        MAV_FRAME.GLOBAL_RELATIVE_ALT_INT: "home",
+        MAV_FRAME.GLOBAL_TERRAIN_ALT_INT: "ground",
+    },
+    echo_behaviours=None,
 )
