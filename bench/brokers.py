@@ -45,7 +45,7 @@ def parse_broker_url(url: str, authority: Path | None, options: BrokerOptions) -
 
     def refused(what: str) -> SetupError:
         remedy = f"write {options.forms}; an IPv6 address stands in brackets"
-        return SetupError(Fault(options.address, f"{url!r}: {what}", remedy))
+        return SetupError(options.address, f"{url!r}: {what}", remedy)
 
     try:
         parts = urlsplit(url)
@@ -56,7 +56,7 @@ def parse_broker_url(url: str, authority: Path | None, options: BrokerOptions) -
         raise refused("it is no address of a broker")
     if parts.password is not None:
         what = "a password in the address is visible to all users"
-        raise SetupError(Fault(options.address, what, options.password_place))
+        raise SetupError(options.address, what, options.password_place)
     if "?" in url or "#" in url:
         raise refused("it has a query or a fragment")
     prefix = unquote(parts.path).strip("/")
@@ -64,7 +64,7 @@ def parse_broker_url(url: str, authority: Path | None, options: BrokerOptions) -
         check_topic(options.address, prefix)
     if authority is not None and parts.scheme != "mqtts":
         remedy = f"use mqtts://, or leave {options.authority} out"
-        raise SetupError(Fault(options.authority, "mqtt:// has no TLS", remedy))
+        raise SetupError(options.authority, "mqtt:// has no TLS", remedy)
     tls = _tls_context(authority) if parts.scheme == "mqtts" else None
     return BrokerUrl(parts.hostname, port or _PORTS[parts.scheme], unquote(parts.username or ""), prefix, tls)
 
@@ -85,5 +85,5 @@ def _tls_context(authority: Path | None) -> ssl.SSLContext:
         return ssl.create_default_context(cafile=None if authority is None else str(authority))
     except (OSError, ssl.SSLError) as error:
         raise SetupError(
-            Fault(str(authority), f"cannot be read as certificates: {error}", "give a PEM file")
+            str(authority), f"cannot be read as certificates: {error}", "give a PEM file"
         ) from None

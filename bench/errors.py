@@ -46,14 +46,14 @@ class SetupError(RebarError):
 
     def __init__(
         self,
-        faults: Fault | str | Sequence[Fault],
+        faults: Fault | str | Path | Sequence[Fault],
         what: str | None = None,
         remedy: str = "",
         *,
         more: int = 0,
     ) -> None:
-        if isinstance(faults, str):
-            faults = Fault("", faults) if what is None else Fault(faults, what, remedy)
+        if isinstance(faults, str | Path):
+            faults = Fault("", str(faults)) if what is None else Fault(str(faults), what, remedy)
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
         # One more than MAX_FAULTS may be those of another SetupError, with its count.
         if len(self.faults) > MAX_FAULTS + 1:
@@ -62,11 +62,6 @@ class SetupError(RebarError):
         if more:
             self.faults += (Fault("", f"{more} more faults", "correct these first"),)
         super().__init__("\n".join(map(str, self.faults)))
-
-    @classmethod
-    def of(cls, where: str | Path, what: str, remedy: str = "") -> SetupError:
-        """The error of a single fault."""
-        return cls(Fault(str(where), what, remedy))
 
 
 def command_line(*words: str | Path) -> str:

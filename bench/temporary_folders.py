@@ -11,7 +11,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.removal import remove_tree
 
 # Nobody names a folder of their own like this: what has such a name may be removed.
@@ -48,7 +48,7 @@ def _lock(folder: int, parent: Path) -> None:
     except OSError as error:
         what = f"lies on a file system without locks by flock ({error.strerror})"
         raise SetupError(
-            Fault(str(parent), what, "set TMPDIR to a folder on a disk of this machine's own")
+            str(parent), what, "set TMPDIR to a folder on a disk of this machine's own"
         ) from error
 
 

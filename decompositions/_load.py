@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.documents import parse_text, read_text, validate_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._checks import DecompositionVocabulary, DocumentChecks, suggestion
 from ._document import DecompositionDocument
@@ -44,11 +44,9 @@ def load_decomposition(
     if Path(name).suffix.lower() not in (".yaml", ".yml", ".json") and not Path(name).exists():
         names = ", ".join(shipped_decompositions())
         raise SetupError(
-            Fault(
-                "decomposition",
-                f"there is no decomposition {name!r}",
-                f"{suggestion(name, shipped_decompositions())} By name: {names}; or a path",
-            )
+            "decomposition",
+            f"there is no decomposition {name!r}",
+            f"{suggestion(name, shipped_decompositions())} By name: {names}; or a path",
         )
     return read_decomposition(read_text(Path(name)), vocabulary, source=name)
 
@@ -65,11 +63,9 @@ def read_decomposition(
             else f"the document is a {type(value).__name__}, not fields with values"
         )
         raise SetupError(
-            Fault(
-                source,
-                what,
-                "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a complete example",
-            )
+            source,
+            what,
+            "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a complete example",
         )
     return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
 

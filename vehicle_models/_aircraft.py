@@ -17,7 +17,7 @@ from bench.contracts import (
     VehiclePlan,
     VehicleState,
 )
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
 from ._battery import BatteryModel
@@ -268,16 +268,14 @@ class Aircraft(LinkedVehicle, ABC):
     def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
         if isinstance(name, RealAutopilot | BoardAutopilot):
             raise SetupError(
-                Fault(
-                    "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"
-                )
+                "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"
             )
         try:
             return self.autopilots[name]
         except KeyError:
             known = ", ".join(self.autopilots)
             raise SetupError(
-                Fault("vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}")
+                "vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}"
             ) from None
 
     def _sense(self) -> None:

@@ -12,7 +12,7 @@ from typing import Self
 import jsbsim
 
 from bench.contracts import Vector
-from bench.errors import Fault, SetupError, VehicleFault
+from bench.errors import SetupError, VehicleFault
 from bench.simspec import SimSpec
 
 from ._geodesy import TangentPlane
@@ -96,11 +96,9 @@ class JsbsimPlant:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
             raise SetupError(
-                Fault(
-                    "controller_hz",
-                    f"{1 / step_s:g} Hz does not divide {physics_hz} Hz",
-                    "use 25, 50, 100 or 200",
-                )
+                "controller_hz",
+                f"{1 / step_s:g} Hz does not divide {physics_hz} Hz",
+                "use 25, 50, 100 or 200",
             )
         self._plane = TangentPlane(place.latitude_deg, place.longitude_deg)
         self._ground_m = place.altitude_m + feet_m
@@ -194,9 +192,7 @@ def _load(
         fdm.set_dt(1.0 / physics_hz)
         fdm.set_aircraft_path(".")
         if not fdm.load_model(name):
-            raise SetupError(
-                Fault(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package")
-            )
+            raise SetupError(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package")
     fdm.disable_output()
     # Nothing here draws random numbers from JSBSim, but without a seed it reads the host's clock.
     fdm["simulation/randomseed"] = 1

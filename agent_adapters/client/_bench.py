@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from bench.clock import CLOCK, SimTime
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import LinkLost, SetupError
 from bench.streams import AirAccess, Clock, String, open_client
 from bench.values import value_class
 
@@ -70,11 +70,7 @@ class Bench:
         for topic_wanted in sorted(wanted, key=lambda topic_wanted: topic_wanted.topic):
             if node is None:
                 raise SetupError(
-                    Fault(
-                        "REBAR_ZENOH",
-                        "is not set, but this agent subscribes",
-                        "set zenoh: true in its manifest",
-                    )
+                    "REBAR_ZENOH", "is not set, but this agent subscribes", "set zenoh: true in its manifest"
                 )
             self._subscriptions[topic_wanted.topic] = node.subscribe(
                 topic_wanted.topic, topic_wanted.kind, latched=topic_wanted.latched, depth=topic_wanted.depth
@@ -84,9 +80,7 @@ class Bench:
         """Publish a JSON document as std_msgs/String."""
         if self._node is None:
             raise SetupError(
-                Fault(
-                    "REBAR_ZENOH", "is not set, but this agent publishes", "set zenoh: true in its manifest"
-                )
+                "REBAR_ZENOH", "is not set, but this agent publishes", "set zenoh: true in its manifest"
             )
         if topic not in self._publishers:
             self._publishers[topic] = self._node.publisher(topic, String)
@@ -132,7 +126,7 @@ class Bench:
     def _by_clock(self, tick_s: float) -> Iterator[Moment]:
         if CLOCK not in self._subscriptions:
             raise SetupError(
-                Fault(CLOCK, "is not among the subscriptions", "the realtime pace takes its time from it")
+                CLOCK, "is not among the subscriptions", "the realtime pace takes its time from it"
             )
         due = advanced = time.monotonic()
         last = SimTime(-1)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import LinkLost, SetupError
 from bench.values import value_class
 
 MAVLINK_1 = 0xFE
@@ -190,14 +190,12 @@ def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Itera
     kind, _, rest = connection.partition(":")
     host, _, port = rest.rpartition(":")
     if ":" in host:
-        raise SetupError(Fault(name, f"{connection!r}: links have no IPv6", "give an IPv4 address or a name"))
+        raise SetupError(name, f"{connection!r}: links have no IPv6", "give an IPv4 address or a name")
     if kind not in ("udpin", "udp", "udpout", "tcp") or not host or not port.isdigit():
         raise SetupError(
-            Fault(
-                name,
-                f"{connection!r} is not a MAVLink connection string",
-                "for example udpin:127.0.0.1:14540 or tcp:127.0.0.1:5760",
-            )
+            name,
+            f"{connection!r} is not a MAVLink connection string",
+            "for example udpin:127.0.0.1:14540 or tcp:127.0.0.1:5760",
         )
     with _open_socket(kind, (host, int(port)), timeout_s) as link_socket:
         wire = (

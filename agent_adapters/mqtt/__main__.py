@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from agent_adapters.client import AgentEnvironment, open_bench, read_environment
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import LinkLost, SetupError
 
 from ._bridge import AgentEnded, AgentSide, Bridge
 from ._broker import BrokerAddress, broker_address, open_own_broker
@@ -84,10 +84,10 @@ def _environment(arguments: argparse.Namespace) -> AgentEnvironment:
     environment = read_environment(os.environ, links)
     if environment.zenoh is None:
         remedy = "set zenoh: true in the manifest"
-        raise SetupError(Fault("REBAR_ZENOH", "is not set, and the bridge mirrors the air network", remedy))
+        raise SetupError("REBAR_ZENOH", "is not set, and the bridge mirrors the air network", remedy)
     if arguments.no_mavlink and environment.tick is not None:
         remedy = "leave it out, or fly in real time"
-        raise SetupError(Fault("--no-mavlink", "lockstep counts the messages of all links", remedy))
+        raise SetupError("--no-mavlink", "lockstep counts the messages of all links", remedy)
     return environment
 
 
@@ -136,7 +136,7 @@ def _open_agent(address: BrokerAddress, command: list[str]) -> Iterator[subproce
         process = subprocess.Popen(command, env=variables)
     except OSError as error:
         remedy = "correct what stands behind -- in the manifest"
-        raise SetupError(Fault("command", f"{command[0]!r} cannot be started: {error}", remedy)) from error
+        raise SetupError("command", f"{command[0]!r} cannot be started: {error}", remedy) from error
     try:
         yield process
     finally:

@@ -94,7 +94,7 @@ def _service_url(url: str, variables: Mapping[str, str]) -> str:
     variable = f"REBAR_SERVICE_{name.upper().replace('-', '_')}"
     if not variables.get(variable):
         remedy = f"let it in: agent.services: [{{name: {name}, host: ..., port: 1883}}]"
-        raise SetupError(Fault("--broker", f"the SimSpec lets no service {name!r} in", remedy))
+        raise SetupError("--broker", f"the SimSpec lets no service {name!r} in", remedy)
     return f"mqtt://{user}{'@' if user else ''}{variables[variable]}/{prefix}"
 
 
@@ -116,9 +116,7 @@ def open_own_broker(folder: Path, port: int = 0, places: str = PROGRAM_PLACES) -
     program = shutil.which(OWN_BROKER, path=search)
     if program is None:
         remedy = "install it (Debian: mosquitto), or let a broker in and name it: --broker service:NAME"
-        raise SetupError(
-            Fault("broker", f"there is no program {OWN_BROKER!r} for one of the agent's own", remedy)
-        )
+        raise SetupError("broker", f"there is no program {OWN_BROKER!r} for one of the agent's own", remedy)
     bridge, agent = (Account(user, secrets.token_urlsafe(24)) for user in (BRIDGE_USER, AGENT_USER))
     _write_passwords(folder, [bridge, agent])
     for attempt in range(_ATTEMPTS):

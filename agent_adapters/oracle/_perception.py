@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.contracts import CastMember, TruthDocument, parse_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, SimSpec
 from bench.streams import Detection2DArray
 
@@ -68,7 +68,7 @@ def load_truth(path: str) -> Truth:
     document = parse_document(TruthDocument, file.read_bytes()) if path and file.is_file() else None
     if document is None:
         remedy = "start this program through the bench, from a manifest with truth: true"
-        raise SetupError(Fault("REBAR_TRUTH", "names no truth", remedy))
+        raise SetupError("REBAR_TRUTH", "names no truth", remedy)
     return Truth(document)
 
 

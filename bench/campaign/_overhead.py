@@ -44,7 +44,7 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
         remedy = f"name another folder, or fidelity: {noted}"
-        raise SetupError.of(
+        raise SetupError(
             "fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy
         )
     if campaign.fidelity == OVERHEAD:

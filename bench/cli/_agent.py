@@ -92,11 +92,11 @@ def new(
     """
     name = folder.resolve().name
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,63}", name):
-        raise SetupError.of(
+        raise SetupError(
             folder, "its name is no agent's", "use lower-case letters, digits and hyphens: scout-2"
         )
     if os.path.lexists(folder):
-        raise SetupError.of(folder, "this path exists", "give a folder that is to be made")
+        raise SetupError(folder, "this path exists", "give a folder that is to be made")
     kit = _KITS[language]
     files = filter(None, (kit.program, kit.client, kit.build_file))
     texts = {file: shipped(f"examples/tick/{file}").read_text(encoding="utf-8") for file in files}

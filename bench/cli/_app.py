@@ -129,7 +129,7 @@ def _check_utf8(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError:
-        raise SetupError.of(name, "is not UTF-8", "rename it") from None
+        raise SetupError(name, "is not UTF-8", "rename it") from None
 
 
 def _journal_failed(error: sqlite3.DatabaseError) -> int:

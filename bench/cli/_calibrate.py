@@ -113,7 +113,7 @@ def _load(scale: Path, folder: Path) -> DifficultyScale:
 
     document = load_report_data(folder).document
     if document is None:
-        raise SetupError.of(folder, "has no readable decomposition", "`rebar score` it over one")
+        raise SetupError(folder, "has no readable decomposition", "`rebar score` it over one")
     return load_scale(scale, document)
 
 

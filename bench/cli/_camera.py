@@ -25,7 +25,7 @@ def sheet(
     Example: rebar camera sheet --out out/sheet.png
     """
     if out.suffix not in SUFFIXES:
-        raise SetupError.of(
+        raise SetupError(
             "--out",
             f"cannot write pictures as {out.suffix or 'a file without suffix'}",
             f"use {', '.join(SUFFIXES)}",

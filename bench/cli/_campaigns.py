@@ -197,7 +197,7 @@ def _report_elsewhere(folder: Path, out: Path) -> None:
     from bench.reporting import write_report
 
     if os.path.lexists(out):
-        raise SetupError.of(out, "already exists and is not overwritten", "name another file")
+        raise SetupError(out, "already exists and is not overwritten", "name another file")
     missing = print_missing_in([folder])
     # Nothing is scored again here, so the tables must be those that the bench wrote; a runner is still writing them.
     running = any(report is not None and report.running for report in missing)
@@ -224,7 +224,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     campaign = request.changes.load(path)
     if request.sessions.recordings is not None and campaign.keep is not None:
         what = "and keep in the campaign file both say what becomes of recordings"
-        raise SetupError.of("--recordings", what, "give one of them")
+        raise SetupError("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
     folder = request.folder(campaign.name)
     end = CampaignEnd()

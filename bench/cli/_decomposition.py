@@ -61,7 +61,7 @@ def check(
     decomposition = load_measurable_decomposition(name)
     nodes = None if floor is None else _floor_nodes(decomposition, name, floor)
     if order and not panel:
-        raise SetupError.of("--order", "compares agents of a panel", "add --panel DIR")
+        raise SetupError("--order", "compares agents of a panel", "add --panel DIR")
     shown = _panel(decomposition, name, panel, order) if panel else None
     if as_json:
         document: dict[str, Any] = {
@@ -96,7 +96,7 @@ def _floor_nodes(decomposition: Decomposition, name: str, folder: Path) -> list[
     if measured.decomposition.digest != decomposition.digest:
         measured = read_runs(folder, name)
     if not measured.floor_runs:
-        raise SetupError.of(folder, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
+        raise SetupError(folder, "holds no run of a null agent", "fly them: rebar run CAMPAIGN --floor")
     return worst_first(measured.floors())
 
 
@@ -139,7 +139,7 @@ def _panel(
         if measured.decomposition.digest != decomposition.digest:
             what = f"its runs were measured with another decomposition than {name}"
             remedy = f"measure them again: rebar score {folder} --decomposition {name}"
-            raise SetupError.of(folder, what, remedy)
+            raise SetupError(folder, what, remedy)
         # Folders may use the same ids for other scenes.
         ids = [
             pl.format(f"{number}-{{}}", column).alias(column) for column in ("realization", "design_point")
@@ -150,7 +150,7 @@ def _panel(
     try:
         return panel_of(pl.concat(tested), pl.concat(null), oracle, order)
     except ValueError as error:
-        raise SetupError.of("--order", str(error), "name two of these") from error
+        raise SetupError("--order", str(error), "name two of these") from error
 
 
 def _print_panel(panel: Panel, decomposition: Decomposition) -> None:

@@ -29,7 +29,7 @@ def draw(
     from bench.reporting import Run, build_run_map, run_drawing
 
     if out.suffix != ".svg":
-        raise SetupError.of("--out", f"{out.name} does not end with .svg", "name an SVG file")
+        raise SetupError("--out", f"{out.name} does not end with .svg", "name an SVG file")
     drawn = []
     for folder in runs:
         with open_recorded(folder) as source:

@@ -46,11 +46,11 @@ class ExecutorOptions:
             what = (
                 "is for sessions on a cluster; those of this machine are recorded into the campaign's folder"
             )
-            raise SetupError.of("--recordings", what, "give --executor dask too, or --out for another folder")
+            raise SetupError("--recordings", what, "give --executor dask too, or --out for another folder")
         if self.executor == "local":
             return open_local_pool
         if name != "dask" or (has_address and not address):
-            raise SetupError.of(
+            raise SetupError(
                 "--executor",
                 f"{self.executor!r} is not available",
                 "give local, dask (worker processes on this machine), or dask=ADDRESS of a Dask scheduler, "

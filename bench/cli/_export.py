@@ -28,7 +28,7 @@ def export(
     from bench.recording.viewers import export_for_viewers
 
     if not foxglove:
-        raise SetupError.of("rebar export", "no form is named", "add --foxglove")
+        raise SetupError("rebar export", "no form is named", "add --foxglove")
     with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
         result = export_for_viewers(source / "recording.mcap" if source.is_dir() else source, out)
     lines = [

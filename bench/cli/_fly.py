@@ -78,17 +78,15 @@ class FlyOptions:
         """Raises SetupError for options that cannot be, or not together."""
         outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            raise SetupError.of(
+            raise SetupError(
                 "--speed",
                 f"another computer keeps real time, and {self.speed:g} is not",
                 f"leave it out with {option}",
             )
         if self.firmware and self.board:
-            raise SetupError.of("--board", "a board brings its own firmware", "leave out --firmware")
+            raise SetupError("--board", "a board brings its own firmware", "leave out --firmware")
         if (self.firmware or self.board) and self.params is not None:
-            raise SetupError.of(
-                "--params", "a real autopilot keeps its parameters itself", "leave out --params"
-            )
+            raise SetupError("--params", "a real autopilot keeps its parameters itself", "leave out --params")
 
     def links(self) -> list[LinkSpec]:
         """The links that were asked for, signed; those of the autopilot's SITL if none was."""
@@ -147,7 +145,7 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     try:
         latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
     except ValueError:
-        raise SetupError.of(
+        raise SetupError(
             "--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0"
         ) from None
     if not (
@@ -156,7 +154,7 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
         and -400 <= altitude <= 5000
         and 0 <= heading < 360
     ):
-        raise SetupError.of(
+        raise SetupError(
             "--home",
             f"{text!r} is out of range",
             f"latitude -{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, longitude -180 to 180, altitude -400 to 5000 m, "
@@ -172,9 +170,9 @@ def parse_link(text: str, index: int) -> LinkSpec:
         return LinkSpec(name=f"link{index}", kind="serial", path=rest)
     host, _, port = rest.rpartition(":")
     if ":" in host:
-        raise SetupError.of("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
+        raise SetupError("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise SetupError.of(
+        raise SetupError(
             "--mavlink",
             f"{text!r} is not a link",
             "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
@@ -195,7 +193,7 @@ def parse_board(text: str, autopilot: str = "px4") -> BoardAutopilot:
 
     if autopilot != "px4":
         what = f"{autopilot} has no hardware-in-the-loop mode that takes sensors from outside"
-        raise SetupError.of("--board", what, "fly a PX4 board")
+        raise SetupError("--board", what, "fly a PX4 board")
     path, baud = parse_device(text, "--board")
     return validate_document({"kind": "px4", "device": path, "baud": baud}, BoardAutopilot, source="--board")
 
@@ -209,7 +207,7 @@ def parse_device(text: str, option: str) -> tuple[str, int]:
     if not (colon and baud.isdigit()) or Path(text).exists():
         path, baud = text, str(DEFAULT_BAUD)
     if not path or int(baud) <= 0:
-        raise SetupError.of(
+        raise SetupError(
             option, f"{text!r} is no device", "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600"
         )
     return path, int(baud)

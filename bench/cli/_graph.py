@@ -42,7 +42,7 @@ def graph(
     from decompositions import load_decomposition
 
     if campaign is None and agent is not None:
-        raise SetupError.of("--agent", "there is no campaign to take results from", "give --campaign as well")
+        raise SetupError("--agent", "there is no campaign to take results from", "give --campaign as well")
     drawn = load_decomposition(decomposition)
     data = load_report_data(campaign) if campaign is not None else None
     makers = {PAGE: graph_page, DRAWING: graph_svg}
@@ -57,9 +57,9 @@ def _files(out: Path) -> tuple[Path, ...]:
     if out.suffix in (PAGE, DRAWING):
         return (out,)
     if out.suffix:
-        raise SetupError.of(
+        raise SetupError(
             "--out", f"{out.name} has an unknown suffix", f"use {PAGE}, {DRAWING}, or no suffix to write both"
         )
     if not out.name:
-        raise SetupError.of("--out", f"{out} is a folder", "name a file in it")
+        raise SetupError("--out", f"{out} is a folder", "name a file in it")
     return (out.with_suffix(PAGE), out.with_suffix(DRAWING))

@@ -34,7 +34,7 @@ def history(
     agents = [name for name in dict.fromkeys(page.agent for _, page in pages) if agent in (None, name)]
     if not agents:
         flown = ", ".join(dict.fromkeys(page.agent for _, page in pages))
-        raise SetupError.of("--agent", f"{agent} flew in none of the campaigns", f"name one of: {flown}")
+        raise SetupError("--agent", f"{agent} flew in none of the campaigns", f"name one of: {flown}")
     console = plain_console()
     for name in agents:
         own = [(campaign, page) for campaign, page in pages if page.agent == name]

@@ -60,7 +60,7 @@ def open_laboratory(options: LaboratoryOptions, campaign: str) -> Iterator[Labor
         for name in ("mqtt_ca", "stand_ready", "stand_announce", "stand_release"):
             if getattr(options, name) is not None:
                 option = f"--{name.replace('_', '-')}"
-                raise SetupError.of(option, "needs a broker", "give --mqtt too")
+                raise SetupError(option, "needs a broker", "give --mqtt too")
         yield None
         return
     # Imported here: the client and asyncio take 60 ms that a run without a broker does without.

@@ -100,7 +100,7 @@ def schema(
         print(json.dumps(json_schema(message), indent=2))
         return
     if name not in kinds:
-        raise SetupError.of(
+        raise SetupError(
             "schema",
             f"there is no document {name!r}",
             f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",

@@ -174,7 +174,7 @@ def new(
     from ._clause_view import clause_lines
 
     if os.path.lexists(out):
-        raise SetupError.of(out, "exists already", "give another name with --out")
+        raise SetupError(out, "exists already", "give another name with --out")
     # Before the questions: no answer is lost to a path that cannot be.
     out.parent.mkdir(parents=True, exist_ok=True)
     interview = Interview(from_prose or "", load_vocabulary(vocabulary), _prompt, print)
@@ -186,7 +186,7 @@ def new(
         print(f"\nNothing is written. To go on, give --from-prose what was said: {interview.text}")
         raise
     if interview.result is None:
-        raise SetupError.of("rebar new", "nothing was described", "answer one question at least")
+        raise SetupError("rebar new", "nothing was described", "answer one question at least")
     out.write_text(annotated_yaml(interview.result), encoding="utf-8")
     _draw(interview.result, picture)
     print(f"wrote {out}{f' and {picture}' if picture else ''}. The same in words: {interview.text}")

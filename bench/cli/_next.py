@@ -26,7 +26,7 @@ def propose(
     from bench.campaign import campaign_completeness, propose_next
 
     if out is not None and os.path.lexists(out):
-        raise SetupError.of(out, "already exists and is not overwritten", "name another file")
+        raise SetupError(out, "already exists and is not overwritten", "name another file")
     proposal = propose_next(folder, out.parent if out is not None else None)
     completeness = campaign_completeness(folder)
     lines = completeness.lines(folder) if completeness else []
@@ -50,4 +50,4 @@ def _write_new(out: Path, text: str) -> None:
         with out.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise SetupError.of(out, "already exists and is not overwritten", "name another file") from None
+        raise SetupError(out, "already exists and is not overwritten", "name another file") from None

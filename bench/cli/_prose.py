@@ -156,21 +156,17 @@ def _write_campaign(path: Path, result: BaseSimSpec, decomposition: str, agents:
 
 def _description(text: str | None, file: Path | None) -> str:
     from bench.documents import read_text
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.instance_analysis import MAX_CHARACTERS
 
     if (text is None) == (file is None):
         raise SetupError(
-            Fault(
-                "prose",
-                "give either a description or --file",
-                "for example rebar prose 'a radar vehicle and 5 civilians'",
-            )
+            "prose",
+            "give either a description or --file",
+            "for example rebar prose 'a radar vehicle and 5 civilians'",
         )
     if text is not None and len(text) < MAX_PATH_CHARACTERS and Path(text).is_file():
-        raise SetupError(
-            Fault("prose", f"{text} is a file, and no description", f"read it with --file {text}")
-        )
+        raise SetupError("prose", f"{text} is a file, and no description", f"read it with --file {text}")
     # UTF-8 takes up to four bytes for a character.
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
 
@@ -185,13 +181,13 @@ def _read(
 ) -> tuple[BaseSimSpec, RewrittenResult | None]:
     """The reading of a text, and what a model has made of it where one is asked."""
     from bench.documents import load_document
-    from bench.errors import Fault, SetupError
+    from bench.errors import SetupError
     from bench.instance_analysis import ModelEndpoint, Rewrite, read_prose, rewrite_prose
 
     if llm is not None and rewrite is not None:
-        raise SetupError(Fault("prose", "--llm asks a model and --rewrite asks none", "give one of them"))
+        raise SetupError("prose", "--llm asks a model and --rewrite asks none", "give one of them")
     if llm is None and llm_url is not None:
-        raise SetupError(Fault("prose", "--llm-url is the server of a model", "name the model with --llm"))
+        raise SetupError("prose", "--llm-url is the server of a model", "name the model with --llm")
     if llm is None:
         stored = None if rewrite is None else load_document(rewrite, Rewrite)
         return read_prose(description, words, answers, stored), None

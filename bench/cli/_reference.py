@@ -36,9 +36,7 @@ def measures(
         if not name or name in (measure, module, *module.split("."))
     ]
     if not chosen:
-        raise SetupError.of(
-            name, "is neither a measure nor a module of measures", "`rebar measures` lists all"
-        )
+        raise SetupError(name, "is neither a measure nor a module of measures", "`rebar measures` lists all")
     width = plain_console().width
     for module, members in groupby(sorted(chosen, key=lambda measure: modules[measure]), modules.__getitem__):
         print(f"{module}\n")

@@ -29,7 +29,7 @@ def _manifest_of(agent: str) -> str:
     if path.is_dir():
         path = path.resolve() / f"{path.resolve().name}.yaml"
         if not path.is_file():
-            raise SetupError.of("--agent", f"{agent} holds no {path.name}", "name the manifest itself")
+            raise SetupError("--agent", f"{agent} holds no {path.name}", "name the manifest itself")
     return str(path.resolve()) if path.is_file() else agent
 
 
@@ -81,7 +81,7 @@ class CampaignChanges:
             try:
                 parse_shard(self.shard)
             except ValueError as error:
-                raise SetupError.of("--shard", str(error), "number the shards from 1") from None
+                raise SetupError("--shard", str(error), "number the shards from 1") from None
         options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}

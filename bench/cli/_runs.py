@@ -33,7 +33,7 @@ def runs(
     from bench.reporting import csv_text, load_report_data, matching, plural, runs_table, words_of
 
     if as_csv and as_json:
-        raise SetupError.of("--csv", "cannot be given together with --json", "give either")
+        raise SetupError("--csv", "cannot be given together with --json", "give either")
     table = runs_table(load_report_data(folder))
     chosen = table if where is None else matching(table, where, "--where")
     if as_csv:
@@ -85,7 +85,7 @@ def check(
         raise SetupError(faults)
     table = requirements_table(load_report_data(folder))
     if table.is_empty():
-        raise SetupError.of(folder, "has no agent with scores", "run the campaign first")
+        raise SetupError(folder, "has no agent with scores", "run the campaign first")
     is_met = True
     for requirement in require:
         met = set(matching(table, requirement, "--require")["agent"])

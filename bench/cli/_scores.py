@@ -119,7 +119,7 @@ def check_node(option: str, decomposition: Decomposition, node: str) -> None:
         similar = difflib.get_close_matches(node, decomposition.nodes, n=3)
         attributes = ", ".join(decomposition.key_attributes)
         remedy = f"did you mean {' or '.join(similar)}?" if similar else f"key attributes: {attributes}"
-        raise SetupError.of(option, f"there is no node {node!r} in {decomposition.name}", remedy)
+        raise SetupError(option, f"there is no node {node!r} in {decomposition.name}", remedy)
 
 
 def rated_decomposition(named: str, difficulty: Literal["tables", "given"] = "tables") -> Decomposition:
@@ -219,14 +219,14 @@ def _score_sources(
 
     if table is not None:
         if runs:
-            raise SetupError.of("--observations", "cannot be given together with folders", "give either")
+            raise SetupError("--observations", "cannot be given together with folders", "give either")
         if decomposition is None:
-            raise SetupError.of(
+            raise SetupError(
                 "--observations", "a table does not name its decomposition", "give --decomposition FILE"
             )
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError.of(
+        raise SetupError(
             "score",
             "there is nothing to score",
             "name the folder of a run or of a campaign, or give --observations",

@@ -37,7 +37,7 @@ def tension(
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
     if tree.policies.factor_rule != "minimum":
-        raise SetupError.of(
+        raise SetupError(
             tree.name,
             "the policy factor_rule: mean lets no range of a single factor decide",
             "rate a SimSpec with: rebar difficulty",
@@ -81,7 +81,7 @@ def _node(tree: Decomposition, words: str) -> str:
     ]
     if len(matches) != 1:
         choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
-        raise SetupError.of(
+        raise SetupError(
             "NODE",
             f"{len(matches)} key attributes have {words!r} in their title",
             f"name one; matches: {choices}",

@@ -64,7 +64,7 @@ def verify(
     Example: rebar verify out/demo --refly 5
     """
     if refly is None and (seed is not None or workers is not None):
-        raise SetupError.of(
+        raise SetupError(
             "--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too"
         )
     check = _check(folder, digest, signed_by, read_stored=recordings)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 
 def view(
@@ -30,14 +30,14 @@ def view(
     content = content_of(path)
     if to_html is not None:
         if isinstance(content, CampaignContent):
-            raise SetupError(Fault("--to-html", "is for one run", f"name a run: {path / 'runs' / 'RUN'}"))
+            raise SetupError("--to-html", "is for one run", f"name a run: {path / 'runs' / 'RUN'}")
         write_whole(to_html, run_page(content, content.root.name))
         print(to_html)
         return
     try:
         server = ViewServer(content, port)
     except OSError as error:
-        raise SetupError(Fault("--port", f"{port}: {error.strerror}", "give another or none")) from error
+        raise SetupError("--port", f"{port}: {error.strerror}", "give another or none") from error
     with server:
         print(f"{server.address}\nOnly this machine can open it. End it with Ctrl-C.", flush=True)
         # Without a display, `webbrowser` would start a text browser in this terminal.

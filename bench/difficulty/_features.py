@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from bench.contracts import Sighting
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.perception import DetectionOdds
 from bench.simspec import ASSETS, PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
 
@@ -36,11 +36,7 @@ def features_of(simspec: SimSpec) -> dict[str, Feature]:
     """Every feature of a realized situation, by name. Raises SetupError where it is not realized."""
     if simspec.realized is None:
         raise SetupError(
-            Fault(
-                simspec.name,
-                "has no places yet, which measured difficulty is computed from",
-                "realize it first",
-            )
+            simspec.name, "has no places yet, which measured difficulty is computed from", "realize it first"
         )
     return {**_time(simspec), **_sight(simspec), **_people(simspec), **_operator(simspec), **_faults(simspec)}
 

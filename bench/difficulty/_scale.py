@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from bench.documents import Document, load_document, read_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from decompositions import Decomposition
 
 from ._features import Feature
@@ -115,7 +115,7 @@ class DifficultyScale(Document):
     def _terms(self, node: str, features: Mapping[str, Feature]) -> dict[str, float]:
         if unknown := sorted(self.nodes[node].weights.keys() - features.keys()):
             what = f"has a weight for {unknown[0]!r} in {node}, which this version does not compute"
-            raise SetupError(Fault(f"the scale of {self.decomposition}", what, "fit it again"))
+            raise SetupError(f"the scale of {self.decomposition}", what, "fit it again")
         return {
             name: weight * self.features[name].standardized(features[name].value)
             for name, weight in self.nodes[node].weights.items()
@@ -164,15 +164,13 @@ def load_scale(path: Path, decomposition: Decomposition) -> DifficultyScale:
     scale = load_document(path, DifficultyScale)
     if scale.decomposition_sha256 != decomposition.digest:
         raise SetupError(
-            Fault(
-                str(path),
-                f"is a scale of another version of {scale.decomposition} than the {decomposition.name} here",
-                "fit it again: `rebar calibrate --fit DIR --out FILE`",
-            )
+            str(path),
+            f"is a scale of another version of {scale.decomposition} than the {decomposition.name} here",
+            "fit it again: `rebar calibrate --fit DIR --out FILE`",
         )
     if unknown := sorted(scale.nodes.keys() - set(decomposition.key_attributes)):
         what = f"has {unknown[0]!r}, which is no key attribute of {decomposition.name}"
-        raise SetupError(Fault(f"{path}: nodes", what, "fit it again"))
+        raise SetupError(f"{path}: nodes", what, "fit it again")
     return scale
 
 

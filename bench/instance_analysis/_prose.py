@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._draft import ChoiceKey, Draft, dotted
 from ._result import BaseSimSpec, Choice, ClauseReading, ClauseStatus, UnreadText
@@ -96,10 +96,10 @@ class Reading:
         for number, answer in enumerate(answers, start=1):
             choice = next((choice for choice in draft.choices if not choice.answered), None)
             if choice is None:
-                raise SetupError(Fault("--accept", f"there is no choice {number}", "leave it out"))
+                raise SetupError("--accept", f"there is no choice {number}", "leave it out")
             if not 1 <= answer <= len(choice.readings):
                 what = f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}."
-                raise SetupError(Fault("--accept", what, "take one of them"))
+                raise SetupError("--accept", what, "take one of them")
             chosen[_key(choice)] = answer - 1
             draft = self._settled(chosen)
         return draft
@@ -318,7 +318,7 @@ def check_text(text: str) -> None:
     """Raises SetupError for a text that is too long, or has no word."""
     if len(text) > MAX_CHARACTERS:
         what = f"has {len(text)} characters, more than {MAX_CHARACTERS}"
-        raise SetupError(Fault("prose", what, "describe one situation"))
+        raise SetupError("prose", what, "describe one situation")
     if not any(character.isalnum() for character in text):
         remedy = "write who is where: 'a radar vehicle, five civilians within 50 m of it'"
-        raise SetupError(Fault("prose", "it is empty", remedy))
+        raise SetupError("prose", "it is empty", remedy)

@@ -59,7 +59,7 @@ class Container:
     def __iter__(self) -> Iterator[Item]:
         with open_file(self.path) as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise SetupError.of(self.path, "is not an MCAP recording", "give the recording.mcap of a run")
+                raise SetupError(self.path, "is not an MCAP recording", "give the recording.mcap of a run")
             yield from self._items(file, os.fstat(file.fileno()).st_size)
 
     def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
@@ -87,7 +87,7 @@ class Container:
                 items = _read(opcode, payload)
             except UnsupportedCompressionError as error:
                 remedy = "convert the file, for example with mcap compress --compression zstd"
-                raise SetupError.of(self.path, f"cannot be read: {error}", remedy) from None
+                raise SetupError(self.path, f"cannot be read: {error}", remedy) from None
             except _DAMAGE as error:
                 self.cut = f"the record at byte {start} is damaged ({type(error).__name__})"
                 return

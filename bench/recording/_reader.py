@@ -65,7 +65,7 @@ def read_simspec(path: Path | str) -> SimSpec:
             return _simspec(item.data, f"{path}: {SIMSPEC_ATTACHMENT}")
     if container.cut is not None:
         raise _damaged(container)
-    raise SetupError.of(
+    raise SetupError(
         path, f"holds no {SIMSPEC_ATTACHMENT}", "give a recording of this bench, cut off after its head"
     )
 
@@ -91,7 +91,7 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     """
     source, target = Path(source), Path(target)
     if target.exists() and source.exists() and target.samefile(source):
-        raise SetupError.of(target, "is the recording itself", "give another file to write to")
+        raise SetupError(target, "is the recording itself", "give another file to write to")
     container = Container(source)
     items = iter(container)
     # A source that is no recording must not leave an empty target behind.
@@ -121,7 +121,7 @@ def _records(container: Container) -> Iterator[Record]:
                 # Sorting would hide a fault of the writer, and a tape is built in one pass.
                 if item.log_time < last_ns:
                     fault = f"a message on {channel[0]} at {item.log_time} ns follows one at {last_ns} ns"
-                    raise SetupError.of(
+                    raise SetupError(
                         container.path, fault, "give a recording of this bench, which is in order of time"
                     )
                 last_ns = item.log_time
@@ -135,7 +135,7 @@ def _records(container: Container) -> Iterator[Record]:
 
 def _damaged(container: Container) -> SetupError:
     remedy = "restore it from a copy; docs/recordings.md says how to save what can be read of it as a recording of its own"
-    return SetupError.of(container.path, f"damaged: {container.cut}", remedy)
+    return SetupError(container.path, f"damaged: {container.cut}", remedy)
 
 
 def _simspec(data: bytes, source: str) -> SimSpec:

@@ -49,7 +49,7 @@ REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)
 def load_report_data(folder: Path) -> ReportData:
     """Read a campaign folder. Raises SetupError when `folder` holds no campaign."""
     if not (folder / "campaign.yaml").is_file():
-        raise SetupError.of(folder, "holds no campaign.yaml", "give the folder that `rebar run` wrote")
+        raise SetupError(folder, "holds no campaign.yaml", "give the folder that `rebar run` wrote")
     notes: list[str] = []
     campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
     document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
@@ -356,4 +356,4 @@ def require_distinct(folders: Sequence[Path]) -> None:
     """Raises SetupError where a folder is named twice, however it is spelt: its runs would count twice."""
     paths = [folder.resolve() for folder in folders]
     if twice := [folder for number, folder in enumerate(folders) if paths[number] in paths[:number]]:
-        raise SetupError.of(twice[0], "is named twice", "name each folder once")
+        raise SetupError(twice[0], "is named twice", "name each folder once")

@@ -166,7 +166,7 @@ class _Condition:
         return False
 
     def _fault(self, what: str, remedy: str = "for example: KA-18.passed == false and fog > 3") -> SetupError:
-        return SetupError.of(f"{self._option} {_quoted(self._text)}", what, remedy)
+        return SetupError(f"{self._option} {_quoted(self._text)}", what, remedy)
 
 
 def _quoted(text: str) -> str:

@@ -290,7 +290,7 @@ def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: Counts) -> Li
     """
     chance = probability(x @ beta)
     information = (x * (chance * (1 - chance))[:, None]).T @ x
-    bread: Floats = np.linalg.pinv(information, hermitian=True)
+    bread = np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
     points, (runs, columns) = int(clusters.max()) + 1, x.shape
     if points == runs:
         return LikelihoodFit(LIKELIHOOD, beta, bread, np.inf)

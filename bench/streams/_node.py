@@ -19,7 +19,7 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import LinkLost, SetupError
 from bench.values import value_class
 
 from ._cdr import decode, encode
@@ -191,7 +191,7 @@ class RosNode:
     ) -> None:
         if "/" in name or not is_name(f"/{name}") or (namespace != "/" and not is_name(namespace)):
             raise SetupError(
-                Fault("node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name")
+                "node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name"
             )
         self._session = session
         self._domain = domain
@@ -276,9 +276,7 @@ class RosNode:
     def _token(self, kind: str, topic: str, message: type[object], qos: QoS) -> str:
         if not is_name(topic):
             raise SetupError(
-                Fault(
-                    "topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"
-                )
+                "topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"
             )
         ids = (self._id, next(self._ids))
         return endpoint_token(

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import polars as pl
 
 from bench import campaign, reporting
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.scoring import NodeFloor
 from bench.visible_text import visible_values
 
@@ -214,7 +214,7 @@ def content_of(path: Path) -> Content:
     if (folder / RECORDING).is_file():
         return Content(folder)
     remedy = "name the folder of a campaign or of a run, or a file recording.mcap"
-    raise SetupError(Fault(str(path), "holds neither a campaign nor a recording", remedy))
+    raise SetupError(str(path), "holds neither a campaign nor a recording", remedy)
 
 
 def document_text(document: object) -> str:

@@ -178,7 +178,7 @@ class BoardLine:
         for name, held in former.items():
             if not self.set_parameter(name, wanted[name], held.kind):
                 what = f"the board on {self.device.path} does not take {parameter_text(wanted[name])}"
-                raise SetupError(Fault(f"parameter {name}", what, "give a value that it takes"))
+                raise SetupError(f"parameter {name}", what, "give a value that it takes")
 
     def restore(self, former: Mapping[str, BoardParameter]) -> list[str]:
         """Put former values back; the names of those that the board did not confirm, or that came too late."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 # From 10 on, PX4's ports would run into each other.
 INSTANCES = range(10)
@@ -46,11 +46,9 @@ def claimed_instance(is_free: Callable[[int], bool], locks: Path = _LOCKS) -> Ge
         finally:
             os.close(handle)
     raise SetupError(
-        Fault(
-            "vehicle.autopilot",
-            f"{len(INSTANCES)} autopilots run on this machine already, or other programs hold their ports",
-            "fly fewer sessions at once (--workers), or end what uses UDP 14540 to 14549, TCP 4560 to 4569 and 5760 to 5853",
-        )
+        "vehicle.autopilot",
+        f"{len(INSTANCES)} autopilots run on this machine already, or other programs hold their ports",
+        "fly fewer sessions at once (--workers), or end what uses UDP 14540 to 14549, TCP 4560 to 4569 and 5760 to 5853",
     )
 
 

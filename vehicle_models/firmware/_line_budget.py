@@ -94,7 +94,7 @@ def plan_line(baud: int, wanted_hz: Mapping[str, float]) -> LineBudget:
             f"HIL_SENSOR at {samples_hz} Hz, HIL_GPS and an agent's commands take {needed:.0f} B/s; at {baud} baud "
             f"{usable:.0f} B/s are usable"
         )
-        raise SetupError(Fault(_DEVICE_FIELD, what, "use 115200 or more, or USB"))
+        raise SetupError(_DEVICE_FIELD, what, "use 115200 or more, or USB")
     return _with_streams(budget, wanted_hz)
 
 

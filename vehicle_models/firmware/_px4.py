@@ -136,22 +136,18 @@ class _Sockets:
         fault = self._program.network_fault
         if self._gcs is None and any(link.streams == "gcs" for link in links):
             raise SetupError(
-                Fault(
-                    f"UDP port {_GCS_PORT}",
-                    f"another program has it, and PX4 sends there whatever its number: it has no network of its own ({fault})",
-                    "end the other program",
-                )
+                f"UDP port {_GCS_PORT}",
+                f"another program has it, and PX4 sends there whatever its number: it has no network of its own ({fault})",
+                "end the other program",
             )
         px4_ports = [_GCS_PORT, *range(_ONBOARD_PORT, _GCS_PORT)]
         if fault and (
             taken := [link.port for link in links if link.kind == "udp_out" and link.port in px4_ports]
         ):
             raise SetupError(
-                Fault(
-                    "--mavlink",
-                    f"PX4 itself sends to UDP port {taken[0]}: it has no network of its own here ({fault})",
-                    "give links to other ports, for example --mavlink udpout:127.0.0.1:14600",
-                )
+                "--mavlink",
+                f"PX4 itself sends to UDP port {taken[0]}: it has no network of its own here ({fault})",
+                "give links to other ports, for example --mavlink udpout:127.0.0.1:14600",
             )
         gcs = self._gcs or self.onboard
         return {link.name: gcs if link.streams == "gcs" else self.onboard for link in links}

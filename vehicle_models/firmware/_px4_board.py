@@ -137,19 +137,19 @@ def _check(line: BoardLine) -> None:
     device = line.device.path
     if line.state.armed:
         raise SetupError(
-            Fault(DEVICE_FIELD, f"the board on {device} is armed", "disarm it; take the propellers off")
+            DEVICE_FIELD, f"the board on {device} is armed", "disarm it; take the propellers off"
         )
     mode = line.parameter("SYS_HITL")
     if mode is None or mode.value != 1.0 or not line.state.in_simulation:
         said = "does not have SYS_HITL" if mode is None else f"has SYS_HITL {mode.value:g}"
         state = "in" if line.state.in_simulation else "not in"
         raise SetupError(
-            Fault(
-                DEVICE_FIELD,
-                f"the board on {device} {said} and is {state} hardware-in-the-loop mode",
+            DEVICE_FIELD,
+            f"the board on {device} {said} and is {state} hardware-in-the-loop mode",
+            (
                 "take the propellers off, set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart the board "
-                "(docs/hardware.md)",
-            )
+                "(docs/hardware.md)"
+            ),
         )
 
 

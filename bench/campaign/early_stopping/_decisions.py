@@ -36,7 +36,7 @@ def check_stopping(stopping: Stopping, decomposition: Decomposition) -> None:
     """Raises SetupError if the decomposition has no such node."""
     if stopping.node not in decomposition.nodes:
         remedy = f"name a node of the decomposition {decomposition.name}"
-        raise SetupError.of("stopping.node", f"there is no node {stopping.node!r}", remedy)
+        raise SetupError("stopping.node", f"there is no node {stopping.node!r}", remedy)
 
 
 def is_after_stop(entry: JournalEntry, stops: Mapping[PointKey, int]) -> bool:

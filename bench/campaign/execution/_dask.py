@@ -297,7 +297,7 @@ async def open_dask(
             if address is not None:
                 await _check_scheduler(client, address)
         except (OSError, ValueError, TypeError) as error:
-            raise SetupError.of(
+            raise SetupError(
                 "--executor",
                 f"no Dask scheduler answers at {address}: {error}",
                 "give its address, as in dask=tcp://HOST:8786",
@@ -326,7 +326,7 @@ async def _check_scheduler(client: Client, address: str) -> None:
 
     repeats = await client.run_on_scheduler(dask.config.get, "distributed.scheduler.allowed-failures")
     if repeats != 0:
-        raise SetupError.of(
+        raise SetupError(
             "--executor",
             f"the Dask scheduler at {address} repeats the tasks of a lost worker {repeats} times, unseen by the journal",
             "start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment",

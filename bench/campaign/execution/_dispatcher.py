@@ -261,7 +261,7 @@ class Dispatcher:
     def _take_in(self, result: SessionResult) -> None:
         key = self._running.pop(result.realization)
         if result.outcome in _STOPPED_BY_A_FULL_DISK and _is_full(self._folder.path):
-            raise SetupError.of(
+            raise SetupError(
                 self._folder.path, "the disk is full", "free some space and run again; no result is lost"
             )
         pause_s = self._attempts.pause_s(result, self._clock())

@@ -139,7 +139,7 @@ def _allow_open_files(workers: int) -> None:
         remedy = f"raise the limit (`ulimit -n {needed}` as root, or `nofile` in /etc/security/limits.conf)"
         if hard >= FILES_OF_A_SESSION:
             remedy += ", or take fewer workers (--workers)"
-        raise SetupError.of("workers", what, remedy)
+        raise SetupError("workers", what, remedy)
     if soft != resource.RLIM_INFINITY and soft < needed:
         # The workers inherit it.
         resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))

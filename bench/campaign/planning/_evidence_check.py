@@ -140,7 +140,7 @@ def _check_is_folder(folder: CampaignFolder) -> None:
     """Raises SetupError for what can be no campaign folder: nothing, a file, the folder of one run."""
     path = folder.path
     if not path.exists():
-        raise SetupError.of(path, "does not exist", "give the folder that `rebar run` wrote")
+        raise SetupError(path, "does not exist", "give the folder that `rebar run` wrote")
     run = path if path.is_dir() else path.parent
     if path.is_dir() and (
         folder.manifest.is_file() or folder.journal.is_file() or not (run / RECORDING).is_file()
@@ -151,7 +151,7 @@ def _check_is_folder(folder: CampaignFolder) -> None:
     remedy = "give the folder of a campaign" if campaign is None else f"give its campaign: {campaign.path}"
     if (run / RECORDING).is_file():
         remedy += f"; `rebar score {shlex.quote(str(run))}` checks one recording, against its result or by its own checksums"
-    raise SetupError.of(path, what, remedy)
+    raise SetupError(path, what, remedy)
 
 
 def changed_tables(folder: CampaignFolder) -> list[str]:

@@ -29,7 +29,7 @@ def write_input(path: Path, text: str, journal: Journal) -> None:
     """Write one of the two documents and note its text in the journal. Raises SetupError for one that is too large."""
     if len(text.encode()) > MAX_BYTES:
         what = f"would be larger than {MAX_BYTES} bytes, and could not be read again"
-        raise SetupError.of(path, what, "make several campaigns of it")
+        raise SetupError(path, what, "make several campaigns of it")
     noted = _noted(journal, path)
     if noted != [text]:
         # Both texts while the file is exchanged: after a kill in between, neither of them is an edit.

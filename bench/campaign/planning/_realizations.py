@@ -34,7 +34,7 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
     mine = {unit for index, unit in enumerate(dict.fromkeys(units)) if index % count == number - 1}
     if not mine:
         what = "design points" if campaign.stopping else "scenes"
-        raise SetupError.of(
+        raise SetupError(
             "--shard",
             f"the campaign has {len(set(units))} {what}, so shard {campaign.shard} is empty",
             "take fewer shards",

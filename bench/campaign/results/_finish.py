@@ -186,7 +186,7 @@ def rescore_campaign(
             name for name, run in runs.items() if name not in elsewhere and dropped_recording(run) is not None
         ]:
             what = f"{len(dropped)} of its recordings were dropped when they were flown (keep), so they cannot be measured"
-            raise SetupError.of(path, what, "fly it with keep: {recordings: all} into another folder")
+            raise SetupError(path, what, "fly it with keep: {recordings: all} into another folder")
         recorded = {
             name: run for name, run in runs.items() if (run / RECORDING).is_file() or name in elsewhere
         }

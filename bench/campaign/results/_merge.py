@@ -53,7 +53,7 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
     shards = [_read(folder) for folder in folders]
     _check_together(shards)
     if out.exists() and any(out.iterdir()):
-        raise SetupError.of(out, "exists already and is not empty", "name another folder with --out")
+        raise SetupError(out, "exists already and is not empty", "name another folder with --out")
     campaign, decomposition = _whole(shards[0]), shards[0].decomposition
     paths = CampaignFolder(out)
     with open_lock(out), open_journal(paths.journal) as journal:
@@ -88,9 +88,9 @@ def _read(path: Path) -> _Shard:
     folder, campaign, decomposition = read_campaign_folder(path, None)
     manifest = read_manifest(folder.manifest)
     if campaign.shard is None:
-        raise SetupError.of(path, "is no shard", "name folders that were flown with --shard")
+        raise SetupError(path, "is no shard", "name folders that were flown with --shard")
     if manifest is None or manifest.missing:
-        raise SetupError.of(
+        raise SetupError(
             path,
             f"shard {campaign.shard} lacks runs",
             "run it to its end: " + command_line("rebar", "run", folder.campaign, "--out", path),
@@ -145,7 +145,7 @@ def _adopt(
 ) -> None:
     """Take a result over: its files, and what the journal says of it."""
     if (entry.intent_sha256, entry.simspec_sha256) != (planned.intent_sha256, planned.simspec_sha256):
-        raise SetupError.of(
+        raise SetupError(
             shard.folder.simspec(entry.id),
             "is not the scene that this host places for it",
             "join the shards where they were flown, with the same versions",

@@ -41,9 +41,7 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
 def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult:
     recording = folder / RECORDING
     if not recording.is_file():
-        raise SetupError.of(
-            folder, f"there is no {RECORDING} here", "name the folder of a run or of a campaign"
-        )
+        raise SetupError(folder, f"there is no {RECORDING} here", "name the folder of a run or of a campaign")
     faults = recording_faults(folder)
     if faults:
         raise SetupError(faults)

@@ -92,7 +92,7 @@ def open_fetched(run: Path, note: DroppedRecording) -> Iterator[Path]:
             system, path = _file_system(note.kept_at)
             system.get_file(path, str(copy / RECORDING))
         if digest_of(copy / RECORDING) != note.recording_sha256:
-            raise SetupError.of(
+            raise SetupError(
                 note.kept_at,
                 "has changed since its session: its digest differs from the one in the campaign's folder",
                 "restore it from a copy",
@@ -143,4 +143,4 @@ def _store_faults(where: str, url: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise SetupError.of(where, f"cannot use {url}: {type(error).__name__}: {error}", _REMEDY) from error
+        raise SetupError(where, f"cannot use {url}: {type(error).__name__}: {error}", _REMEDY) from error

@@ -70,7 +70,7 @@ def check_file_system(folder: Path, *, with_locks: bool = True) -> None:
             with suppress(FileNotFoundError):
                 os.unlink(path)
     if lacks:
-        raise SetupError.of(folder, f"lies on a file system without {' and '.join(lacks)}", _REMEDY)
+        raise SetupError(folder, f"lies on a file system without {' and '.join(lacks)}", _REMEDY)
 
 
 def _error_of(trial: Callable[[int, str, str], object], file: int, draft: str, target: str) -> OSError | None:

@@ -130,7 +130,7 @@ def is_campaign(path: Path) -> bool:
 def existing_campaign(path: Path) -> CampaignFolder:
     """The folder of a campaign. Raises SetupError for any other path; nothing is made there."""
     if not is_campaign(path):
-        raise SetupError.of(
+        raise SetupError(
             path, "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
         )
     return CampaignFolder(path)
@@ -175,7 +175,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / LOCK).exists() and not (folder / LOCK).is_file():
-        raise SetupError.of(folder / LOCK, "is no file", "remove it")
+        raise SetupError(folder / LOCK, "is no file", "remove it")
     with _opened_lock(folder) as file:
         check_file_system(folder)
         if not _take_lock(file):
@@ -184,7 +184,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
             if reentrant and holder == str(os.getpid()):
                 yield False
                 return
-            raise SetupError.of(
+            raise SetupError(
                 folder,
                 f"is in use by another run (process {holder})",
                 "wait until it ends, stop it, or name another folder",
@@ -205,7 +205,7 @@ def _opened_lock(folder: Path) -> IO[str]:
             "name another folder, or copy this one; the commands status, verify, compare, calibrate, next, "
             "score --explain and report --out read it as it is"
         )
-        raise SetupError.of(folder, f"cannot be written ({error.strerror})", remedy) from error
+        raise SetupError(folder, f"cannot be written ({error.strerror})", remedy) from error
 
 
 def _take_lock(file: IO[str]) -> bool:

@@ -305,7 +305,7 @@ def damaged(path: Path, what: str) -> SetupError:
         f"restore it from a copy, or move {path.name}* away and run again: it is made anew, with the results in runs/ "
         f"that {EVIDENCE} knows"
     )
-    return SetupError.of(path, f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
+    return SetupError(path, f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
 
 
 def _now() -> str:

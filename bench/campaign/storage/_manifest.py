@@ -157,7 +157,7 @@ def manifest_differences(path: Path) -> list[Fault]:
             )
         ]
     if manifest is None:
-        raise SetupError.of(
+        raise SetupError(
             file,
             "cannot be read: it is missing or holds no manifest",
             "only a complete campaign has a manifest: run the campaign to its end",

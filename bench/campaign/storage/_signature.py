@@ -53,7 +53,7 @@ def sign_manifest(path: Path, key: Path, ask_passphrase: Callable[[], str]) -> s
     folder = CampaignFolder(path)
     if not folder.manifest.is_file():
         remedy = "only a complete campaign has a manifest: run the campaign to its end"
-        raise SetupError.of(folder.manifest, "is missing, so there is nothing to sign", remedy)
+        raise SetupError(folder.manifest, "is missing, so there is nothing to sign", remedy)
     check_file_system(path, with_locks=False)
     private_key = _load_private_key(key, ask_passphrase)
     public_key = _public_text(private_key.public_key())
@@ -154,9 +154,9 @@ def _load_private_key(path: Path, ask_passphrase: Callable[[], str]) -> Ed25519P
             key = load(data, ask_passphrase().encode())
     except Exception as error:  # of several kinds: the file is anybody's
         what = f"cannot be read as a private key, or the passphrase is wrong: {error}"
-        raise SetupError.of(path, what, _KEY_REMEDY) from error
+        raise SetupError(path, what, _KEY_REMEDY) from error
     if not isinstance(key, Ed25519PrivateKey):
-        raise SetupError.of(path, "is a private key of another kind than Ed25519", _KEY_REMEDY)
+        raise SetupError(path, "is a private key of another kind than Ed25519", _KEY_REMEDY)
     return key
 
 
@@ -168,13 +168,13 @@ def _load_public_key(path: Path) -> Ed25519PublicKey:
     data = read_bytes(path)
     if b"PRIVATE KEY" in data:
         remedy = "give the public key: the file that ends in .pub, or what `openssl pkey -pubout` writes"
-        raise SetupError.of(path, "is a private key", remedy)
+        raise SetupError(path, "is a private key", remedy)
     try:
         key = load_pem_public_key(data) if data.startswith(b"-----") else load_ssh_public_key(data)
     except Exception as error:  # of several kinds: the file is anybody's
-        raise SetupError.of(path, f"cannot be read as a public key: {error}", _KEY_REMEDY) from error
+        raise SetupError(path, f"cannot be read as a public key: {error}", _KEY_REMEDY) from error
     if not isinstance(key, Ed25519PublicKey):
-        raise SetupError.of(path, "is a public key of another kind than Ed25519", _KEY_REMEDY)
+        raise SetupError(path, "is a public key of another kind than Ed25519", _KEY_REMEDY)
     return key
 
 
@@ -193,4 +193,4 @@ def can_check_signatures() -> bool:
 def _need_cryptography() -> None:
     if not can_check_signatures():
         remedy = "install it with `pip install 'rebar-bench[sign]'`"
-        raise SetupError.of("", "signatures need the package cryptography", remedy)
+        raise SetupError("", "signatures need the package cryptography", remedy)

@@ -34,7 +34,7 @@ from pydantic_ai.providers import Provider, infer_provider, infer_provider_class
 from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
 from pydantic_ai.settings import ModelSettings
 
-from bench.errors import Fault, LinkLost, RebarError, SetupError
+from bench.errors import LinkLost, RebarError, SetupError
 
 from ._endpoint import is_on_this_machine
 from ._model import MAX_ROUNDS, Conversation, Judge
@@ -92,7 +92,7 @@ def provider_of(model: str, url: str | None) -> str:
     except ImportError as error:
         extra = re.search(r"pydantic-ai-slim\[[a-z-]+\]", str(error))
         remedy = f".venv/bin/pip install '{extra[0]}'" if extra else str(error)
-        raise SetupError(Fault("--llm", f"the package for {name} is not installed", remedy)) from error
+        raise SetupError("--llm", f"the package for {name} is not installed", remedy) from error
     return name
 
 
@@ -116,7 +116,7 @@ async def _converse(door: ModelConnection, brief: str, question: str, judge: Jud
         try:
             model = _model_for(door, client)
         except (UserError, OpenAIError, ImportError, ValueError) as error:
-            raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", _advice(error))) from error
+            raise SetupError("--llm", f"{door.model!r} cannot be asked", _advice(error)) from error
         for output in _outputs(model):
             with capture_run_messages() as messages:
                 try:
@@ -150,7 +150,7 @@ def _open_client(door: ModelConnection) -> httpx2.AsyncClient:
         remedy = (
             "correct or unset HTTP_PROXY, HTTPS_PROXY and ALL_PROXY; for SOCKS, .venv/bin/pip install socksio"
         )
-        raise SetupError(Fault("--llm", what, remedy)) from error
+        raise SetupError("--llm", what, remedy) from error
 
 
 async def _run(
@@ -245,11 +245,9 @@ def _failure(
                 if door.provider == COMPATIBLE
                 else f"check the key of {door.provider} in the environment"
             )
-            return SetupError(Fault("--llm", f"{what}: it takes no such key", remedy))
+            return SetupError("--llm", f"{what}: it takes no such key", remedy)
         if isinstance(error, ModelNotFoundError):
-            return SetupError(
-                Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url")
-            )
+            return SetupError("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url")
         message = error.body.get("message") if isinstance(error.body, dict) else None
         return LinkLost(f"{what}: {str(message).splitlines()[0][:200]}" if message else what)
     if isinstance(error, ModelAPIError):

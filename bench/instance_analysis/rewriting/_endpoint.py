@@ -8,7 +8,7 @@ import ipaddress
 import urllib.parse
 from dataclasses import dataclass
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._model import Conversation, Judge
 
@@ -33,15 +33,13 @@ class ModelEndpoint:
     def __post_init__(self) -> None:
         if not self.model.rpartition(":")[2].strip():
             raise SetupError(
-                Fault("--llm", f"{self.model!r} names no model", "for example qwen3:8b or openai:gpt-5")
+                "--llm", f"{self.model!r} names no model", "for example qwen3:8b or openai:gpt-5"
             )
         if self.url is not None and not _is_address(self.url):
             raise SetupError(
-                Fault(
-                    "--llm-url",
-                    f"{self.url!r} is not an address",
-                    f"for example {LOCAL_URL}; an IPv6 address stands in brackets",
-                )
+                "--llm-url",
+                f"{self.url!r} is not an address",
+                f"for example {LOCAL_URL}; an IPv6 address stands in brackets",
             )
 
     @property
@@ -51,7 +49,7 @@ class ModelEndpoint:
             from ._conversation import provider_of
         except ModuleNotFoundError as error:
             raise SetupError(
-                Fault("--llm", f"speaks through pydantic-ai, and {error.name} is not installed", INSTALL)
+                "--llm", f"speaks through pydantic-ai, and {error.name} is not installed", INSTALL
             ) from error
         return provider_of(self.model, self.url)
 

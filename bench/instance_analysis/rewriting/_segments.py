@@ -14,7 +14,7 @@ from importlib import resources
 from typing import Literal
 
 from bench.documents import read_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ..language._grammar import Parser, Statement, forms
 from ..language._pattern import Pattern, SlotParser, compiled
@@ -66,7 +66,7 @@ class PhraseBook:
             self._entries = [(compiled(text, shared), sentence) for text, sentence in entries.items()]
         except (KeyError, IndexError) as error:
             raise SetupError(
-                Fault("vocabulary: phrases", f"has no valid pattern: {error}", "see docs/prose.md")
+                "vocabulary: phrases", f"has no valid pattern: {error}", "see docs/prose.md"
             ) from error
 
     def sentences(self, parser: SlotParser, at: int) -> Iterator[tuple[str, int]]:

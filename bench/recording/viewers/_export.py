@@ -48,7 +48,7 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     pictures = _cameras_with_pictures(source, simspec)
     deriver = ViewerDeriver(simspec, pictures=pictures)
     if os.path.lexists(target):
-        raise SetupError.of(target, "exists already", "give another name with --out, or delete it")
+        raise SetupError(target, "exists already", "give another name with --out, or delete it")
     # Under another name until it is whole: a viewer must not open half a file as if it were one.
     partial = target.with_name(f"{target.name}.partial")
     try:
@@ -78,7 +78,7 @@ def _cameras_with_pictures(source: Path, simspec: SimSpec) -> set[str]:
     pictures = set()
     for record in read_records(source):
         if record.topic.startswith(VIEWER_PREFIX):
-            raise SetupError.of(
+            raise SetupError(
                 source,
                 f"is an export already: it has the topic {record.topic}",
                 "give the recording.mcap of a run",

@@ -35,7 +35,7 @@ def run_drawing(runs: Sequence[tuple[RunMap, Tape]], *, film: bool = False) -> s
     for chart, _ in runs:
         if _start(chart) != _start(scene):
             what = f"{chart.run.realization} and {scene.run.realization} are not of one scene"
-            raise SetupError.of("rebar draw", what, "name runs of one scene, by different agents")
+            raise SetupError("rebar draw", what, "name runs of one scene, by different agents")
     label = "; ".join(chart.run.realization for chart, _ in runs)
     plot = empty_map([chart for chart, _ in runs], label)
     end_s = max((chart.flight[-1][0] for chart, _ in runs if chart.flight), default=0.0)

@@ -201,11 +201,11 @@ def _agent(data: ReportData | None, agent: str | None) -> str:
     if data is None:
         return ""
     if agent is not None and agent not in data.agents:
-        raise SetupError.of(
+        raise SetupError(
             "--agent", f"{agent!r} did not fly in {data.name}", f"agents: {', '.join(data.agents) or 'none'}"
         )
     if not data.agents:
-        raise SetupError.of("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
+        raise SetupError("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
     return agent or data.agents[0]
 
 

@@ -72,7 +72,7 @@ def compare_campaigns(
         return _compared_unpaired(first, second, nodes, seed)
     if not comparison.scenes:
         # The scenes may be harder for one agent than for the other: nothing could be said about the agents.
-        raise SetupError.of(
+        raise SetupError(
             f"{first.label} and {second.label}",
             "flew no scene in common",
             "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent; only one agent "
@@ -131,7 +131,7 @@ def _with_observables(data: ReportData, nodes: Sequence[str]) -> tuple[str, ...]
 
 def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
     if len(folders) not in (1, 2) or len(agents) not in (0, 2):
-        raise SetupError.of(
+        raise SetupError(
             "compare", "two sides are compared", "name one folder or two, and two agents or none"
         )
     data = load_scored(folders)
@@ -146,9 +146,7 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
     ]:
         raise SetupError(faults)
     if chosen[0] == chosen[1] and len(folders) == 1:
-        raise SetupError.of(
-            "--agents", "both sides are the same agent of the same campaign", "name two agents"
-        )
+        raise SetupError("--agents", "both sides are the same agent of the same campaign", "name two agents")
     labels = _labels(chosen, folders)
     first, second = (
         ComparedAgent(label, agent, campaign)
@@ -174,7 +172,7 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
     agents_by_folder = "; ".join(
         f"{folder} has {', '.join(agents)}" for folder, agents in zip(folders, known_agents, strict=False)
     )
-    raise SetupError.of(
+    raise SetupError(
         "--agents",
         f"it is not plain which two are meant: {agents_by_folder}",
         "name them: --agents FIRST SECOND",

@@ -82,7 +82,7 @@ def fit_difficulty(folders: Sequence[Path]) -> DifficultyScale:
     scale = fit_scale(source.decomposition, trials, source.features(), source.flown())
     if not scale.nodes:
         what = f"no key attribute has {MIN_OUTCOMES} failures and {MIN_OUTCOMES} passes, so there is no scale to fit"
-        raise SetupError.of(", ".join(map(str, folders)), what, "add folders of more agents or scenes")
+        raise SetupError(", ".join(map(str, folders)), what, "add folders of more agents or scenes")
     return scale
 
 
@@ -104,7 +104,7 @@ def calibrate(
     source = source.of_agents(chosen := _chosen_agents(source, agents))
     scale = scale or shipped_scale(source.decomposition)
     if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
-        raise SetupError.of(
+        raise SetupError(
             folders[0],
             f"is scored over another version of {scale.decomposition} than the scale",
             f"`{command_line('rebar', 'score', folders[0])}` scores it again",
@@ -320,7 +320,7 @@ def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(agents)) or tuple(agent for agent in flown if agent not in others)
     if len(chosen) < 2:
         only = f"only {chosen[0]!r}" if chosen else "none"
-        raise SetupError.of(
+        raise SetupError(
             "calibrate",
             f"needs two agents or more, and there is {only} (null agents and the oracle do not count)",
             "a single agent cannot tell a hard situation from its own weakness; "
@@ -351,7 +351,7 @@ def _require_difficulties(calibration: Calibration) -> None:
     # Observables differ in difficulty in a single scene, too, but that says nothing about a situation.
     slopes = [proof.slope for node in calibration.nodes for proof in (node.rated, node.measured) if proof]
     if max((slope.difficulties for slope in slopes), default=0) < 2:
-        raise SetupError.of(
+        raise SetupError(
             ", ".join(map(str, calibration.folders)),
             "every node has one difficulty in all of these runs, so there is nothing to compare",
             "vary the key factors in the campaign's design; `rebar difficulty` shows them",

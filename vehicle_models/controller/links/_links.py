@@ -61,7 +61,7 @@ class UdpLink(Link):
         out = spec.kind == "udp_out"
         if out and not spec.port:
             raise SetupError(
-                Fault(f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540")
+                f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540"
             )
         self._socket = _open_socket(spec, socket.SOCK_DGRAM, port=0 if out else spec.port)
         self._target: Address | None = None

@@ -54,7 +54,7 @@ class SerialDevice:
         """How often the device went away and came back."""
         speed = getattr(termios, f"B{baud}", None)
         if baud and speed is None:
-            raise SetupError(Fault(field, f"{baud} baud is no speed of this system", f"give {_speeds()}"))
+            raise SetupError(field, f"{baud} baud is no speed of this system", f"give {_speeds()}")
         self._speed: int | None = speed if baud else None
         self._backlog = bytearray()
         self._most_bytes = max(round(capacity_bps(baud or DEFAULT_BAUD) * BACKLOG_S), _MIN_BACKLOG_BYTES)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bench.contracts import LinkSpec
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 if TYPE_CHECKING:
     pass
@@ -112,5 +112,5 @@ def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
         key = b""
     if len(keys) > 1 or len(key) != 32:
         remedy = "give 64 hexadecimal digits, the same for all links"
-        raise SetupError(Fault("signing_key", "it is not a key of 32 bytes", remedy))
+        raise SetupError("signing_key", "it is not a key of 32 bytes", remedy)
     return Signing(key, any(link.signing == "require" for link in links), now_us)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ..links._enums import MAV_CMD, MAV_DATA_STREAM
 from ..links._frames import KINDS, MESSAGE_NAMES
@@ -129,9 +129,7 @@ class Streams:
         sets, name = self._policy.stream_sets, channel.link.spec.streams
         if name not in sets:
             raise SetupError(
-                Fault(
-                    f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"
-                )
+                f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"
             )
         rates = {"HEARTBEAT": 1.0, **sets[name]}
         # A link without streams gets none of the gimbal either.
