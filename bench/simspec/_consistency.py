@@ -16,7 +16,7 @@ from ._roles import TARGET_ROLES, Role
 # Only for types: those modules import this one.
 if TYPE_CHECKING:
     from ._actors import ActorGroup
-    from ._document import SimSpec
+    from ._document import Intelligence, SimSpec
     from ._orders import Order
     from ._rules import Rules
 
@@ -267,23 +267,23 @@ def _intelligence_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             )
             yield ("intelligence", index, "about"), message
             continue
-        place = simspec.group(report.about).placement
-        if report.at is None or simspec.realized is not None:
-            continue
-        if place.at is not None:
-            apart_m = math.hypot(place.at.east_m - report.at.east_m, place.at.north_m - report.at.north_m)
-            is_kept = apart_m <= report.uncertainty_m
-        else:
-            is_kept = any(
-                distance.point == report.at and (distance.max_m or math.inf) <= report.uncertainty_m
-                for distance in place.distances
-            )
-        if not is_kept:
+        if report.at is not None and simspec.realized is None and not _is_kept(simspec, report):
             yield (
                 ("intelligence", index, "at"),
                 f"nothing keeps {report.about!r} within {report.uncertainty_m:g} m of it; give that group's "
                 "placement.distances this point with that max_m",
             )
+
+
+def _is_kept(simspec: SimSpec, report: Intelligence) -> bool:
+    """Whether placement keeps the group of a report within its accuracy of the place that it states."""
+    place, at = simspec.group(report.about).placement, report.at
+    if place.at is not None and at is not None:
+        return math.hypot(place.at.east_m - at.east_m, place.at.north_m - at.north_m) <= report.uncertainty_m
+    return any(
+        distance.point == at and (distance.max_m or math.inf) <= report.uncertainty_m
+        for distance in place.distances
+    )
 
 
 def _order_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -193,15 +193,7 @@ COMMANDS = {
     "graph": ["graph", "{0}/decomposition.yaml", "--out", "{0}/graph"],
     "prose": ["prose", "--file", "{0}/prose.txt"],
     "prose --json": ["prose", "--file", "{0}/prose.txt", "--json"],
-    "prose --out": [
-        "prose",
-        "--file",
-        "{0}/prose.txt",
-        "--out",
-        "{0}/prose.yaml",
-        "--html",
-        "{0}/prose.html",
-    ],
+    "prose --out": ["prose", "--file", "{0}/prose.txt", "--out", "{0}/prose.yaml"],
     "table": [
         "score",
         "--observations",

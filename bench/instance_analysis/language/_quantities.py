@@ -92,15 +92,19 @@ class QuantityParser:
         """A number in words with the hundreds, tens and ones that follow it: `two hundred and forty`."""
         if self.word(end) == "hundred" and 1 < number < 10:
             yield from self._grown(100 * number, end + 1)
-        after = end + (self.word(end) == "and")
-        limit = 100 if number >= 100 and number % 100 == 0 else 10 if number in range(20, 100, 10) else 0
-        if limit == 100 or after == end:
-            first, _, second = self.word(after).partition("-")
-            table = self.vocabulary.tables["numbers"]
-            value = table.get(first, limit) + (table.get(second, limit) if second else 0)
-            if self.tokens[after : after + 1] and first in table and 0 < value < limit and value % 1 == 0:
-                yield from self._grown(number + value, after + 1)
+        hundreds, tens = number >= 100 and number % 100 == 0, number in range(20, 100, 10)
+        after = end + (hundreds and self.word(end) == "and")
+        value = self._word_number(after)
+        if 0 < value < (100 if hundreds else 10 if tens else 0):
+            yield from self._grown(number + value, after + 1)
         yield number, end
+
+    def _word_number(self, at: int) -> float:
+        """The whole number that one word is; 0 for another word, and for figures."""
+        table = self.vocabulary.tables["numbers"]
+        first, _, second = self.word(at).partition("-")
+        value = table.get(first, 0) + (table.get(second, 0.5) if second else 0)
+        return float(value) if value % 1 == 0 else 0.0
 
     def units(self, kind: str, at: int) -> Iterator[tuple[float, int]]:
         """The factor of a unit of a kind; a hyphen may stand before it."""
@@ -113,12 +117,7 @@ class QuantityParser:
         """A number with a unit of the kind, and the unit's factor: `80 m`, `a minute`, `half a minute`."""
         for number, end in self.numbers(at):
             yield from ((round(number * factor, 9), factor, after) for factor, after in self.units(kind, end))
-        number_word, _, unit = self.word(at).partition("-")
-        value = self.vocabulary.tables["numbers"].get(number_word)
-        name, factor = self.vocabulary.tables["unit"].get(unit, ("", 0.0))
-        if value is not None and name == kind:
-            # `the two-minute mark`.
-            yield round(value * factor, 9), factor, at + 1
+        yield from self._hyphened(kind, at)
         if self.word(at) == "half" and self.word(at + 1) in _ARTICLES:
             yield from ((0.5 * factor, factor, end) for factor, end in self.units(kind, at + 2))
         if self.word(at) in _ARTICLES and self.word(at + 1) not in ("second", "degree"):
@@ -126,6 +125,14 @@ class QuantityParser:
                 if self.words[end : end + 3] == ["and", "a", "half"]:
                     yield 1.5 * factor, factor, end + 3
                 yield factor, factor, end
+
+    def _hyphened(self, kind: str, at: int) -> Iterator[tuple[float, float, int]]:
+        """`the two-minute mark`."""
+        number, _, unit = self.word(at).partition("-")
+        value = self.vocabulary.tables["numbers"].get(number)
+        name, factor = self.vocabulary.tables["unit"].get(unit, ("", 0.0))
+        if value is not None and name == kind:
+            yield round(value * factor, 9), factor, at + 1
 
     def quantities(self, kind: str, at: int) -> Iterator[tuple[Quantity, int]]:
         """A number or a range of numbers with units of the kind; the range first."""

@@ -86,18 +86,11 @@ def _loads(pair: Pair) -> Iterator[str]:
     words, sentence = pair.words.counted(), pair.sentence.counted()
     # `stay below 100 m` is `never above 100 m`.
     turned = _directions_of_bounds(pair.words) & _directions_of_bounds(pair.sentence)
-    may_deny = (
-        bool(words["negation"] or turned) or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
-    )
-    if words["lower"] and words["upper"] and not pair.sentence.counted()["lower"]:
-        # `minimum 30 and maximum 45` is a range.
-        carried |= {"lower", "upper"}
-    if turned and pair.statements:
-        carried.add("negation")
+    denies = words["negation"] or turned or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
     for kind in sorted(HARD):
-        if words[kind] > sentence[kind] and kind not in carried:
+        if words[kind] > sentence[kind] and kind not in carried and not (turned and kind == "negation"):
             yield f"{_first_load(pair.words, kind)!r} of the words is lost"
-        carries = kind in carried and (kind != "negation" or may_deny)
+        carries = denies and (turned or kind in carried) if kind == "negation" else kind in carried
         if sentence[kind] > words[kind] and not carries:
             yield f"the words have nothing like {_first_load(pair.sentence, kind)!r}"
     if words["aside"]:
@@ -107,17 +100,21 @@ def _loads(pair: Pair) -> Iterator[str]:
 def _carried(pair: Pair) -> set[str]:
     """The loads that the forms of the sentence have in themselves."""
     carried = {load for part in pair.parts for load in part.form.carries}
-    if any(part.form.order for part in pair.parts):
-        carried.add("upper")
-    subjects = [phrase for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
-    if any(phrase.count is not None and phrase.count.values for phrase in subjects):
+    counts = [phrase.count for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
+    words = pair.words.counted()
+    holds = {
+        "upper": any(part.form.order for part in pair.parts),
         # `drawn from {1, 4, 9}`.
-        carried.add("alternative")
-    if not any(isinstance(part, Statement) and part.subjects for part in pair.parts):
-        # `each sortie starts at noon`, `every report`: only of groups it tells how many.
-        carried.add("quantifier")
-    # `one of the helpers`: anybody of those whom a rule protects. `the latter`: asked, where the rewrite says so.
-    return carried | ({"share", "quantifier"} if _protects(pair) or pair.assumes else set())
+        "alternative": any(count is not None and count.values for count in counts),
+        # `each sortie starts at noon`, `every report`: only of groups it tells how many. `one of the helpers`: anybody of
+        # those whom a rule protects. `the latter`: asked, where the rewrite says so.
+        "quantifier": not counts or _protects(pair) or pair.assumes,
+        "share": _protects(pair) or pair.assumes,
+    }
+    carried |= {load for load, is_carried in holds.items() if is_carried}
+    # `minimum 30 and maximum 45` is a range.
+    is_range = words["lower"] and words["upper"] and not pair.sentence.counted()["lower"]
+    return carried | ({"lower", "upper"} if is_range else set())
 
 
 def _protects(pair: Pair) -> bool:
@@ -144,19 +141,21 @@ def _directions_of_bounds(text: TextLoads) -> set[str]:
 
 def _topics(pair: Pair) -> Iterator[str]:
     """The subject of each form must be in the words."""
-    topics = concepts().topics
     for part in pair.parts:
-        wanted = [*part.form.topic, *(("rule",) if part.form in _RULES else ())]
-        for capture in part.captures:
-            if isinstance(capture.value, MotionWords):
-                wanted.append(capture.value.kind)
-            elif isinstance(capture.value, WeatherWords):
-                wanted.append(capture.value.path.split(".")[1].removesuffix("_level"))
-        missing = [topic for topic in wanted if not pair.words.has(topics[topic])]
+        wanted = [*part.form.topic, *(("rule",) if part.form in _RULES else ()), *_topics_of_slots(part)]
+        missing = [topic for topic in wanted if not pair.words.has(concepts().topics[topic])]
         if pair.assumes and (len(missing) < len(wanted) or _tell_something(pair)):
             # What the rewrite declares is asked: `the duty officer must agree` is consent. `Cheers, Paul` is nothing.
             continue
         yield from (f"the words do not speak of {topic.replace('_', ' ')}" for topic in missing)
+
+
+def _topics_of_slots(part: Part) -> Iterator[str]:
+    for capture in part.captures:
+        if isinstance(capture.value, MotionWords):
+            yield capture.value.kind
+        elif isinstance(capture.value, WeatherWords):
+            yield capture.value.path.split(".")[1].removesuffix("_level")
 
 
 def _tell_something(pair: Pair) -> bool:

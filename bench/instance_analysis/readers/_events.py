@@ -159,20 +159,17 @@ class EventReader:
         if self._scene.role(group) is Role.CLUTTER:
             raise NotReadError("intelligence is about adversaries, the sought or bystanders")
         stated = [(name, slot) for slot, name in REPORTED.items() if part.first(slot) is not None]
-        place = part.first("place")
         report = self._on(group, part.span)
         if any(("intelligence", report, name) in self._draft.entries for name, _ in stated):
             report = self._new_report(group, part.span)
         for name, slot in stated:
             value = part.first(slot)
-            number = value if isinstance(value, int | float) else None
-            low, high = (number, number) if number is not None else (value.low, value.high)
+            low, high = (value, value) if isinstance(value, int | float) else (value.low, value.high)
             unit = None if name == "priority" else name.rpartition("_")[2]
             path: FieldPath = ("intelligence", report, name)
             self._draft.vary(path, low, high, part.span, unit=unit, integer=name == "priority")
-        if place is not None:
-            for name, value in self._places.point(place).items():
-                self._draft.put(("intelligence", report, "at", name), value, part.span)
+        if (place := part.first("place")) is not None:
+            self._draft.put(("intelligence", report, "at"), self._places.point(place), part.span)
         if "known" in part.words:
             self._draft.put(("intelligence", report, "delivered_s"), 0.0, part.span)
 

@@ -319,12 +319,7 @@ class Scene:
         if phrase.per_km2 is not None and count is not None:
             self.put_density(group, count, phrase.per_km2, span)
         elif count is not None and count.values:
-            levels = tuple(int(value) for value in count.values)
-            if levels != count.values or len(set(levels)) < len(levels):
-                raise NotReadError("its numbers are no different whole numbers")
-            self.draft.put(path, levels[0], span, "first of several")
-            where = (f"actors[{group}].count",)
-            self.draft.ranges.append(VariedField(name=f"{group}-count", paths=where, levels=levels))
+            self._put_levels(group, count.values, span)
         elif count is None and phrase.plural:
             low, high = self.vocabulary.tables["vague"]["some"]
             note = "no number is given: read as `some`"
@@ -342,6 +337,15 @@ class Scene:
             self.draft.vary(path, low, low * (1 + chosen), span, unit=None, integer=True)
         else:
             self.draft.vary(path, count.low, count.high, span, unit=None, integer=True)
+
+    def _put_levels(self, group: str, values: Sequence[float], span: Span) -> None:
+        """Let the number of a group be one of several, a factor of the design."""
+        levels = tuple(int(value) for value in values)
+        if levels != values or len(set(levels)) < len(levels):
+            raise NotReadError("its numbers are no different whole numbers")
+        self.draft.put(("actors", group, "count"), levels[0], span, "first of several")
+        where = (f"actors[{group}].count",)
+        self.draft.ranges.append(VariedField(name=f"{group}-count", paths=where, levels=levels))
 
     def put_density(self, group: str, count: Quantity, per_km2: float, span: Span) -> None:
         """Set the density of a group in the place of its number. Raises NotReadError where the text states a number."""

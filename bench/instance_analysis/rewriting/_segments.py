@@ -151,8 +151,8 @@ class FreeReader:
                 whole, _, rest = tokens[at].text.partition(".")
                 digits = whole + mark + rest.replace(".", "") if mark else tokens[at].text.replace(".", "")
                 tokens[at] = replace(tokens[at], text=digits.rstrip("0").rstrip(".") if mark else digits)
-            statements = Parser(tokens, self._vocabulary).whole() or ()
-            readings.append((_text_of([token.text for token in tokens]), tuple(statements)))
+            whole_statements = Parser(tokens, self._vocabulary).whole() or ()
+            readings.append((_text_of([token.text for token in tokens]), tuple(whole_statements)))
         if not readings[0][1]:
             why = (
                 f"{number} may be a decimal or thousands, and the rest is none of the sentences that are read"
