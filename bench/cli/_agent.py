@@ -15,7 +15,7 @@ import typer
 from bench.errors import SetupError, command_line
 
 from ._examples import shipped
-from ._run_request import IsolationOption, Pace
+from ._run_request import IsolationOption, Pace, manifest_of
 from ._tables import plain_console
 
 if TYPE_CHECKING:
@@ -58,7 +58,8 @@ _KITS = {
 _README = """\
 # {name}
 
-{build}- `rebar simulate scene.yaml --out out/scene` flies one session and says what was not achieved.
+{build}- `rebar agent check .` flies a minute of every kind of input and says what holds of the agent.
+- `rebar simulate scene.yaml --out out/scene` flies one session and says what was not achieved.
 - `rebar run campaign.yaml --out out/campaign` flies the campaign and writes out/campaign/report.html.
 - `{program}` is the agent: it searches, reports, publishes tracks and lands. Change it.
 - `{client}` is its client: the bench's ticks and messages, MAVLink, pixels to ground.
@@ -138,24 +139,24 @@ def new(
 
 @agent.command()
 def check(
-    manifest: Annotated[str, typer.Argument(help="The agent's manifest, or its name", show_default=False)],
+    manifest: Annotated[str, typer.Argument(help="The agent's folder, manifest or name", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for recording.mcap and agent.log")] = Path("out/check"),
     pace: Annotated[Pace | None, typer.Option(help="Default: the first that the agent can follow")] = None,
     isolation: IsolationOption = None,
 ) -> None:
     """Fly a scene of a minute with a target, people, two orders, consent and a lost link; say what holds of the agent.
 
-    Ends with code 1 where something does not. Example: rebar agent check scout/scout.yaml
+    Ends with code 1 where something does not. Example: rebar agent check scout
     """
     from bench.agents import load_manifest
     from bench.campaign import check_file_system, fly_realization, load_measurable_decomposition, write_result
     from bench.recording import read_records
     from bench.simspec import load_simspec
 
-    loaded, _ = load_manifest(manifest)
-    scene = load_simspec(shipped("examples/agent_check.yaml"))
     # A name stays one; a path is of this folder, not of the scene's.
-    path = str(Path(manifest).resolve()) if Path(manifest).is_file() else manifest
+    path = manifest_of(manifest)
+    loaded, _ = load_manifest(path)
+    scene = load_simspec(shipped("examples/agent_check.yaml"))
     spec = {"manifest": path, "isolation": isolation or scene.agent.isolation}
     agent_spec, mode = scene.agent.model_copy(update=spec), pace or loaded.pace[0]
     scene = scene.model_copy(

@@ -23,13 +23,13 @@ IsolationOption = Annotated[
 ]
 
 
-def _manifest_of(agent: str) -> str:
-    """The manifest that `--agent` names: that of a folder has the folder's name, as `rebar agent new` writes it."""
+def manifest_of(agent: str) -> str:
+    """The manifest of an agent by its name, file or folder; in a folder it has the folder's name, as `rebar agent new` writes it."""
     path = Path(agent)
     if path.is_dir():
         path = path.resolve() / f"{path.resolve().name}.yaml"
         if not path.is_file():
-            raise SetupError("--agent", f"{agent} holds no {path.name}", "name the manifest itself")
+            raise SetupError(agent, f"the folder holds no {path.name}", "name the manifest itself")
     return str(path.resolve()) if path.is_file() else agent
 
 
@@ -74,7 +74,7 @@ class CampaignChanges:
 
         campaign = load_campaign(path)
         if self.agents:
-            agents = [{"manifest": _manifest_of(agent)} for agent in self.agents]
+            agents = [{"manifest": manifest_of(agent)} for agent in self.agents]
             document = {**campaign.model_dump(mode="json"), "agents": agents}
             campaign = validate_document(document, Campaign, source="--agent")
         if self.shard is not None:
