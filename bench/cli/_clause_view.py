@@ -23,16 +23,11 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
     values = {receipt.path: receipt.value for receipt in result.receipts}
     shown_notes: set[str] = set()
     for clause in result.clauses:
-        yield _shortened(f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}", width)
-        if clause.sentence:
-            yield from _wrapped(f"-> {clause.sentence}", width)
-        if summary := field_summary(clause, values):
-            yield from _wrapped(f"= {summary}", width)
-        for note in clause.notes:
-            # A passage that is left out may reach over several clauses; its reason is told once.
-            if note not in shown_notes and "Read as: " not in note:
-                shown_notes.add(note)
-                yield from _wrapped(f"! {note}", width)
+        yield from _reading_lines(clause, values, width)
+        # A passage that is left out may reach over several clauses; its reason is told once.
+        new = [note for note in clause.notes if note not in shown_notes and "Read as: " not in note]
+        shown_notes.update(new)
+        yield from (line for note in dict.fromkeys(new) for line in _wrapped(f"! {note}", width))
     for number, choice in enumerate(result.choices, start=1):
         yield from _wrapped_choice(number, choice, width)
     if result.open_choices:
@@ -42,6 +37,14 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
     for varied in result.ranges:
         yield f"varies: {range_text(varied)}"
     yield _total(result.clauses)
+
+
+def _reading_lines(clause: ClauseReading, values: dict[str, Any], width: int) -> Iterator[str]:
+    yield _shortened(f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}", width)
+    if clause.sentence:
+        yield from _wrapped(f"-> {clause.sentence}", width)
+    if summary := field_summary(clause, values):
+        yield from _wrapped(f"= {summary}", width)
 
 
 def _total(clauses: Sequence[ClauseReading]) -> str:

@@ -223,23 +223,20 @@ def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
         names = {factor["name"] for factor in factors}
         # Two phrases may vary fields of the same name, and factors of a design have distinct names.
         name = varied.name if varied.name not in names else f"{varied.name}-{len(factors)}"
-        factor: dict[str, Any] = {"name": name}
-        if varied.unit and not varied.choices:
-            factor["unit"] = varied.unit
-        if varied.choices:
-            factor |= {"levels": list(varied.choices), "patches": varied.choices}
-        elif varied.levels:
-            factor |= {"levels": list(varied.levels), "sets": list(varied.paths)}
-        else:
-            clean = int if varied.integer else float
-            ends = {
-                "low": clean(varied.low or 0.0),
-                "high": clean(varied.high or 0.0),
-                "integer": varied.integer,
-            }
-            factor |= {"range": ends, "sets": list(varied.paths)}
-        factors.append(factor)
+        unit = {"unit": varied.unit} if varied.unit and not varied.choices else {}
+        factors.append({"name": name, **unit, **_values(varied)})
     return factors
+
+
+def _values(varied: VariedField) -> dict[str, Any]:
+    """The levels or the range of a factor, and what it sets."""
+    if varied.choices:
+        return {"levels": list(varied.choices), "patches": varied.choices}
+    if varied.levels:
+        return {"levels": list(varied.levels), "sets": list(varied.paths)}
+    clean = int if varied.integer else float
+    ends = {"low": clean(varied.low or 0.0), "high": clean(varied.high or 0.0), "integer": varied.integer}
+    return {"range": ends, "sets": list(varied.paths)}
 
 
 def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:

@@ -136,12 +136,16 @@ class TextLoads:
             return
         quantity, end = max(quantities, key=lambda item: item[1])
         known = quantity.kind == "COUNT" and at > 0 and self.words[at - 1] == "the"
-        figures = tuple(value for begin in range(at, end) for value, _ in self._parser.numbers(begin))
+        figures = self._figures(at, end)
         span, thing = self._parser.span(at, end), self._thing_after(quantity.kind, end)
         for value in dict.fromkeys((quantity.low, quantity.high)):
             if quantity.kind != "COUNT" or value != 1.0:
                 # `a radar` is one radar: a single one is no number that a sentence could lose.
                 yield Number(quantity.kind, value, span, thing, figures, known), end
+
+    def _figures(self, at: int, end: int) -> tuple[float, ...]:
+        """The numbers as they are written, whatever their unit."""
+        return tuple(value for begin in range(at, end) for value, _ in self._parser.numbers(begin))
 
     def _thing_after(self, kind: str, at: int) -> str:
         """The noun that a number counts, within the next words."""

@@ -13,10 +13,14 @@ from bench.simspec import Role
 
 from ..language._grammar import Part, Statement, forms
 from ..language._phrases import NounPhrase
+from ..language._quantities import Quantity
 from ..language._vocabulary import MotionWords, Vocabulary, WeatherWords
 from ._loads import HARD, Number, TextLoads, concepts
 
 _RULES = tuple(form for section in forms().sections if section.title == "Rules" for form in section.forms)
+
+_DENYING = ("only", "before", "dry", "calm")
+"""Words that deny something without a `not`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,39 +86,53 @@ def _shown(number: Number) -> str:
 
 def _loads(pair: Pair) -> Iterator[str]:
     """The same negations, conditions, shares, alternatives and quantifiers, but those that a form has in itself."""
-    carried = _carried(pair)
+    may_be_lost, may_be_added = _allowed_loads(pair)
     words, sentence = pair.words.counted(), pair.sentence.counted()
-    # `stay below 100 m` is `never above 100 m`.
-    turned = _directions_of_bounds(pair.words) & _directions_of_bounds(pair.sentence)
-    denies = words["negation"] or turned or pair.assumes or pair.words.has(["only", "before", "dry", "calm"])
     for kind in sorted(HARD):
-        if words[kind] > sentence[kind] and kind not in carried and not (turned and kind == "negation"):
+        if words[kind] > sentence[kind] and kind not in may_be_lost:
             yield f"{_first_load(pair.words, kind)!r} of the words is lost"
-        carries = denies and (turned or kind in carried) if kind == "negation" else kind in carried
-        if sentence[kind] > words[kind] and not carries:
+        if sentence[kind] > words[kind] and kind not in may_be_added:
             yield f"the words have nothing like {_first_load(pair.sentence, kind)!r}"
     if words["aside"]:
         yield "the words speak of another occasion"
 
 
+def _allowed_loads(pair: Pair) -> tuple[set[str], set[str]]:
+    """The loads that the words may have more of than the sentence, and those that the sentence may have more of."""
+    carried = _carried(pair)
+    # `stay below 100 m` is `never above 100 m`.
+    turned = _directions_of_bounds(pair.words) & _directions_of_bounds(pair.sentence)
+    denies = pair.words.counted()["negation"] or turned or pair.assumes or pair.words.has(_DENYING)
+    lost = carried | ({"negation"} if turned else set())
+    return lost, lost if denies else lost - {"negation"}
+
+
 def _carried(pair: Pair) -> set[str]:
     """The loads that the forms of the sentence have in themselves."""
     carried = {load for part in pair.parts for load in part.form.carries}
-    counts = [phrase.count for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
-    words = pair.words.counted()
+    counts, about_people = _counts(pair), _protects(pair)
     holds = {
         "upper": any(part.form.order for part in pair.parts),
         # `drawn from {1, 4, 9}`.
-        "alternative": any(count is not None and count.values for count in counts),
+        "alternative": any(count.values for count in counts if count is not None),
         # `each sortie starts at noon`, `every report`: only of groups it tells how many. `one of the helpers`: anybody of
         # those whom a rule protects. `the latter`: asked, where the rewrite says so.
-        "quantifier": not counts or _protects(pair) or pair.assumes,
-        "share": _protects(pair) or pair.assumes,
+        "quantifier": not counts or about_people or pair.assumes,
+        "share": about_people or pair.assumes,
     }
     carried |= {load for load, is_carried in holds.items() if is_carried}
-    # `minimum 30 and maximum 45` is a range.
-    is_range = words["lower"] and words["upper"] and not pair.sentence.counted()["lower"]
-    return carried | ({"lower", "upper"} if is_range else set())
+    return carried | ({"lower", "upper"} if _is_range(pair) else set())
+
+
+def _counts(pair: Pair) -> list[Quantity | None]:
+    """How many each subject of the sentence is."""
+    return [phrase.count for part in pair.parts if isinstance(part, Statement) for phrase in part.subjects]
+
+
+def _is_range(pair: Pair) -> bool:
+    """Whether the words say a range by its ends: `minimum 30 and maximum 45`."""
+    words = pair.words.counted()
+    return bool(words["lower"] and words["upper"]) and not pair.sentence.counted()["lower"]
 
 
 def _protects(pair: Pair) -> bool:

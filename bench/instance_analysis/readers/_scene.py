@@ -181,16 +181,20 @@ class Scene:
     def _again(self, phrase: NounPhrase, known: list[str]) -> list[str]:
         """Groups that the text has named before; a number must be theirs."""
         if phrase.count is not None:
-            fitting = [group for group in known if self.count(group) == phrase.count.low]
-            if not fitting and sum(self.count(group) or 0 for group in known) == phrase.count.low:
-                return known
-            if not fitting:
-                raise NotReadError(f"the text names no group of {phrase.count.low:g} before")
-            known = fitting
+            return self._again_so_many(phrase.count.low, phrase.span, known)
         chosen = self._chosen(known, phrase.span)
-        if phrase.count is None and not phrase.plural and self.groups[chosen[0]].plural:
+        if not phrase.plural and self.groups[chosen[0]].plural:
             self.draft.remark(phrase.span, f"read as all of {', '.join(chosen)}, which are several")
         return chosen
+
+    def _again_so_many(self, count: float, span: Span, known: list[str]) -> list[str]:
+        """One of the known groups that has this number, or all of them where they have it together."""
+        fitting = [group for group in known if self.count(group) == count]
+        if not fitting and sum(self.count(group) or 0 for group in known) == count:
+            return known
+        if not fitting:
+            raise NotReadError(f"the text names no group of {count:g} before")
+        return self._chosen(fitting, span)
 
     def _chosen(self, groups: list[str], span: Span, why: str = "it is nobody") -> list[str]:
         """One of some groups, or all of them; a family is one."""
