@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import shapely
 
+from agent_adapters.reference.flight._airspace import Airspace, block_round
 from bench.contracts import Lens
 from bench.scoring._arrays import _DocumentKey
 from bench.simspec import ASSETS, Polygon
@@ -94,6 +95,11 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
     "vehicle_models.controller.links._frames._target_place": ((76,), (11,)),
     "vehicle_models.controller.links._frames.v1_length": ((30,), (24,)),
     "agent_adapters.reference.flight._routes._everything_joined": ((3,), (4,)),
+    "agent_adapters.reference.surrogate.batch._airspace.in_arrays": (
+        (Airspace(),),
+        (Airspace(fence=CORNERS),),
+        (Airspace(blocks=(block_round(CORNERS, 5.0),)),),
+    ),
 }
 OF_PROCESS = {
     "of the host, which stays the same under a process": (

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.errors import SetupError, command_line
+from bench.simspec import DEFAULT_VEHICLE
 
 from ._examples import shipped
 from ._run_request import IsolationOption, Pace, manifest_of
@@ -110,9 +111,8 @@ def new(
         r"^agent: .*$", f"agent: {{manifest: {name}.yaml}}", scene, flags=re.MULTILINE
     ).replace("rebar simulate examples/search.yaml", "rebar simulate scene.yaml")
     if speaks != "px4":
-        texts["scene.yaml"] = texts["scene.yaml"].replace(
-            "model: x500", f"model: x500\n  autopilot: {speaks}"
-        )
+        model = f"model: {DEFAULT_VEHICLE}"
+        texts["scene.yaml"] = texts["scene.yaml"].replace(model, f"{model}\n  autopilot: {speaks}")
     campaign = shipped("examples/tick/campaign.yaml").read_text(encoding="utf-8")
     for shipped_words, words in (
         ("name: tick-search", f"name: {name}"),

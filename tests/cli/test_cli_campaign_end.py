@@ -91,6 +91,7 @@ def test_counts_of_one_are_singular(tmp_path: Path, capsys: pytest.CaptureFixtur
     }
     scores = SimpleNamespace(
         saw_truth=(),
+        silent=(),
         summary=summary_frame(pl.DataFrame(schema=SCORE_COLUMNS)),
         study=(),
         floors=floors,

@@ -99,6 +99,7 @@ class VocabularyDocument(Document):
     grounds: Annotated[Words, Field(description="Ground that has a name and no asset.")] = ()
     soft: Annotated[Words, Field(description="Words that free text may have and that change nothing.")] = ()
     people: Annotated[Words, Field(description="Words for whom the rules about bystanders protect.")] = ()
+    motors: Annotated[dict[str, int], Field(description="How many motors a vehicle model has.")] = {}
     phrases: Annotated[
         dict[str, str],
         Field(description="A pattern of free text, and the sentence of the controlled language for it."),
@@ -117,11 +118,13 @@ class Vocabulary:
         self.assets: dict[str, AssetWords] = {}
         self.motions: dict[str, MotionWords] = {}
         self.phrases: dict[str, str] = {}
+        self.motors: dict[str, int] = {}
         self.tables: dict[str, dict[str, Any]] = {}
         for document in documents:
             self.assets = document.assets | self.assets
             self.motions = document.motions | self.motions
             self.phrases = document.phrases | self.phrases
+            self.motors = document.motors | self.motors
             for name, entries in _tables_of(document).items():
                 self._add(name, entries)
         for asset in ASSETS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.simspec import Role
+from bench.simspec import DEFAULT_VEHICLE, Role
 
 from .._draft import Draft, FieldPath
 from ..language._grammar import Part
@@ -23,8 +23,6 @@ REPORTED = {
 }
 """Fields of a report, by the slots that give them."""
 DRIFT_MPS = 0.5
-ROTORS = {"x500": 4, "wing": 1}
-"""Of the models that a sentence can name. The vehicle itself refuses others, but only in flight."""
 
 
 class EventReader:
@@ -122,11 +120,14 @@ class EventReader:
     def _check_motors(self) -> None:
         """Leave out the failure of a motor that the vehicle does not have."""
         model = self._draft.entries.get(("vehicle", "model"))
-        rotors = ROTORS["x500" if model is None else str(model.value)]
+        # The vehicle itself refuses others, but only in flight.
+        motors = self._scene.vocabulary.motors.get(DEFAULT_VEHICLE if model is None else str(model.value))
+        if motors is None:
+            return
         for path, entry in self._draft.entries.items():
             named = path[:2] == ("vehicle", "failures") and path[-1] == "instance"
-            if named and entry.span is not None and not 1 <= entry.value <= rotors:
-                self._draft.fault(entry.span, f"the vehicle has no motor {entry.value}", f"it has {rotors}")
+            if named and entry.span is not None and not 1 <= entry.value <= motors:
+                self._draft.fault(entry.span, f"the vehicle has no motor {entry.value}", f"it has {motors}")
 
     # Intelligence.
 
