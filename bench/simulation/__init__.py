@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ._air_network import air_topics as air_topics
+from ._air_topics import air_topics as air_topics
 from ._camera import PinholeCamera as PinholeCamera
 from ._forfeit import open_forfeit as open_forfeit
 from ._host_clock import HostClock as HostClock

@@ -25,7 +25,7 @@ from bench.streams import (
     Time,
 )
 
-from ._air_network import RecordedPublisher
+from ._air_topics import RecordedPublisher
 from ._frames import optical_frame
 
 # Sub-stream of the perception seed; bench/perception/_draws.py has the others.

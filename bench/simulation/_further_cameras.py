@@ -10,7 +10,8 @@ from bench.contracts import Detector, ObservesCameras, Scene, SimTime, Vehicle
 from bench.errors import Fault
 from bench.simspec import Camera, SimSpec
 
-from ._air_network import AirNetwork, CameraPublishers
+from ._air_network import AirNetwork
+from ._air_topics import CameraPublishers
 from ._camera_messages import CameraMessages
 from ._detection_messages import DetectionMessages
 from ._pictures import CameraPictures

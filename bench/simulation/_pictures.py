@@ -29,7 +29,8 @@ from bench.contracts import (
 from bench.simspec import DEFAULT_RENDERER, Camera, SimSpec
 from bench.streams import CompressedImage, Header, Image, Time
 
-from ._air_network import AirNetwork, CameraPublishers
+from ._air_network import AirNetwork
+from ._air_topics import CameraPublishers
 from ._camera import PinholeCamera
 from ._frames import optical_frame
 from ._truth import TruthRecorder

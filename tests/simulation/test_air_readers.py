@@ -9,7 +9,8 @@ from test_session import session_simspec
 
 from bench.contracts import START
 from bench.simulation import HostClock
-from bench.simulation._air_network import DOMAIN, AirNetwork, open_air_network
+from bench.simulation._air_network import AirNetwork, open_air_network
+from bench.simulation._air_topics import DOMAIN
 from bench.simulation._stop_session import StopSession
 from bench.streams import Detection2DArray, String, data_key, open_client
 

@@ -29,7 +29,7 @@ from bench.contracts import (
 from bench.errors import LinkLost
 from bench.simspec import AgentSpec, Mission, OutsideAir, OutsideLink, Pace, SimSpec, VehicleSpec
 from bench.simulation import HostClock, SessionPlan, run_session, session_faults
-from bench.simulation._air_network import DOMAIN
+from bench.simulation._air_topics import DOMAIN
 from bench.streams import AirAccess, Clock, String, open_client
 
 TOKEN = "a-token-of-24-characters"

@@ -1,0 +1,185 @@
+"""The topics of a session's air network, and what the session publishes on them: recorded, then sent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench.contracts import CLOCK, TF, TF_STATIC, Record, SimTime, Tap, VehicleTopics, document_text
+from bench.simspec import SimSpec
+from bench.streams import (
+    CLOCK_QOS,
+    RELIABLE_10,
+    SENSOR_DATA,
+    TF_QOS,
+    CameraInfo,
+    Clock,
+    CompressedImage,
+    Detection2DArray,
+    Image,
+    Publisher,
+    QoS,
+    RosMessage,
+    RosNode,
+    String,
+    TFMessage,
+    data_key,
+    encode,
+    json_value,
+)
+
+from ._outbox import Outbox
+
+# Every session has a router of its own, so all of them may use the same ROS domain.
+DOMAIN = 1
+
+
+@dataclass(frozen=True, slots=True)
+class AirTopic:
+    """A topic of one session's air network. `depth` is 0 for one that is not latched."""
+
+    name: str
+    kind: type[RosMessage]
+    qos: QoS = RELIABLE_10
+    depth: int = 0
+    from_agent: bool = False
+
+    @property
+    def key(self) -> str:
+        """Where its samples travel."""
+        return data_key(DOMAIN, self.name, self.kind.TYPE)
+
+
+def air_topics(simspec: SimSpec) -> tuple[AirTopic, ...]:
+    """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write."""
+    topics = VehicleTopics(simspec.vehicle.name)
+    cameras = [
+        topic
+        for camera in simspec.vehicle.cameras
+        for topic in (
+            AirTopic(topics.camera_info(camera.name), CameraInfo, SENSOR_DATA),
+            AirTopic(topics.image_raw(camera.name), Image, SENSOR_DATA),
+            AirTopic(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA),
+        )
+    ]
+    return (
+        AirTopic(CLOCK, Clock, CLOCK_QOS),
+        AirTopic(TF, TFMessage, TF_QOS),
+        AirTopic(TF_STATIC, TFMessage, depth=1),
+        AirTopic(topics.mission, String, depth=1),
+        AirTopic(topics.intelligence, String, depth=32),
+        AirTopic(topics.orders, String, depth=32),
+        AirTopic(topics.consents, String, depth=32),
+        AirTopic(topics.operator_link, String, depth=1),
+        AirTopic(topics.detections, Detection2DArray, SENSOR_DATA),
+        *cameras,
+        *(
+            AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
+            for camera in simspec.perception.more_cameras
+        ),
+        *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
+    )
+
+
+@dataclass(slots=True)
+class RecordedPublisher:
+    """One topic towards the agent.
+
+    Every message is recorded unless `recorded` is false, and published once the topic is `opened` or latched; with
+    `while_matched` only while the network knows of a subscription.
+    """
+
+    topic: str
+    kind: type[RosMessage]
+    tap: Tap
+    publisher: Publisher | None
+    latched: bool = False
+    opened: bool = False
+    recorded: bool = True
+    while_matched: bool = False
+    outbox: Outbox | None = None
+    """Of a session whose ticks carry the air network: what the next tick takes along."""
+
+    @property
+    def listened(self) -> bool:
+        """Whether what is published now reaches a reader, as far as the session knows."""
+        if self.outbox is not None:
+            return self.opened
+        if self.publisher is None or not (self.opened or self.latched):
+            return False
+        return not self.while_matched or self.publisher.matched
+
+    def publish(self, time: SimTime, message: RosMessage) -> None:
+        """Encode a message once, record it and publish it."""
+        self._publish(time, message, message)
+
+    def publish_document(self, time: SimTime, document: object) -> None:
+        """Publish a JSON document as std_msgs/String."""
+        self._publish(time, String(document_text(document)), document)
+
+    def _publish(self, time: SimTime, message: RosMessage, value: object) -> None:
+        data = encode(message)
+        if self.recorded:
+            self.tap(Record(time, self.topic, self.kind.TYPE, data, value))
+        # What is latched is kept for a reader that has not said yet what it reads.
+        if self.outbox is not None and (self.opened or (self.latched and not self.outbox.has_reader)):
+            # A String of the air network is a JSON document already.
+            content = json.loads(message.data) if isinstance(message, String) else json_value(message)
+            self.outbox.add(self.topic, content, len(data), latched=self.latched)
+        elif self.publisher is not None and self.listened:
+            self.publisher.put_bytes(data)
+
+    @property
+    def sent(self) -> int:
+        """Samples published so far."""
+        return self.publisher.sequence if self.publisher is not None else 0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPublishers:
+    """The topics of one camera."""
+
+    info: RecordedPublisher
+    raw: RecordedPublisher
+    compressed: RecordedPublisher
+    detections: RecordedPublisher | None = None
+    """Of a further camera that perception works on."""
+
+    @property
+    def all(self) -> tuple[RecordedPublisher, ...]:
+        """In the order in which they are advertised."""
+        return self.info, *([self.detections] if self.detections else []), self.raw, self.compressed
+
+
+def recorded_publisher(
+    topic: AirTopic, node: RosNode | None, tap: Tap, outbox: Outbox | None
+) -> RecordedPublisher:
+    """What publishes a topic: on the network where there is a node, with the next tick where there is an outbox."""
+    publisher = None
+    if node is not None and topic.depth:
+        publisher = node.latched(topic.name, topic.kind, depth=topic.depth)
+    elif node is not None:
+        publisher = node.publisher(topic.name, topic.kind, topic.qos)
+    return RecordedPublisher(topic.name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=outbox)
+
+
+def camera_publishers(
+    simspec: SimSpec, recorded: Callable[[str], RecordedPublisher]
+) -> tuple[CameraPublishers, ...]:
+    """The publishers of each camera, made by `recorded` from the name of a topic."""
+    topics = VehicleTopics(simspec.vehicle.name)
+    cameras = []
+    for camera in simspec.vehicle.cameras:
+        publishers = CameraPublishers(
+            recorded(topics.camera_info(camera.name)),
+            recorded(topics.image_raw(camera.name)),
+            recorded(topics.image_compressed(camera.name)),
+            recorded(topics.camera_detections(camera.name))
+            if camera.name in simspec.perception.more_cameras
+            else None,
+        )
+        # A minute of raw pictures is 276 MB; their digests are in the recording, and JPEG when it is asked for.
+        publishers.raw.recorded, publishers.compressed.recorded = False, camera.record_frames
+        cameras.append(publishers)
+    return tuple(cameras)
