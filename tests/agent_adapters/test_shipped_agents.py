@@ -26,8 +26,8 @@ def test_every_run_of_the_plan_is_kept(name: str) -> None:
     published = Published(name)
     rows = published.rows()
     assert sorted(rows) == sorted(published.plans)
-    for row in rows.values():
-        assert list(row) == [OUTCOME, *published.decomposition.observables]
+    columns = [OUTCOME, *published.decomposition.observables]
+    assert all(list(row) == columns for row in rows.values())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
