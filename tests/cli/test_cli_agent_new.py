@@ -104,7 +104,7 @@ def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("language", "speaks"),
-    # Each client once and each autopilot twice: all eight pairs held when they were flown, and took five minutes.
+    # Each client once and each autopilot twice; all eight pairs held when they were flown.
     [("python", "ardupilot"), ("node", "px4"), ("c", "ardupilot"), ("rust", "px4")],
 )
 def test_the_new_agent_holds_its_check_and_scores_twice_alike(
