@@ -41,44 +41,47 @@ def explain(
     from bench.reporting import Run, build_run_map
     from decompositions import Level
 
-    from ._scores import _of_run
+    from ._scores import source_of_run
 
-    source = _of_run(run, decomposition)
+    source = source_of_run(run, decomposition)
     (scored,) = source.runs
-    told = {
+    principles = {
         source.decomposition.nodes[node].title: source.explained(node, moments).agents[0].runs[0]
         for node in source.decomposition.at_level(Level.PRINCIPLE)
     }
     with open_recorded(run) as folder:
         simspec = read_simspec(folder / "recording.mcap")
         tape = read_tape(folder / "recording.mcap", simspec)
-    named = Run(scored.realization, scored.design_point, 0, scored.agent, None, scored.outcome)
-    chart = build_run_map(named, simspec, tape)
+    flown_run = Run(scored.realization, scored.design_point, 0, scored.agent, None, scored.outcome)
+    chart = build_run_map(flown_run, simspec, tape)
     end = f"{scored.outcome.value} after {tape.end_s:.1f} s: {source.sources.reasons[scored.realization]}"
     story = sorted(_moments(chart), key=lambda moment: moment[0])
     shown = story[: moments or None]
     lines = [f"{scored.agent} in {scored.realization}", f"  ended {end}", "", "Asked"]
-    lines += [f"  {line}" for line in _asked(chart, simspec)]
+    lines += [f"  {line}" for line in _mission(chart, simspec)]
     lines += ["", "What happened", *(f"  {time_s:7.1f} s  {text}" for time_s, text in shown)]
     if len(story) > len(shown):
         lines.append(f"  ... and {len(story) - len(shown)} more moments (--moments 0)")
-    lines += ["", "Not achieved", *_failures(told)]
-    lines += ["", "Principles", *_principles(told)]
+    lines += [f"  {line}" for line in _omissions(chart)]
+    lines += ["", "Not achieved", *_failures(principles)]
+    lines += ["", "Principles", *_verdicts(principles)]
     print_lines(
         plain_console(),
         [*lines, "", f"the film: {command_line('rebar', 'draw', run, '--film', '--out', 'film.svg')}"],
     )
 
 
-def _asked(chart: RunMap, simspec: SimSpec) -> Iterator[str]:
+def _mission(chart: RunMap, simspec: SimSpec) -> Iterator[str]:
     for name, east_m, north_m, radius_m, priority in sorted(chart.circles, key=lambda circle: circle[4]):
         yield f"search {name} (priority {priority}), within {radius_m:g} m of {east_m:.0f} m east, {north_m:.0f} m north"
     if chart.no_mark_within_m > 0.0:
         yield f"do not mark within {chart.no_mark_within_m:g} m of people"
     if chart.mark_consent:
         yield "mark only with the operator's consent"
-    if chart.geofence_enu_m or chart.no_fly:
-        yield f"stay inside the geofence and out of {len(chart.no_fly)} closed areas"
+    if chart.geofence_enu_m:
+        yield "stay inside the geofence"
+    for area in chart.no_fly:
+        yield f"stay out of {area.id}" + ("" if area.always else f", {area.span}")
     yield f"be done within {simspec.mission.time_limit_s:g} s"
 
 
@@ -93,26 +96,36 @@ def _moments(chart: RunMap) -> Iterator[tuple[float, str]]:
     for time_s, action, subject, reason in chart.decisions:
         yield time_s, f"decides: {action} {subject}".rstrip() + (f" ({reason})" if reason else "")
     for report in chart.reports.drawn:
-        marked = "marks" if report.mark else "reports"
+        verb = "marks" if report.mark else "reports"
         truth = f"it is {report.target}" if report.target else "NO TARGET of that class is there"
-        near = (
+        distance = (
             ""
             if report.nearest_bystander_m is None
             else f"; nearest person {report.nearest_bystander_m:g} m from it"
         )
-        seen = "" if report.bystanders_seen is None else f", people seen: {report.bystanders_seen}"
+        people = "" if report.bystanders_seen is None else f", people seen: {report.bystanders_seen}"
         forbidden = ": MARKED AGAINST THE RULE" if report.forbidden else ""
         yield (
             report.time_s,
             (
-                f"{marked} {report.class_label}, confidence {report.confidence:.2f}{seen}; {truth}{near}{forbidden}"
+                f"{verb} {report.class_label}, confidence {report.confidence:.2f}{people}; {truth}{distance}{forbidden}"
             ),
         )
 
 
-def _failures(told: Mapping[str, RunExplanation]) -> Iterator[str]:
+def _omissions(chart: RunMap) -> Iterator[str]:
+    """What the map itself leaves out: an agent may decide and report as often as it likes."""
+    if decisions := chart.decision_count - len(chart.decisions):
+        yield f"{decisions} later decisions are not told; the recording has them"
+    if reports := chart.reports.count - len(chart.reports.drawn):
+        yield f"{reports} of {chart.reports.count} reports are not told; marks against the rule come first"
+
+
+def _failures(principles: Mapping[str, RunExplanation]) -> Iterator[str]:
     """Each observable that was considered and not achieved, once, with the moments that its measure names."""
-    failed = {item.id: item for run in told.values() for item in run.observables if item.state in FAILED}
+    failed = {
+        item.id: item for run in principles.values() for item in run.observables if item.state in FAILED
+    }
     if not failed:
         yield "  nothing that was considered"
     for item in failed.values():
@@ -122,9 +135,9 @@ def _failures(told: Mapping[str, RunExplanation]) -> Iterator[str]:
             yield f"    ... and {item.evidence_left_out} more moments (--moments 0)"
 
 
-def _principles(told: Mapping[str, RunExplanation]) -> Iterator[str]:
+def _verdicts(principles: Mapping[str, RunExplanation]) -> Iterator[str]:
     """Which principles the run passed, and for the others which essential observables it did not achieve."""
-    for title, run in told.items():
+    for title, run in principles.items():
         missed = [item.id for item in run.observables if item.essential and item.state in FAILED]
         if run.verdict is None:
             yield f"  {title}: nothing essential was considered"

@@ -201,7 +201,7 @@ class ScoreSource:
         if per_run or self.kind == "run":
             titles = {node.id: node.title for node in self.decomposition.nodes.values()}
             for run in run_reports(self.scores):
-                console.print(_table_of_run(run, titles))
+                console.print(_tablesource_of_run(run, titles))
         if self.kind == "observations":
             absent = absent_pairs(self.decomposition, self.runs)
             print(
@@ -241,7 +241,7 @@ def _score_sources(
     return [
         _of_campaign(folder, decomposition, reading=reading, workers=workers)
         if is_campaign(folder)
-        else _of_run(folder, decomposition)
+        else source_of_run(folder, decomposition)
         for folder in runs
     ]
 
@@ -282,7 +282,7 @@ def _of_campaign(
     )
 
 
-def _of_run(folder: Path, named: str | None) -> ScoreSource:
+def source_of_run(folder: Path, named: str | None) -> ScoreSource:
     from bench.campaign import check_run, load_measurable_decomposition, open_recorded, rescore
     from bench.contracts import ReportStatements
     from bench.recording import read_simspec
@@ -361,7 +361,7 @@ _STANDING_NOTES = {
 }
 
 
-def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
+def _tablesource_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
     # Without vertical lines, so that the titles have room in 80 columns.
     table = Table(
         title=Text(f"{run.run}: {run.agent}, {run.outcome}"),

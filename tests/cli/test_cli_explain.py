@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,12 +18,22 @@ from made_campaign import AGENTS, END_S, made_simspec, made_tape, write_recordin
 
 
 def story(
-    folder: Path, agent: str, capsys: pytest.CaptureFixture[str], *options: str, reason: str = "seen"
+    folder: Path,
+    agent: str,
+    capsys: pytest.CaptureFixture[str],
+    *options: str,
+    reason: str = "seen",
+    times: int = 1,
+    fence: bool = True,
 ) -> str:
     """What the command prints about a made run in which this agent flew."""
     folder.mkdir()
     simspec = made_simspec(0, agent)
-    digest = write_recording(folder / "recording.mcap", simspec, made_tape(simspec, reason=reason))
+    if not fence:
+        simspec = simspec.model_copy(update={"rules": simspec.rules.model_copy(update={"geofence": None})})
+    tape = made_tape(simspec, reason=reason)
+    tape = replace(tape, decisions=tape.decisions * times)
+    digest = write_recording(folder / "recording.mcap", simspec, tape)
     result = SessionResult(
         realization=folder.name,
         outcome=Outcome.COMPLETED,
@@ -69,6 +80,25 @@ def test_few_moments_can_be_asked_for_and_texts_of_agents_are_shown_as_they_are(
     assert re.search(r"and \d+ more moments \(--moments 0\)", happened)
     assert "[red]" in text
     assert "\x1b" not in text
+
+
+def test_what_the_story_leaves_out_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of 300 decisions 200 are kept, whatever is asked; of 3 all are."""
+    many, few = (
+        story(tmp_path / f"run-{times}", AGENTS[0], capsys, "--moments", "0", times=times)
+        for times in (100, 1)
+    )
+    assert "100 later decisions are not told" in many
+    assert "are not told" not in few
+
+
+def test_only_bounds_that_hold_are_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A closed area with and without a geofence around."""
+    fenced, free = (
+        story(tmp_path / f"run-{fence}", AGENTS[0], capsys, fence=fence) for fence in (True, False)
+    )
+    assert ["stay inside the geofence" in text for text in (fenced, free)] == [True, False]
+    assert ["stay out of school" in text for text in (fenced, free)] == [True, True]
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
