@@ -42,7 +42,7 @@ class CampaignChanges:
         typer.Option(
             "--agent",
             metavar="FOLDER|MANIFEST|NAME",
-            help="Fly this agent, in place of the campaign's. Repeatable",
+            help="Fly this agent, in place of all of the campaign's; one of these keeps its options. Repeatable",
         ),
     ] = None
     floor: Annotated[
@@ -74,8 +74,14 @@ class CampaignChanges:
 
         campaign = load_campaign(path)
         if self.agents:
-            agents = [{"manifest": manifest_of(agent)} for agent in self.agents]
-            document = {**campaign.model_dump(mode="json"), "agents": agents}
+            document = campaign.model_dump(mode="json")
+            # An agent of the campaign keeps its options.
+            known = {
+                spec.label: entry for spec, entry in zip(campaign.agents, document["agents"], strict=True)
+            }
+            document["agents"] = [
+                known.get(agent) or {"manifest": manifest_of(agent)} for agent in self.agents
+            ]
             campaign = validate_document(document, Campaign, source="--agent")
         if self.shard is not None:
             try:

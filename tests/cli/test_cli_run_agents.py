@@ -32,6 +32,16 @@ def test_agents_are_named_by_folder_manifest_or_entry_point(tmp_path: Path) -> N
     assert {agent.label for agent in unchanged.agents} == {"reference-naive", "reference-bystander-aware"}
 
 
+def test_an_agent_of_the_campaign_keeps_its_options_beside_others() -> None:
+    panel = DEMO.parent / "panel.yaml"
+    whole = CampaignChanges().load(panel)
+    by_name = {spec.label: spec for spec in whole.agents}
+    some = CampaignChanges(agents=["panel-dim", "null-idle", "panel-hasty"]).load(panel)
+    assert by_name["panel-hasty"].options
+    assert (some.agents[0], some.agents[2]) == (by_name["panel-dim"], by_name["panel-hasty"])
+    assert (some.agents[1].manifest, some.agents[1].options) == ("null-idle", {})
+
+
 def test_a_folder_without_a_manifest_of_its_name_is_told(tmp_path: Path) -> None:
     (tmp_path / "scout").mkdir()
     with pytest.raises(SetupError, match=r"holds no scout\.yaml"):
