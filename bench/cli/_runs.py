@@ -71,7 +71,8 @@ def check(
     2 if one cannot be read or the folder was changed, 3 if runs are missing.
 
     About each node: passed, passed.share, passed.low, passed.high, runs, competence_90, competence_90.low, competence_50,
-    competence_50.low, score, confidence, confidence.low, confidence.high, floor. What was not shown meets no requirement.
+    competence_50.low, score, confidence, confidence.low, confidence.high, floor; measured_90 and so on, where competence is
+    given on the scale of measured difficulty. What was not shown meets no requirement.
 
     Example: rebar check out/demo --require 'KA-18.passed.low >= 0.9'
 

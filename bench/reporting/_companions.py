@@ -11,6 +11,7 @@ import polars as pl
 from bench.visible_text import visible
 
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Tally
+from .statistics._measured import MeasuredCompetence, measured_competence
 from .text._sheet import Sheet, sheets
 
 COMPANIONS = ("scores.csv", "runs.csv", "card.md", "junit.xml")
@@ -19,6 +20,7 @@ _COUNTS = ("flown", "runs", "passed")
 _SHARES = (
     *("passed.share", "passed.low", "passed.high"),
     *("competence_90", "competence_90.low", "competence_50", "competence_50.low"),
+    *("measured_90", "measured_90.low", "measured_50", "measured_50.low"),
 )
 # Fields of a tally, with `_` in place of the dot.
 _FIELDS = ("score", "confidence", "confidence.low", "confidence.high", "difficulty.low", "difficulty.high")
@@ -30,13 +32,13 @@ _NAMES: dict[str, type[pl.DataType]] = dict.fromkeys(
 )
 
 
-def companions(data: ReportData, runs: pl.DataFrame) -> dict[str, str]:
+def companions(data: ReportData, runs: pl.DataFrame, measured: MeasuredCompetence) -> dict[str, str]:
     """The texts of the files COMPANIONS, by name; `runs` is the table of `runs_table`."""
     cards = (_card(sheet, data.name) for sheet in sheets(data))
     return dict(
         zip(
             COMPANIONS,
-            (csv_text(scores_table(data)), csv_text(runs), "\n".join(cards), _junit(data, runs)),
+            (csv_text(scores_table(data, measured)), csv_text(runs), "\n".join(cards), _junit(data, runs)),
             strict=True,
         )
     )
@@ -53,12 +55,14 @@ def csv_text(table: pl.DataFrame) -> str:
     ).write_csv()
 
 
-def scores_table(data: ReportData) -> pl.DataFrame:
+def scores_table(data: ReportData, measured: MeasuredCompetence | None = None) -> pl.DataFrame:
     """A row for each agent, node and difficulty configuration, and one over all of them (`all`).
 
     `runs` are those that considered the node, of `flown`. `passed.share` is that of `passed` in `runs`, with its 95 %
-    interval. `floor` is the best confidence of an agent without merit.
+    interval. `measured_90` is the competence on the measured scale, where the node has one. `floor` is the best confidence of
+    an agent without merit.
     """
+    measured = measured or measured_competence(data)
     labels = {configuration.key: configuration.label for configuration in data.configurations}
     rows = [
         {
@@ -68,7 +72,7 @@ def scores_table(data: ReportData) -> pl.DataFrame:
             "title": data.title(tally.node),
             "level": tally.level,
         }
-        | _numbers(data, tally)
+        | _numbers(data, tally, measured)
         for tally in data.tallies.values()
     ]
     return pl.DataFrame(rows, schema=_NAMES | _NUMBERS)
@@ -76,13 +80,14 @@ def scores_table(data: ReportData) -> pl.DataFrame:
 
 def requirements_table(data: ReportData) -> pl.DataFrame:
     """A row for each agent, over all its runs: `agent`, and for each node its numbers, such as `KA-18.passed.low`."""
+    measured = measured_competence(data)
     rows = [
         {"agent": agent}
         | {
             f"{node}.{name}": value
             for node in data.nodes
             if (tally := data.tally(agent, node))
-            for name, value in _numbers(data, tally).items()
+            for name, value in _numbers(data, tally, measured).items()
         }
         for agent in data.agents
     ]
@@ -91,7 +96,7 @@ def requirements_table(data: ReportData) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema)
 
 
-def _numbers(data: ReportData, tally: Tally) -> dict[str, Any]:
+def _numbers(data: ReportData, tally: Tally, measured: MeasuredCompetence) -> dict[str, Any]:
     """Those that there are."""
     passes, floor = tally.passes, data.floors.get(tally.node)
     numbers: dict[str, Any] = {"flown": tally.runs, "runs": passes.runs, "passed": passes.passed}
@@ -99,8 +104,10 @@ def _numbers(data: ReportData, tally: Tally) -> dict[str, Any]:
     if passes.runs:
         share = passes.passed / passes.runs
         numbers |= {"passed.share": share, "passed.low": passes.low, "passed.high": passes.high}
-    for rate, competence in tally.competence.items():
-        numbers |= {f"competence_{rate}": competence.value, f"competence_{rate}.low": competence.low}
+    on_scale = measured.tallies.get((tally.agent, tally.configuration, tally.node))
+    for scale, source in (("competence", tally), ("measured", on_scale)):
+        for rate, competence in source.competence.items() if source else ():
+            numbers |= {f"{scale}_{rate}": competence.value, f"{scale}_{rate}.low": competence.low}
     if floor is not None and tally.configuration == ALL_CONFIGURATIONS:
         numbers["floor"] = floor.floor
     return numbers

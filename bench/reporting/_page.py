@@ -45,6 +45,7 @@ from .map._run_map import RunMap, build_run_map
 from .pictures._worst_pictures import MAX_PICTURES, PICTURE_KEY, WorstPicture, worst_pictures
 from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
+from .statistics._measured import MeasuredCompetence, measured_competence
 from .statistics._sensor import detector_sentences, sensor_observables
 from .statistics._trials import trials_of
 from .text._answer import answer_paragraph
@@ -58,6 +59,7 @@ from .text._comparison import comparison_cells
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import (
     interval,
+    listed,
     number,
     p_value,
     passed_interval,
@@ -89,11 +91,12 @@ def write_report(folder: Path, path: Path | None = None, *, runs_on_map: int = 6
     runs = runs_table(data)
     charts, map_notes = _charts(data, runs_on_map)
     pictures, picture_notes = worst_pictures(data)
+    measured = measured_competence(data)
     if path is None:
-        for name, text in companions(data, runs).items():
+        for name, text in companions(data, runs, measured).items():
             _write_whole(folder / name, [text])
     path = path or folder / "report.html"
-    _write_whole(path, _page_pieces(data, runs, charts, map_notes, pictures, picture_notes))
+    _write_whole(path, _page_pieces(data, runs, measured, charts, map_notes, pictures, picture_notes))
     return path
 
 
@@ -116,12 +119,14 @@ def render_report(
     """The page as text. `charts` are the runs to show from above, `pictures` the frames in which a detector failed; the notes
     say what cannot be shown.
     """
-    return "".join(_page_pieces(data, runs_table(data), charts, map_notes, pictures, picture_notes))
+    tables = runs_table(data), measured_competence(data)
+    return "".join(_page_pieces(data, *tables, charts, map_notes, pictures, picture_notes))
 
 
 def _page_pieces(
     data: ReportData,
     runs: pl.DataFrame,
+    measured: MeasuredCompetence,
     charts: Sequence[RunMap],
     map_notes: Sequence[str],
     pictures: Sequence[WorstPicture],
@@ -153,6 +158,8 @@ def _page_pieces(
         "outcome_names": names,
         "outcome_counts": counts,
         "studied": studied_nodes(data, shown, trials) if data.tallies else [],
+        "measured": measured,
+        "listed_doubts": listed([f"{node} ({doubt})" for node, doubt in measured.doubts.items()]),
         "trees": node_trees(data, shown),
         "panels": configuration_panels(data, shown),
         "sensor": sensor_observables(data),
