@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_campaign import Made, make_campaign
 
+from bench.errors import SetupError
 from bench.reporting import ReportData, load_report_data, render_report
 from bench.reporting.statistics._design_quality import campaign_design_points, campaign_design_quality
+from bench.simspec import load_simspec
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +53,6 @@ def test_unreadable_design_is_omitted(data: ReportData) -> None:
 def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) -> None:
     """The report draws the points that the campaign flew, from the base and decomposition of the campaign."""
     from bench.campaign import Campaign, realizations
-    from bench.simspec import load_simspec
 
     root = Path(__file__).parents[2]
     design = {
@@ -85,6 +89,70 @@ def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) 
     assert [(point.id, dict(point.levels)) for point in points] == [
         (plan.design_point, dict(plan.levels)) for plan in plans
     ]
+
+
+def measured_campaign(study: str, **method: object) -> dict[str, Any]:
+    root = Path(__file__).parents[2]
+    factors = {
+        "time": ("mission.time_limit_s", 190, 420),
+        "height": ("mission.altitude_m", 41, 75),
+        "fog": ("environment.fog_level", 0, 5),
+    }
+    return {
+        "name": "spread",
+        "base": load_simspec(root / "campaigns" / "panel" / "situation.yaml"),
+        "agents": [{}],
+        "decomposition": "search-and-report-full",
+        "study": [study],
+        "design": {
+            "method": {"kind": "stratified", "scale": "measured", "points": 6, "candidates": 30, **method},
+            "factors": [
+                {"name": name, "range": {"low": low, "high": high}, "sets": [path]}
+                for name, (path, low, high) in factors.items()
+            ],
+        },
+    }
+
+
+def test_a_design_is_spread_over_measured_difficulty() -> None:
+    """Bands take turns, and every point lies in the range: measured anew from each situation with its own places."""
+    from bench.campaign import Campaign, campaign_quality, realizations
+    from bench.difficulty import features_of, shipped_scale
+    from bench.realization import place
+    from decompositions import load_decomposition
+
+    scale = shipped_scale(load_decomposition("search-and-report-full"))
+    assert scale is not None
+    node = next(name for name, model in scale.nodes.items() if not model.unproved and "time" in model.weights)
+    campaign = Campaign.model_validate(measured_campaign(node, band=5.0, above=20.0, up_to=60.0))
+    difficulties = [
+        scale.measure(node, features_of(place(plan.situation))).difficulty for plan in realizations(campaign)
+    ]
+    assert len(difficulties) == 6
+    assert all(20.0 < difficulty <= 60.0 for difficulty in difficulties)
+    counts = Counter(math.ceil(difficulty / 5.0) for difficulty in difficulties)
+    assert len(counts) >= 3
+    assert max(counts.values()) - min(counts.values()) <= 1
+    quality = campaign_quality(campaign)
+    tensions = {
+        f"{node}={max(1, math.ceil(difficulty / 20.0))} (tensions, measured)" for difficulty in difficulties
+    }
+    assert set(quality.configurations) == tensions
+
+
+def test_a_design_cannot_be_spread_over_what_was_not_shown_to_predict() -> None:
+    from bench.campaign import Campaign, realizations
+    from bench.difficulty import shipped_scale
+    from decompositions import load_decomposition
+
+    scale = shipped_scale(load_decomposition("search-and-report-full"))
+    assert scale is not None
+    doubtful = next(name for name, model in scale.nodes.items() if model.unproved)
+    with pytest.raises(SetupError, match=f"not shown to predict {doubtful}, which is under study"):
+        realizations(Campaign.model_validate(measured_campaign(doubtful)))
+    without = {**measured_campaign("KA-18"), "decomposition": "search-and-report"}
+    with pytest.raises(SetupError, match=r"no scale ships for search-and-report \("):
+        realizations(Campaign.model_validate(without))
 
 
 def test_formulas_and_conditions_are_listed_with_the_factors(data: ReportData) -> None:

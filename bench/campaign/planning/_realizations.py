@@ -162,4 +162,5 @@ def _rating(campaign: Campaign) -> Rating | None:
 
     from ._measures import load_measurable_decomposition
 
-    return difficulty_rating(load_measurable_decomposition(campaign.decomposition), campaign.study)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
+    return difficulty_rating(decomposition, campaign.study, campaign.design)

@@ -104,6 +104,8 @@ class Design(Document):
                 raise ValueError(
                     f"take {take} exceeds the {pairs} pairs of design point and replicate; raise replicates or lower take"
                 )
+        if len(self.scales) > 1:
+            raise ValueError("stratified methods of one design have one scale; give them all the same")
         # Counted before anything is drawn, so that a slip in a range does not fill the memory.
         if sum(counts) > MAX_POINTS:
             raise ValueError(
@@ -126,7 +128,12 @@ class Design(Document):
     @property
     def rated(self) -> bool:
         """Whether the points depend on difficulties, so that `points` needs them."""
-        return any(isinstance(method, Stratified) for method in self.methods)
+        return bool(self.scales)
+
+    @property
+    def scales(self) -> set[str]:
+        """Whose difficulties the points depend on: `published`, `measured`, or neither."""
+        return {method.scale for method in self.methods if isinstance(method, Stratified)}
 
     def points(self, difficulties: Difficulties | None = None) -> list[DesignPoint]:
         """Every design point, in the design's own order; the same for the same document and difficulties."""

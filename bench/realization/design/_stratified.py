@@ -25,8 +25,7 @@ DECIMALS = 6
 class Stratified(Document):
     """The same number of points, as nearly as may be, from every possible difficulty configuration.
 
-    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns.
-    Points added later leave the earlier ones unchanged.
+    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. Points added later leave the earlier ones unchanged.
     """
 
     grows: ClassVar[bool] = True
@@ -44,6 +43,17 @@ class Stratified(Document):
         le=100.0,
         description="Width of the difficulties that count as one; 20 is a tension. Exact when absent.",
     )
+    scale: Literal["published", "measured"] = Field(
+        "published",
+        description="Whose difficulties: the published ratings, or the measured scale (docs/calibration.md), with the places of the "
+        "base's own seed.",
+    )
+    above: float | None = Field(
+        None, ge=0.0, lt=100.0, description="Only what is harder than this for every studied node."
+    )
+    up_to: float | None = Field(
+        None, gt=0.0, le=100.0, description="Only what is at most so hard for every studied node."
+    )
 
     def chosen(self, space: FactorSpace, seed: int, difficulties: Difficulties) -> list[FactorLevels]:
         """The points.
@@ -52,7 +62,9 @@ class Stratified(Document):
         """
         strata: dict[tuple[object, ...], list[FactorLevels]] = {}
         for levels in self._candidates(space, seed):
-            strata.setdefault(self._stratum(difficulties(levels)), []).append(levels)
+            rated = difficulties(levels)
+            if self._is_wanted(rated):
+                strata.setdefault(self._stratum(rated), []).append(levels)
         if len(strata) > self.points:
             raise ValueError(
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
@@ -63,7 +75,7 @@ class Stratified(Document):
         drawn = [levels for turn in turns for levels in turn if levels is not None][: self.points]
         if len(drawn) < self.points:
             raise ValueError(
-                f"only {len(drawn)} different points are among the candidates; lower points or raise candidates"
+                f"only {len(drawn)} different points{self._range_text()} are among the candidates; lower points or raise candidates"
             )
         return drawn
 
@@ -71,6 +83,20 @@ class Stratified(Document):
         drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
         # Halton points can round to equal levels; a stratum must not contain one point twice.
         return list({tuple(levels.items()): levels for levels in drawn}.values())
+
+    def _is_wanted(self, difficulties: Mapping[str, float | None]) -> bool:
+        if self.above is None and self.up_to is None:
+            return True
+        low, high = self.above or 0.0, 100.0 if self.up_to is None else self.up_to
+        # As with tensions, an edge belongs to the easier side; nothing is easier than 0.
+        return all(
+            difficulty is not None and (low < difficulty or low == 0.0) and difficulty <= high
+            for difficulty in difficulties.values()
+        )
+
+    def _range_text(self) -> str:
+        low = "" if self.above is None else f" above {self.above:g}"
+        return low + ("" if self.up_to is None else f" up to {self.up_to:g}")
 
     def _stratum(self, difficulties: Mapping[str, float | None]) -> tuple[object, ...]:
         return tuple(

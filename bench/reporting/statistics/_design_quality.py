@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import polars as pl
 from pydantic import ValidationError
 
+from bench.difficulty import Feature, features_of, shipped_scale
 from bench.errors import SetupError
 from bench.realization import (
     Bases,
     Design,
     DesignPoint,
     DesignQuality,
+    PlacementInfeasible,
     Rating,
     design_pairs,
     design_quality,
+    place,
     situations,
 )
-from bench.scoring import configuration_of, difficulty_of, studied_key_attributes
+from bench.scoring import configuration_of, difficulty_of, studied_key_attributes, tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -30,15 +34,49 @@ DesignPairs = Sequence[tuple[DesignPoint, int]]
 MAX_NAMED_CONFIGURATIONS = 20
 
 
-def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
-    """The difficulties of the nodes under study in a situation, for a design that is drawn by difficulty."""
+def difficulty_rating(decomposition: Decomposition, study: Sequence[str], design: Design) -> Rating:
+    """The difficulties of the nodes under study in a situation, on the scale that the design is drawn by.
+
+    A situation whose actors find no room has no measured difficulty. Raises SetupError where a node has no measured scale.
+    """
     nodes = studied_key_attributes(decomposition, study)
+    if "measured" in design.scales:
+        return _measured_rating(decomposition, nodes)
 
     def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         difficulty = difficulty_of(decomposition, simspec)
         return {node: difficulty.of(node) for node in nodes}
 
     return rate
+
+
+def _measured_rating(decomposition: Decomposition, nodes: Sequence[str]) -> Rating:
+    scale = shipped_scale(decomposition)
+    where = "design: method: scale: measured"
+    if scale is None:
+        raise SetupError(where, f"no scale ships for {decomposition.name}", "write scale: published")
+    known = [name for name, node in scale.nodes.items() if not node.unproved]
+    if missing := [node for node in nodes if node not in known]:
+        raise SetupError(
+            where,
+            f"the scale was not shown to predict {missing[0]}, which is under study",
+            f"study some of: {', '.join(known)}",
+        )
+
+    def rate(simspec: SimSpec) -> Mapping[str, float | None]:
+        features = _placed_features(simspec.model_dump_json())
+        return {node: scale.measure(node, features).difficulty if features else None for node in nodes}
+
+    return rate
+
+
+# Places are costly, and a campaign is planned several times in one process.
+@lru_cache(maxsize=20_000)
+def _placed_features(simspec: str) -> Mapping[str, Feature] | None:
+    try:
+        return features_of(place(SimSpec.model_validate_json(simspec)))
+    except PlacementInfeasible:
+        return None
 
 
 def measure_design(
@@ -48,19 +86,30 @@ def measure_design(
 
     Raises SetupError where the design does not fit them.
     """
-    pairs = design_pairs(base, design, difficulty_rating(decomposition, study))
-    difficulties = [
-        difficulty_of(decomposition, difficulty)
-        for difficulty in situations(base, design, _distinct_points(pairs))
-    ]
-    configurations = [configuration_of(decomposition, difficulty, study) for difficulty in difficulties]
+    rate = difficulty_rating(decomposition, study, design)
+    pairs = design_pairs(base, design, rate)
+    flown = situations(base, design, _distinct_points(pairs))
+    if "measured" in design.scales:
+        measured = [rate(simspec) for simspec in flown]
+        return _measure(
+            design, pairs, [f"{_tensions(difficulties)} (tensions, measured)" for difficulties in measured]
+        )
+    published = [difficulty_of(decomposition, simspec) for simspec in flown]
+    configurations = [configuration_of(decomposition, difficulty, study) for difficulty in published]
     if len(set(configurations)) > MAX_NAMED_CONFIGURATIONS:
         nodes = studied_key_attributes(decomposition, study)
         configurations = [
-            " ".join(f"{node}={difficulty.nodes[node].tension or 'none'}" for node in nodes) + " (tensions)"
-            for difficulty in difficulties
+            f"{_tensions({node: difficulty.of(node) for node in nodes})} (tensions)"
+            for difficulty in published
         ]
     return _measure(design, pairs, configurations)
+
+
+def _tensions(difficulties: Mapping[str, float | None]) -> str:
+    return " ".join(
+        f"{node}={'none' if difficulty is None else tension_of(difficulty)}"
+        for node, difficulty in difficulties.items()
+    )
 
 
 def campaign_design_points(data: ReportData) -> list[DesignPoint] | None:
@@ -111,7 +160,7 @@ def _campaign_design(data: ReportData) -> tuple[Design, DesignPairs] | None:
         if data.document is None:
             return None
         return design, design_pairs(
-            _campaign_bases(data), design, difficulty_rating(data.document, data.study)
+            _campaign_bases(data), design, difficulty_rating(data.document, data.study, design)
         )
     # A campaign of another version may state a design that this one cannot read. The rest of its report is
     # still good.

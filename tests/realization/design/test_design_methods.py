@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, get_args
 
 import pytest
@@ -70,6 +71,38 @@ def test_stratified_designs_are_even_and_grow() -> None:
     values = Counter(tuple(rated(point.levels).values()) for point in points(22))
     assert sorted(values.values()) == [5, 5, 6, 6]
     assert points(22)[:9] == points(9)
+
+
+def test_stratified_designs_keep_to_a_range_of_difficulty() -> None:
+    """The easier end is outside, the harder one inside; what has no difficulty is outside any range."""
+
+    def drawn(difficulty: Callable[[float], float | None], **method: object) -> set[float]:
+        document = {
+            "method": {"kind": "stratified", "points": 4, "candidates": 200, "band": 100, **method},
+            "factors": [{"name": "fog", "levels": [0, 20, 40, 60, 80], "sets": ["environment.fog_level"]}],
+        }
+        points = Design.model_validate(document).points(
+            lambda levels: {"KA": difficulty(float(levels["fog"]))}
+        )
+        return {float(point.levels["fog"]) for point in points}
+
+    assert drawn(lambda fog: fog, above=0, up_to=60) == {0.0, 20.0, 40.0, 60.0}
+    assert drawn(lambda fog: fog, above=20, up_to=60, points=2) == {40.0, 60.0}
+    assert drawn(lambda fog: fog if fog > 40 else None, above=0, points=2) == {60.0, 80.0}
+    with pytest.raises(ValueError, match="only 2 different points above 20 up to 60 are among"):
+        drawn(lambda fog: fog, above=20, up_to=60)
+
+
+def test_a_design_is_drawn_by_one_scale() -> None:
+    measured = {"kind": "stratified", "points": 4, "scale": "measured"}
+    document = {
+        "method": measured,
+        "then": [{**measured, "scale": "published"}],
+        "factors": [{"name": "fog", "range": {"low": 0, "high": 9}, "sets": ["environment.fog_level"]}],
+    }
+    with pytest.raises(ValueError, match="have one scale"):
+        Design.model_validate(document)
+    assert Design.model_validate({**document, "then": [measured]}).scales == {"measured"}
 
 
 def test_stratified_designs_that_cannot_be() -> None:
