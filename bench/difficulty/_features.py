@@ -16,12 +16,15 @@ from bench.perception import DetectionOdds
 from bench.simspec import ASSETS, PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
 
 from ._course import Course
+from ._walks import Walks
 
 MIN_CHANCE = 0.01  # of a detection: below, nothing changes any more for an agent
 CLEAR_CHANCE = 0.98  # where there is nobody to see; chosen
 NO_DEADLINE_SHARE = 0.1  # of a deadline that no report has: far below the panel's; chosen
 REACH_S = 60.0  # for which people walk between a look and the mark; chosen
 NEAR_HOME_M = 30.0  # of people who may be in the way of a landing; chosen
+# Orders that ask something else of an agent each; those that end a mission are in `called_off`, their answers come of themselves.
+ORDERS = {"hold": "hold", "retask": "go elsewhere", "mark": "mark", "stop_reporting": "be silent"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +155,7 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
         math.dist(place, (home.east_m, home.north_m)) <= NEAR_HOME_M + _reach_m(group)
         for group, place in persons
     )
+    walks = Walks.of(simspec, Course(simspec))
     slow_mps = simspec.rules.bystander_slow_mps or simspec.mission.speed_mps
     per_hectare = len(persons) / simspec.world.area.area_m2 * 1e4
     targets_text = f"of {len(targets)} targets"
@@ -167,6 +171,18 @@ def _people(simspec: SimSpec) -> dict[str, Feature]:
         "walk": Feature(_mean(speeds), f"people near targets walk at {_mean(speeds):.1f} m/s"),
         "crowd": Feature(math.log1p(per_hectare), f"{per_hectare:.1f} people stand on a hectare"),
         "home_people": Feature(math.log1p(at_home), f"people who can be near the landing place: {at_home}"),
+        "landing": Feature(
+            walks.at_landing,
+            f"somebody is at the landing place in {walks.at_landing:.0%} of the time round the landing",
+        ),
+        "landing_standoff": Feature(
+            walks.within_standoff,
+            f"somebody is within the stand-off of the landing place in {walks.within_standoff:.0%} of the time round the landing",
+        ),
+        "margin": Feature(
+            walks.margin,
+            f"while targets are searched, the nearest people stay off the {mark_m:.0f} m by a factor of {math.exp(-walks.margin):.1f}",
+        ),
         "hurry": Feature(
             max(0.0, math.log(Course(simspec).speed_mps / slow_mps)),
             "no rule slows the flight near people"
@@ -210,6 +226,13 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
             math.log1p(10.0 / shortest_s),
             f"the most urgent order leaves {shortest_s:.0f} s" if orders else "no order is urgent",
         ),
+        **{
+            f"{kind}_orders": Feature(
+                float(sum(order.kind == kind for order in orders)),
+                f"orders to {words}: {sum(order.kind == kind for order in orders)}",
+            )
+            for kind, words in ORDERS.items()
+        },
         "early_orders": Feature(
             float(len(early)), f"orders about a place that is not searched yet: {len(early)}"
         ),

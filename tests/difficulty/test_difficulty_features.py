@@ -8,10 +8,12 @@ import re
 import numpy as np
 import pytest
 
+from bench.clock import START
 from bench.difficulty import features_of
 from bench.difficulty._course import Course
 from bench.errors import SetupError
 from bench.simspec import SimSpec
+from bench.simulation import open_plain_scene
 
 HOME = {"east_m": 0.0, "north_m": -200.0}
 
@@ -123,6 +125,64 @@ def test_an_order_that_ends_the_mission_counts_the_places_after_it() -> None:
         order = {"id": "home", "at_s": at_s, "kind": "return"}
         assert value("called_off", situation(orders=[order])) == lost
     assert value("called_off", situation()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("away_m", "landing", "standoff"), [(9.9, 1.0, 1.0), (10.1, 0.0, 1.0), (19.9, 0.0, 1.0), (20.1, 0.0, 0.0)]
+)
+def test_who_stands_where_the_vehicle_lands_is_in_its_way(
+    away_m: float, landing: float, standoff: float
+) -> None:
+    """Both sides of the ten metres of a clear landing, and of the stand-off."""
+    spec = situation([(HOME["east_m"] + away_m, HOME["north_m"])], rules={"bystander_standoff_m": 20.0})
+    assert (value("landing", spec), value("landing_standoff", spec)) == (landing, standoff)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_walks_are_those_of_the_scene(seed: int) -> None:
+    """Shares and margins anew, from a scene that is advanced in small steps."""
+    random = np.random.default_rng(seed)
+    spec = moving(1.5, 60.0, *((float(e), float(n)) for e, n in random.uniform(-120.0, 120.0, (6, 2))))
+    spec = SimSpec.model_validate(
+        spec.model_dump() | {"vehicle": {"home": {"east_m": 0.0, "north_m": -60.0}}}
+    )
+    course, scene, places = Course(spec), open_plain_scene(spec), {}
+    for tenth in range(4000):
+        scene.advance(START.after(tenth / 10.0))
+        places[tenth] = scene.positions()[2:, :2].copy()
+    end_s = min(course.home_s, 300.0)
+    nearest_m = [
+        min(math.dist(place, (0.0, -60.0)) for place in places[round(10.0 * (end_s + shift_s))])
+        for shift_s in range(-40, 41, 4)
+    ]
+    assert value("landing", spec) == pytest.approx(np.mean([m < 10.0 for m in nearest_m]), abs=0.06)
+    assert value("landing_standoff", spec) == pytest.approx(
+        np.mean([m < spec.rules.bystander_standoff_m for m in nearest_m]), abs=0.06
+    )
+    margins = []
+    for stop in course.stops:
+        close_m = [
+            min(math.dist(place, stop.place) for place in places[round(10.0 * (stop.searched_s + shift_s))])
+            for shift_s in range(-30, 31, 10)
+        ]
+        crossed = min(close_m) <= 50.0 < max(close_m)
+        margins.append(0.0 if crossed else max(-abs(math.log(max(m, 1.0) / 50.0)) for m in close_m))
+    assert value("margin", spec) == pytest.approx(np.mean(margins), abs=0.02)
+
+
+def test_each_kind_of_order_counts_by_itself() -> None:
+    orders = [
+        {"id": "wait", "at_s": 30.0, "kind": "hold"},
+        {"id": "on", "at_s": 50.0, "kind": "resume"},
+        {"id": "there", "at_s": 60.0, "kind": "retask", "intelligence": "second"},
+        {"id": "again", "at_s": 70.0, "kind": "hold"},
+        {"id": "on-again", "at_s": 75.0, "kind": "resume"},
+        {"id": "late", "at_s": 299.0, "kind": "mark", "intelligence": "first"},
+    ]
+    spec = situation(orders=orders)
+    counts = {name: value(f"{name}_orders", spec) for name in ("hold", "retask", "mark", "stop_reporting")}
+    # The last comes when the vehicle is at home.
+    assert counts == {"hold": 2.0, "retask": 1.0, "mark": 0.0, "stop_reporting": 0.0}
 
 
 @pytest.mark.parametrize(("north_m", "exposed"), [(49.9, 0.5), (50.1, 0.0)])
