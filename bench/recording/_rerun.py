@@ -139,12 +139,9 @@ class _Scene:
         body = self._rerun.Boxes3D(half_sizes=[VEHICLE_HALF_M], colors=VEHICLE_COLOR, labels=[vehicle.name])
         self._log("world/vehicle/body", body)
         for camera in vehicle.cameras:
-            lens = self._rerun.Pinhole(
-                width=camera.width_px,
-                height=camera.height_px,
-                focal_length=camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0),
-                image_plane_distance=PICTURE_PLANE_M,
-            )
+            focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
+            size_px = {"width": camera.width_px, "height": camera.height_px}
+            lens = self._rerun.Pinhole(focal_length=focal_px, image_plane_distance=PICTURE_PLANE_M, **size_px)
             self._log(_camera_path(camera), lens)
 
     def log_tape(self) -> None:
@@ -163,8 +160,8 @@ class _Scene:
             self._log("world/intelligence", lines, timed.time.s)
         for report in tape.reports:
             color = MARK_COLOR if report.value.mark else REPORT_COLOR
-            words = f"{'marked' if report.value.mark else 'reported'} {report.value.class_label}"
-            self._log("world/agent/reports", self._points([report.value], color, [words]), report.time.s)
+            label = f"{_verb(report.value)} {report.value.class_label}"
+            self._log("world/agent/reports", self._points([report.value], color, [label]), report.time.s)
         for held in tape.tracks:
             labels = [f"{track.class_label} {track.confidence:.2f}" for track in held.value.tracks]
             self._log("world/agent/tracks", self._points(held.value.tracks, TRACK_COLOR, labels), held.time.s)
@@ -256,17 +253,9 @@ def _words(tape: Tape) -> Iterator[tuple[str, float, str]]:
         ("operator", tape.orders, lambda it: f"order {it.id}: {it.kind}"),
         ("operator", tape.consents, lambda it: f"{it.request} {'granted' if it.granted else 'refused'}"),
         ("agent", tape.decisions, lambda it: f"{it.action} {it.subject}".strip() + f": {it.reason}"),
-        (
-            "agent",
-            tape.answers,
-            lambda it: f"{it.order} {'accepted' if it.accepted else 'refused'}: {it.reason}",
-        ),
+        ("agent", tape.answers, lambda it: f"{it.order} {('refused', 'accepted')[it.accepted]}: {it.reason}"),
         ("agent", tape.consent_requests, lambda it: f"may mark {it.class_label}? {it.id}: {it.reason}"),
-        (
-            "agent",
-            tape.reports,
-            lambda it: f"{'marks' if it.mark else 'reports'} {it.class_label} {it.id}: {it.reason}",
-        ),
+        ("agent", tape.reports, lambda it: f"{_verb(it)} {it.class_label} {it.id}: {it.reason}"),
     )
     for path, stream, words in streams:
         yield from ((path, timed.time.s, words(timed.value)) for timed in stream)
@@ -275,6 +264,10 @@ def _words(tape: Tape) -> Iterator[tuple[str, float, str]]:
         if status.value.phase != phase:
             yield "agent", status.time.s, f"phase {status.value.phase} {status.value.text}"
         phase = status.value.phase
+
+
+def _verb(report: Any) -> str:
+    return "marks" if report.mark else "reports"
 
 
 def _visible(labels: Iterable[str]) -> list[str]:

@@ -225,7 +225,7 @@ def test_words_reports_and_tracks_show_every_character(export: Export) -> None:
     assert export.values("/log/session", "text") == [["begun"]]
     assert export.times("/world/agent/reports", "positions") == [5.0]
     assert export.values("/world/agent/reports", "positions") == [[[101.0, 99.0, 0.0]]]
-    assert export.values("/world/agent/reports", "labels") == [["marked mobile_radar"]]
+    assert export.values("/world/agent/reports", "labels") == [["marks mobile_radar"]]
     assert export.values("/world/agent/tracks", "positions") == [[[120.0, 100.0, 0.0]]] * 10
     assert len(export.blueprints) == 1
 
