@@ -15,7 +15,7 @@ PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
-.PHONY: bench demo panel test quick slow clients real view check lock lock-check clean
+.PHONY: bench demo docs panel test quick slow clients real view check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -48,7 +48,7 @@ quick: $(VENV)/.dev
 	$(BIN)/python .ci/quick.py $(if $(BASE),--base $(BASE))
 
 # What takes minutes, a million hostile datagrams for example; `test` has a short form of each.
-slow: $(VENV)/.dev
+slow: $(VENV)/.dev $(VENV)/.docs
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
@@ -62,6 +62,11 @@ bench: $(VENV)/.dev
 # Flies real autopilots: REBAR_PX4=FOLDER REBAR_ARDUCOPTER=PROGRAM make real. See docs/real-autopilots.md.
 real: $(VENV)/.dev
 	$(BIN)/python -m pytest -m real
+
+# The pages of docs/ as a site, and the API from docstrings. Every warning is an error; nothing is fetched.
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --conf-dir docs/site . build/docs
+	@echo build/docs/index.html
 
 # Builds the page of `rebar view` from its sources; needs npm. The result is part of the repository and of the wheel.
 view:
@@ -85,6 +90,10 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
 	$(COMPILE_AGENTS)
 	@touch $@ $(VENV)/.run
 
+$(VENV)/.docs: requirements-docs.lock | $(VENV)/.run
+	$(BIN)/python -m pip $(PIP_INSTALL) --require-hashes -r requirements-docs.lock
+	@touch $@
+
 # Clients of other makers, wheels alone: nothing is compiled.
 $(CLIENTS)/.built: requirements-clients.lock | $(VENV)/bin/python
 	$(BIN)/python -m venv --clear $(CLIENTS)
@@ -99,6 +108,7 @@ UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cyc
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
 	uv pip compile pyproject.toml --group build --group dev --extra llm --extra sign --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
+	uv pip compile --group docs --constraint requirements-dev.lock --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-docs.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 
 # Needs uv. Whether every locked dependency has a wheel for each Python that pyproject.toml names; installs nothing.

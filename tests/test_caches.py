@@ -85,7 +85,6 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (square(8.0), 1.0),
         (square(9.0), 2.0),
     ),
-    "bench.recording.viewers._pictures._png": ((2, 3), (3, 3), (2, 4)),
     "bench.scoring._arrays._arrays": (
         (_DocumentKey(DECOMPOSITION),),
         (_DocumentKey(stricter(DECOMPOSITION)),),

@@ -1,10 +1,10 @@
 """What a Python agent may use on its side of the air network; an agent in any other language needs
 docs/agents-protocol.md alone.
 
-with open_bench("my_agent", read_environment(os.environ), subscriptions) as bench:
-    for moment in bench.moments("my-agent"):
-        for frame in moment.frames["onboard"]: ...
-        for sample in moment.samples: ...
+    with open_bench("my_agent", read_environment(os.environ), subscriptions) as bench:
+        for moment in bench.moments("my-agent"):
+            for frame in moment.frames["onboard"]: ...
+            for sample in moment.samples: ...
 """
 
 from __future__ import annotations

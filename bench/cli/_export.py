@@ -13,32 +13,25 @@ from ._tables import plain_console, print_lines
 
 def export(
     recording: Annotated[Path, typer.Argument(help="recording.mcap of a run, or the folder that holds it")],
-    out: Annotated[Path, typer.Option(help="MCAP file to write. Nothing is overwritten")],
-    foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="Add what Lichtblick and Foxglove show (the only form so far)")
+    out: Annotated[Path, typer.Option(help="File to write. Nothing is overwritten")],
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="As .rrd for the viewer of Rerun (the only form so far)")
     ] = False,
 ) -> None:
-    """Write a copy of a recording that Lichtblick and Foxglove show without any set-up: the scene, the map, boxes over
-    the pictures, and states to plot. The recording itself stays as it is.
+    """Write what the viewer of Rerun shows of a recording: the scene, the pictures with boxes, the log, and plots. Needs the
+    extra `rerun`. The recording itself stays as it is.
 
-    Example: rebar export out/demo/runs/p001-r1-reference-naive --foxglove --out viewer.mcap
+    Example: rebar export out/demo/runs/p001-r1-reference-naive --rerun --out run.rrd
     """
     from bench.campaign import open_recorded
     from bench.errors import SetupError
-    from bench.recording.viewers import export_for_viewers
+    from bench.recording import export_for_rerun
 
-    if not foxglove:
-        raise SetupError("rebar export", "no form is named", "add --foxglove")
+    if not rerun:
+        raise SetupError("rebar export", "no form is named", "add --rerun")
     with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
-        result = export_for_viewers(source / "recording.mcap" if source.is_dir() else source, out)
-    lines = [
-        f"{result.copied} messages copied, {result.derived} added.",
-        f"pictures: {'those of the recording' if result.pictures else 'none; boxes are drawn on grey frames'}",
-    ]
-    if result.cut is not None:
-        lines.append(f"The recording {result.cut}: the export has what is before that.")
-    if result.malformed:
-        counts = ", ".join(f"{topic} {count}" for topic, count in result.malformed.items())
-        lines.append(f"copied but not shown, because they cannot be decoded: {counts}")
-    lines += [f"export: {out}", "Open it with the layout docs/foxglove-layout.json (docs/viewers.md)."]
-    print_lines(plain_console(), lines)
+        malformed = export_for_rerun(source / "recording.mcap" if source.is_dir() else source, out)
+    lines = [f"not shown: {topic} ({count})" for topic, count in malformed.items()]
+    if lines:
+        lines.append("It cannot be decoded, or lies behind the place where the recording is cut off.")
+    print_lines(plain_console(), [*lines, f"export: {out}", "docs/viewers.md says what opens it."])

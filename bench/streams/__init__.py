@@ -43,26 +43,19 @@ if TYPE_CHECKING:
     from ._router import Topic as Topic
     from ._router import open_router as open_router
     from ._schemas import schema_text as schema_text
-    from ._schemas import schema_text_of as schema_text_of
     from ._schemas import type_hash as type_hash
     from ._types import MESSAGES as MESSAGES
     from ._types import BoundingBox2D as BoundingBox2D
-    from ._types import BoundingBox3D as BoundingBox3D
     from ._types import CameraInfo as CameraInfo
     from ._types import Clock as Clock
     from ._types import CompressedImage as CompressedImage
     from ._types import Detection2D as Detection2D
     from ._types import Detection2DArray as Detection2DArray
-    from ._types import Detection3D as Detection3D
-    from ._types import Detection3DArray as Detection3DArray
     from ._types import Header as Header
     from ._types import Image as Image
-    from ._types import Imu as Imu
     from ._types import Int32 as Int32
     from ._types import MultiArrayDimension as MultiArrayDimension
     from ._types import MultiArrayLayout as MultiArrayLayout
-    from ._types import NavSatFix as NavSatFix
-    from ._types import NavSatStatus as NavSatStatus
     from ._types import ObjectHypothesis as ObjectHypothesis
     from ._types import ObjectHypothesisWithPose as ObjectHypothesisWithPose
     from ._types import Octets as Octets
@@ -72,9 +65,7 @@ if TYPE_CHECKING:
     from ._types import Pose as Pose
     from ._types import Pose2D as Pose2D
     from ._types import PoseArray as PoseArray
-    from ._types import PoseStamped as PoseStamped
     from ._types import PoseWithCovariance as PoseWithCovariance
-    from ._types import PoseWithCovarianceStamped as PoseWithCovarianceStamped
     from ._types import Quaternion as Quaternion
     from ._types import RegionOfInterest as RegionOfInterest
     from ._types import RosMessage as RosMessage
@@ -85,7 +76,6 @@ if TYPE_CHECKING:
     from ._types import TransformStamped as TransformStamped
     from ._types import Twist as Twist
     from ._types import TwistWithCovariance as TwistWithCovariance
-    from ._types import TwistWithCovarianceStamped as TwistWithCovarianceStamped
     from ._types import UInt8 as UInt8
     from ._types import UInt8MultiArray as UInt8MultiArray
     from ._types import UInt32 as UInt32

@@ -124,11 +124,7 @@ def schema_text(type_name: str) -> str:
 
     KeyError when unknown.
     """
-    return schema_text_of(BY_NAME[type_name])
-
-
-def schema_text_of(kind: type[RosMessage]) -> str:
-    """As `schema_text`, for a message class that need not be one of MESSAGES."""
+    kind = BY_NAME[type_name]
     parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
     parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]

@@ -12,9 +12,7 @@ from typing import Annotated, ClassVar, Protocol
 
 from bench.values import value_class
 
-Int8 = Annotated[int, "int8"]
 UInt8 = Annotated[int, "uint8"]
-UInt16 = Annotated[int, "uint16"]
 Int32 = Annotated[int, "int32"]
 UInt32 = Annotated[int, "uint32"]
 Octets = Annotated[bytes, "uint8[]"]
@@ -124,24 +122,10 @@ class PoseArray:
 
 
 @value_class(frozen=True, slots=True)
-class PoseStamped:
-    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
-    header: Header = Header()
-    pose: Pose = Pose()
-
-
-@value_class(frozen=True, slots=True)
 class PoseWithCovariance:
     TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovariance"
     pose: Pose = Pose()
     covariance: ThirtySix = _ZERO_36
-
-
-@value_class(frozen=True, slots=True)
-class PoseWithCovarianceStamped:
-    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    header: Header = Header()
-    pose: PoseWithCovariance = PoseWithCovariance()
 
 
 @value_class(frozen=True, slots=True)
@@ -179,13 +163,6 @@ class TwistWithCovariance:
     TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovariance"
     twist: Twist = Twist()
     covariance: ThirtySix = _ZERO_36
-
-
-@value_class(frozen=True, slots=True)
-class TwistWithCovarianceStamped:
-    TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
-    header: Header = Header()
-    twist: TwistWithCovariance = TwistWithCovariance()
 
 
 @value_class(frozen=True, slots=True)
@@ -256,39 +233,6 @@ class Image:
 
 
 @value_class(frozen=True, slots=True)
-class NavSatStatus:
-    TYPE: ClassVar[str] = "sensor_msgs/msg/NavSatStatus"
-    status: Int8 = 0
-    service: UInt16 = 1
-
-
-@value_class(frozen=True, slots=True)
-class NavSatFix:
-    """WGS 84: degrees, degrees, metres above the ellipsoid."""
-
-    TYPE: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
-    header: Header = Header()
-    status: NavSatStatus = NavSatStatus()
-    latitude: float = 0.0
-    longitude: float = 0.0
-    altitude: float = 0.0
-    position_covariance: Nine = _ZERO_9
-    position_covariance_type: UInt8 = 0
-
-
-@value_class(frozen=True, slots=True)
-class Imu:
-    TYPE: ClassVar[str] = "sensor_msgs/msg/Imu"
-    header: Header = Header()
-    orientation: Quaternion = Quaternion()
-    orientation_covariance: Nine = _ZERO_9
-    angular_velocity: Vector3 = Vector3()
-    angular_velocity_covariance: Nine = _ZERO_9
-    linear_acceleration: Vector3 = Vector3()
-    linear_acceleration_covariance: Nine = _ZERO_9
-
-
-@value_class(frozen=True, slots=True)
 class Point2D:
     TYPE: ClassVar[str] = "vision_msgs/msg/Point2D"
     x: float = 0.0
@@ -310,13 +254,6 @@ class BoundingBox2D:
     center: Pose2D = Pose2D()
     size_x: float = 0.0
     size_y: float = 0.0
-
-
-@value_class(frozen=True, slots=True)
-class BoundingBox3D:
-    TYPE: ClassVar[str] = "vision_msgs/msg/BoundingBox3D"
-    center: Pose = Pose()
-    size: Vector3 = Vector3()
 
 
 @value_class(frozen=True, slots=True)
@@ -349,38 +286,13 @@ class Detection2DArray:
     detections: tuple[Detection2D, ...] = ()
 
 
-@value_class(frozen=True, slots=True)
-class Detection3D:
-    TYPE: ClassVar[str] = "vision_msgs/msg/Detection3D"
-    header: Header = Header()
-    results: tuple[ObjectHypothesisWithPose, ...] = ()
-    bbox: BoundingBox3D = BoundingBox3D()
-    id: str = ""
-
-
-@value_class(frozen=True, slots=True)
-class Detection3DArray:
-    TYPE: ClassVar[str] = "vision_msgs/msg/Detection3DArray"
-    header: Header = Header()
-    detections: tuple[Detection3D, ...] = ()
-
-
 MESSAGES: tuple[type[RosMessage], ...] = (
     *(Time, Header, String, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray, Clock),
-    *(Point, Quaternion, Pose, PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped),
-    *(
-        Vector3,
-        Transform,
-        TransformStamped,
-        Twist,
-        TwistWithCovariance,
-        TwistWithCovarianceStamped,
-        TFMessage,
-        Odometry,
-    ),
-    *(RegionOfInterest, CameraInfo, CompressedImage, Image, NavSatStatus, NavSatFix, Imu),
-    *(Point2D, Pose2D, BoundingBox2D, BoundingBox3D, ObjectHypothesis, ObjectHypothesisWithPose),
-    *(Detection2D, Detection2DArray, Detection3D, Detection3DArray),
+    *(Point, Quaternion, Pose, PoseArray, PoseWithCovariance),
+    *(Vector3, Transform, TransformStamped, Twist, TwistWithCovariance, TFMessage, Odometry),
+    *(RegionOfInterest, CameraInfo, CompressedImage, Image),
+    *(Point2D, Pose2D, BoundingBox2D, ObjectHypothesis, ObjectHypothesisWithPose),
+    *(Detection2D, Detection2DArray),
 )
 
 BY_NAME = {kind.TYPE: kind for kind in MESSAGES}

@@ -153,7 +153,7 @@ def test_a_run_is_measured_from_where_its_recording_lies(tmp_path: Path, memory:
         places.append(moved_away(run, memory, result))
         assert rescore(run, DECOMPOSITION) == result
         assert rebar(["score", str(run), "--json"]) == 0
-        assert rebar(["export", str(run), "--foxglove", "--out", str(run / "viewer.mcap")]) == 0
+        assert rebar(["draw", str(run), "--out", str(run / "map.svg")]) == 0
         assert not (run / "recording.mcap").exists()
     assert len(set(places)) == 2
     fsspec.filesystem("memory").pipe_file(places[0].removeprefix("memory:/"), b"another")

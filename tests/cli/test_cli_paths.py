@@ -47,7 +47,7 @@ READING = (
     "difficulty SEARCH --decomposition @",
     "prose --file @",
     "prose truck --vocabulary @",
-    "export @ --foxglove --out viewer.mcap",
+    "export @ --rerun --out run.rrd",
     "fit-detector @",
 )
 MAKING_FOLDERS = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 
@@ -37,8 +36,7 @@ from bench.contracts import (
     truth_mask_topic,
 )
 from bench.errors import SetupError
-from bench.recording import TapeBuilder, open_recording, read_records
-from bench.recording.viewers import export_for_viewers
+from bench.recording import TapeBuilder
 from bench.simspec import Camera, Distortion, Mission, SimSpec
 from bench.simulation import PinholeCamera, SessionPlan, camera_faults, run_session
 from bench.simulation._camera_messages import CameraMessages
@@ -240,23 +238,12 @@ def test_masks_and_depths_are_recorded_and_agree_with_boxes_and_geometry(
         assert metres[labels == 0] == pytest.approx(30.0, abs=1e-3)
 
 
-def test_an_export_takes_no_mask_for_a_picture(
-    flown: tuple[FlownSession, FlownSession], tmp_path: Path
-) -> None:
-    """Boxes still get an empty picture below them, and the tape is whole."""
-    source = tmp_path / "recording.mcap"
+def test_a_tape_is_whole_beside_masks_and_depths(flown: tuple[FlownSession, FlownSession]) -> None:
     builder = TapeBuilder(two_cameras())
-    with open_recording(source, simspec=two_cameras(), versions={}) as recorder:
-        for record in flown[0].records:
-            recorder(record)
-            builder(record)
+    for record in flown[0].records:
+        builder(record)
+    assert {truth_mask_topic("down"), truth_depth_topic("down")} <= {it.topic for it in flown[0].records}
     assert not builder.tape().malformed
-    result = export_for_viewers(source, tmp_path / "viewers.mcap")
-    assert (result.cut, dict(result.malformed), result.pictures) == (None, {}, False)
-    topics = Counter(record.topic for record in read_records(tmp_path / "viewers.mcap"))
-    assert {truth_mask_topic("down"), truth_depth_topic("down")} <= topics.keys()
-    # One for each frame of the main camera, none for those of the other.
-    assert topics["/viewer/empty_picture"] == topics[TOPICS.camera_info("front")]
 
 
 def test_a_renderer_that_is_not_installed_is_refused_with_those_that_are() -> None:

@@ -26,8 +26,7 @@ from bench.contracts import (
 from bench.perception import open_detectors, seeds_of_camera
 from bench.perception.fit import fit_detector
 from bench.perception.fit._matching import match_runs
-from bench.recording import TapeBuilder, open_recording, read_records
-from bench.recording.viewers import export_for_viewers
+from bench.recording import TapeBuilder, open_recording
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
 from bench.simulation import SessionPlan, open_plain_scene, run_session
@@ -257,32 +256,6 @@ def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownC
     assert fit.evidence.frames == sum(len(run.frames) for run in matched)
     # Names never change from camera to camera, so no switch is seen where there is none.
     assert fit.evidence.track_s > 0.0
-
-
-def test_an_export_shows_the_detections_of_each_camera(tmp_path: Path) -> None:
-    """As boxes of the same stamp, over empty pictures where the recording has none."""
-    down = CAMERAS[0].model_copy(update={"record_frames": True})
-    spec = spec_of("truth", "down", "wide")
-    spec = spec.model_copy(
-        update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": (down, CAMERAS[1])})}
-    )
-    path = tmp_path / "recording.mcap"
-    with open_recording(path, simspec=spec, versions={}) as recorder:
-        plan = SessionPlan(spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", recorder)
-        assert run_session(plan).outcome is Outcome.TIME_LIMIT
-    result = export_for_viewers(path, tmp_path / "viewer.mcap")
-    assert not result.malformed
-    assert not result.pictures
-    counts: dict[str, int] = {}
-    for record in read_records(tmp_path / "viewer.mcap"):
-        counts[record.topic] = counts.get(record.topic, 0) + 1
-    for camera, topic in (("down", DOWN), ("wide", WIDE)):
-        assert counts[f"/viewer/{camera}/detections"] == counts[topic] > 0
-        assert counts[f"/viewer/{camera}/truth_boxes"] > 0
-    assert "/viewer/down/empty_picture" not in counts
-    assert counts["/viewer/wide/empty_picture"] == counts[TOPICS.camera_info("wide")]
-    assert counts["/viewer/detections"] == counts[MAIN]
-    assert counts["/viewer/empty_picture"] == counts[TOPICS.camera_info("front")]
 
 
 def test_the_report_draws_frames_of_further_cameras_again(

@@ -17,7 +17,6 @@ CELL_PX = 4
 CELL_CHANNELS = CELL_PX * CELL_PX + 2 * (CELL_PX // 2) ** 2
 """Numbers of a cell: its brightnesses, and its two colour differences at half the resolution, as in JPEG."""
 
-HEAD_STRIDE_PX = 8
 SUBCELLS = 4
 """Cells of the object map in one position of the network's result: two rows of two."""
 
