@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from bench.contracts import Sighting
 from bench.errors import SetupError
 from bench.perception import DetectionOdds
-from bench.simspec import ASSETS, PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
 
 from ._course import Course
 
@@ -92,7 +92,7 @@ def _sight(simspec: SimSpec) -> dict[str, Feature]:
     focal_px /= math.tan(math.radians(simspec.vehicle.camera.horizontal_fov_deg) / 2.0)
 
     def chance(group: ActorGroup) -> float:
-        asset = ASSETS.get(group.asset)
+        asset = group.definition if group.is_known else None
         size_m = max(asset.height_m, asset.length_m, asset.width_m) if asset else 1.75
         sighting = Sighting(0, course.slant_m, focal_px * size_m / course.slant_m, 1.0, (0.0, 0.0, 0.0, 0.0))
         return max(MIN_CHANCE, odds.clarity(sighting, group.concealment).detection)

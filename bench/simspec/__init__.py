@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from ._actors import CountRange as CountRange
     from ._actors import Motion as Motion
     from ._assets import ASSETS as ASSETS
+    from ._assets import CLASS_LABELS as CLASS_LABELS
     from ._assets import Asset as Asset
+    from ._assets import AssetTable as AssetTable
     from ._assets import asset_fault as asset_fault
     from ._document import AgentSpec as AgentSpec
     from ._document import Budgets as Budgets
@@ -49,8 +51,12 @@ if TYPE_CHECKING:
     from ._ground import Polygon as Polygon
     from ._ground import Road as Road
     from ._ground import World as World
+    from ._looks import MAX_CORNERS as MAX_CORNERS
+    from ._looks import AssetLook as AssetLook
+    from ._looks import Panels as Panels
+    from ._looks import Solid as Solid
+    from ._looks import Triple as Triple
     from ._orders import Order as Order
-    from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
     from ._perception import LEAST_CONTRAST_DEPTH as LEAST_CONTRAST_DEPTH

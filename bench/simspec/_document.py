@@ -22,11 +22,11 @@ from pydantic import (
 )
 
 from bench.documents import Document, added_field, is_default, load_document
-from bench.errors import SetupError
+from bench.errors import Fault, SetupError
 from bench.visible_text import visible
 
 from ._actors import ActorGroup
-from ._assets import asset_fault
+from ._assets import ASSETS, CLASS_LABELS, OwnAssets, packaged_assets
 from ._consistency import raise_inconsistencies, situation_inconsistencies
 from ._ground import Point, World
 from ._orders import Order
@@ -316,6 +316,11 @@ class SimSpec(Document):
     world: World
     environment: Environment = Environment()
     vehicle: VehicleSpec = VehicleSpec()
+    assets: OwnAssets = added_field(
+        {},
+        "Kinds of actor beside the catalogue's, by name; or the path of a file of them, whose content is then kept here. "
+        "What groups use from packages is added.",
+    )
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
     orders: tuple[Order, ...] = Field(
@@ -343,6 +348,7 @@ class SimSpec(Document):
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:
+        self._carry_assets()
         raise_inconsistencies("SimSpec", situation_inconsistencies(self))
         return self
 
@@ -353,6 +359,25 @@ class SimSpec(Document):
             camera for camera in self.vehicle.more_cameras if camera.name in self.perception.more_cameras
         )
         return self.vehicle.camera, *further
+
+    def _carry_assets(self) -> None:
+        """Give each group its asset, and keep here what packages say of it: a recording is scored where they are not."""
+        for group in self.actors:
+            own = self.assets.get(group.asset)
+            if own is None and group.asset not in ASSETS and (own := packaged_assets().get(group.asset)):
+                self.__dict__["assets"] = self.assets | {group.asset: own}
+            if own is not None:
+                group.adopt(own)
+
+    @property
+    def class_labels(self) -> tuple[str, ...]:
+        """Every class label of the catalogue and of `assets`."""
+        return tuple(sorted({*CLASS_LABELS, *(asset.class_label for asset in self.assets.values())}))
+
+    def asset_faults(self) -> list[Fault]:
+        """A fault for each group whose asset nobody defines."""
+        places = ((f"actors[{index}].asset", group) for index, group in enumerate(self.actors))
+        return [fault for where, group in places if (fault := group.asset_fault(where))]
 
     def group(self, group_id: str) -> ActorGroup:
         """The group with this id. Raises KeyError when there is none."""
@@ -369,9 +394,8 @@ def load_simspec(path: Path | str) -> SimSpec:
     Raises SetupError with every fault: file, line, field and remedy.
     """
     spec = load_document(path, SimSpec)
-    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
-    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
-        raise SetupError(faults)
+    if faults := spec.asset_faults():
+        raise SetupError([Fault(f"{path}: {fault.where}", fault.what, fault.remedy) for fault in faults])
     if not is_manifest_file(spec.agent.manifest):
         return spec
     # Absolute: the SimSpec is flown from other folders.

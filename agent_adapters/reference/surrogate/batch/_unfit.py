@@ -39,6 +39,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         },
         # Measures count what further cameras show, and surrogates have one.
         "perception.more_cameras": bool(simspec.perception.more_cameras),
+        # Their tables of labels are of the catalogue's assets.
+        "assets": any(group.own for group in simspec.actors),
         # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
         "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
