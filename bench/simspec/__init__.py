@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ._document import Intelligence as Intelligence
     from ._document import Isolation as Isolation
     from ._document import Mission as Mission
-    from ._document import Outage as Outage
     from ._document import Pace as Pace
     from ._document import PaceMode as PaceMode
     from ._document import PlacedActor as PlacedActor
@@ -43,6 +42,12 @@ if TYPE_CHECKING:
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
     from ._factors import factor_values as factor_values
+    from ._faults import FAILURES as FAILURES
+    from ._faults import OUTAGES as OUTAGES
+    from ._faults import Failure as Failure
+    from ._faults import FailureKind as FailureKind
+    from ._faults import Outage as Outage
+    from ._faults import OutageKind as OutageKind
     from ._ground import MAX_LATITUDE_DEG as MAX_LATITUDE_DEG
     from ._ground import Area as Area
     from ._ground import Home as Home
@@ -103,7 +108,6 @@ if TYPE_CHECKING:
     from ._vehicle_spec import BoardAutopilot as BoardAutopilot
     from ._vehicle_spec import Camera as Camera
     from ._vehicle_spec import Distortion as Distortion
-    from ._vehicle_spec import Failure as Failure
     from ._vehicle_spec import Gps as Gps
     from ._vehicle_spec import OutsideLink as OutsideLink
     from ._vehicle_spec import RealAutopilot as RealAutopilot

@@ -28,6 +28,7 @@ from bench.visible_text import visible
 from ._actors import ActorGroup
 from ._assets import ASSETS, CLASS_LABELS, OwnAssets, packaged_assets
 from ._consistency import raise_inconsistencies, situation_inconsistencies
+from ._faults import Outage
 from ._ground import Point, World
 from ._orders import Order
 from ._perception import Perception
@@ -102,34 +103,6 @@ class Consent(Document):
     after_s: NotNegative = Field(
         12.0, description="Time from hearing a request to answering it; without effect for never."
     )
-
-
-class Outage(Document):
-    """A service around the vehicle that fails for a while.
-
-    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered
-    when the link is up again; reports do not reach the operator. `detections`: the detector delivers nothing.
-    `detections_degraded`: the detector loses the share `lost_share` of its detections, and the scores of the
-    others fall by the factor 1 - `lost_share` / 2.
-    """
-
-    kind: Literal["operator_link", "detections", "detections_degraded"]
-    at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
-    duration_s: Positive
-    lost_share: float | None = added_field(
-        None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0
-    )
-
-    @model_validator(mode="after")
-    def _share_fits_the_kind(self) -> Self:
-        if (self.kind == "detections_degraded") != (self.lost_share is not None):
-            raise ValueError("detections_degraded needs lost_share, and only detections_degraded has one")
-        return self
-
-    @property
-    def until_s(self) -> float:
-        """Simulated time at which the outage ends."""
-        return self.at_s + self.duration_s
 
 
 MANIFEST_SUFFIXES = (".yaml", ".yml", ".json")

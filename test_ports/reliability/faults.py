@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from bench.contracts import Decision, Evidence, Tape, Timed
-from bench.simspec import SimSpec
+from bench.simspec import FAILURES, OUTAGES, SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, share_right
@@ -29,15 +29,8 @@ from ..ground_truth import (
 from ..mission.search import first_reached_s
 from ..reports.credibility import first_known_s
 
-ANNOUNCED_AS = {
-    "gps_off": "gps",
-    "gps_drift": "gps",
-    "battery_drop": "battery",
-    "motor_off": "motor",
-    "link_loss": "link",
-    "operator_link": "operator_link",
-    "detections": "detections",
-    "detections_degraded": "detections",
+ANNOUNCED_AS = {kind: declared.subject for kind, declared in FAILURES.items()} | {
+    kind: declared.subject for kind, declared in OUTAGES.items()
 }
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
 
