@@ -189,7 +189,7 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
     early = [
         order
         for order in orders
-        if order.kind in ("mark", "retask") and searched_s.get(order.intelligence or "", 0.0) > order.at_s
+        if order.intelligence is not None and searched_s.get(order.intelligence, 0.0) > order.at_s
     ]
     granted = {
         consent.intelligence: consent.after_s for consent in simspec.consents if consent.answer == "granted"

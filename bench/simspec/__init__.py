@@ -61,6 +61,11 @@ if TYPE_CHECKING:
     from ._looks import Panels as Panels
     from ._looks import Solid as Solid
     from ._looks import Triple as Triple
+    from ._orders import ENDING_ORDERS as ENDING_ORDERS
+    from ._orders import MOTION_ORDERS as MOTION_ORDERS
+    from ._orders import PAUSES as PAUSES
+    from ._orders import REPORT_ORDERS as REPORT_ORDERS
+    from ._orders import SILENCING_ORDERS as SILENCING_ORDERS
     from ._orders import Order as Order
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
+from ._orders import MOTION_ORDERS
 from ._placement import HOME
 from ._roles import TARGET_ROLES, Role
 
@@ -335,10 +336,6 @@ def _consent_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             yield field, f"intelligence {report_id!r} has two consents; keep one"
 
 
-# What moves the vehicle cannot be ordered of an agent that does not have it.
-_MOVING_KINDS = frozenset({"hold", "resume", "return", "abort", "deactivate", "retask"})
-
-
 def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """Every `hand_over` needs a `take_back`, late enough, and no order to fly in between."""
     pending: tuple[int, Order] | None = None
@@ -350,7 +347,8 @@ def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 message = f"order {order.id!r} at {order.at_s:g} s must come after {pending[1].id!r} is due, at {due_s:g} s"
                 yield ("orders", index, "at_s"), message
             pending = None
-        elif pending is not None and (order.kind == "hand_over" or order.kind in _MOVING_KINDS):
+        # What moves the vehicle cannot be ordered of an agent that does not have it.
+        elif pending is not None and order.kind in MOTION_ORDERS:
             message = f"order {order.id!r} ({order.kind}) comes while the operator has the vehicle, after {pending[1].id!r}"
             yield ("orders", index, "at_s"), f"{message}; put take_back first"
         elif order.kind == "hand_over":

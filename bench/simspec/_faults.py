@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -16,92 +16,68 @@ from ._quantities import Identifier, NotNegative, Positive
 FailureKind = Literal["gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss"]
 OutageKind = Literal["operator_link", "detections", "detections_degraded"]
 
-T = TypeVar("T")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FaultDeclaration(Generic[T]):
-    """One kind of failure or outage.
+@dataclass(frozen=True, slots=True)
+class FaultDeclaration:
+    """One kind of failure or outage; Failure and Outage say what it means.
 
     `tell`: the event in a story of the run. `subject`: the word with which a decision log names it. `takes`: its fields
     beside `at_s` and `kind`, of which it cannot be without `needs`. `failsafes`: causes of a failsafe that it brings about
     whatever the agent does.
     """
 
-    meaning: str
-    tell: Callable[[T], str]
+    tell: Callable[[Any], str]
     subject: str
-    takes: frozenset[str] = frozenset(["duration_s"])
+    takes: tuple[str, ...] = ("duration_s",)
     needs: str = ""
     failsafes: tuple[str, ...] = ()
 
 
-FAILURES: Mapping[str, FaultDeclaration[Failure]] = {
-    "gps_off": FaultDeclaration(
-        meaning="there are no fixes",
-        tell=lambda _: "no GPS fixes",
-        subject="gps",
-        failsafes=("position",),
-    ),
+FAILURES = {
+    "gps_off": FaultDeclaration(lambda _: "no GPS fixes", "gps", failsafes=("position",)),
     "gps_drift": FaultDeclaration(
-        meaning="fixes drift at `drift_mps` towards `towards_deg` and jump back at the end",
         # Without `towards_deg` the drift is to the north.
-        tell=lambda it: f"fixes drift by {it.drift_mps:g} m/s towards {it.towards_deg or 0.0:g}°",
-        subject="gps",
-        takes=frozenset(["duration_s", "drift_mps", "towards_deg"]),
+        lambda it: f"fixes drift by {it.drift_mps:g} m/s towards {it.towards_deg or 0.0:g}°",
+        "gps",
+        ("duration_s", "drift_mps", "towards_deg"),
         needs="drift_mps",
     ),
     "battery_drop": FaultDeclaration(
-        meaning="the charge falls to `to_fraction` at once",
-        tell=lambda it: f"the battery falls to {100 * (it.to_fraction or 0.0):g} %",
-        subject="battery",
-        takes=frozenset(["to_fraction"]),
+        lambda it: f"the battery falls to {100 * it.to_fraction:g} %",
+        "battery",
+        ("to_fraction",),
         needs="to_fraction",
     ),
     "motor_off": FaultDeclaration(
-        meaning="rotor `instance` stops",
-        tell=lambda it: f"rotor {it.instance} stops",
-        subject="motor",
-        takes=frozenset(["duration_s", "instance"]),
-        needs="instance",
+        lambda it: f"rotor {it.instance} stops", "motor", ("duration_s", "instance"), needs="instance"
     ),
     "link_loss": FaultDeclaration(
-        meaning="the MAVLink link of that name, or every link, passes nothing in either direction",
-        tell=lambda it: f"MAVLink link {it.link} is cut" if it.link else "every MAVLink link is cut",
-        subject="link",
-        takes=frozenset(["duration_s", "link"]),
+        lambda it: f"MAVLink link {it.link} is cut" if it.link else "every MAVLink link is cut",
+        "link",
+        ("duration_s", "link"),
         failsafes=("link", "setpoints"),
     ),
 }
 
-OUTAGES: Mapping[str, FaultDeclaration[Outage]] = {
-    "operator_link": FaultDeclaration(
-        meaning="the operator's radio link is down. Orders and intelligence that fall due are delivered when the link is up "
-        "again; reports do not reach the operator",
-        tell=lambda _: "the operator’s link is down",
-        subject="operator_link",
-    ),
-    "detections": FaultDeclaration(
-        meaning="the detector delivers nothing", tell=lambda _: "the detector is silent", subject="detections"
-    ),
+OUTAGES = {
+    "operator_link": FaultDeclaration(lambda _: "the operator’s link is down", "operator_link"),
+    "detections": FaultDeclaration(lambda _: "the detector is silent", "detections"),
     "detections_degraded": FaultDeclaration(
-        meaning="the detector loses the share `lost_share` of its detections, and the scores of the others fall by the factor "
-        "1 - `lost_share` / 2",
-        tell=lambda _: "the detector loses a share of its detections",
-        subject="detections",
+        lambda _: "the detector loses a share of its detections", "detections", ("duration_s", "lost_share")
     ),
 }
 
 
-def _meanings(kinds: Mapping[str, FaultDeclaration[T]]) -> str:
-    return ". ".join(f"{kind}: {declared.meaning}" for kind, declared in kinds.items()) + "."
-
-
 class Failure(Document):
-    """A failure of the vehicle at `at_s`. With `duration_s` it ends after that time."""
+    """A failure of the vehicle at `at_s`. With `duration_s` it ends after that time.
+
+    `gps_off`: there are no fixes. `gps_drift`: fixes drift at `drift_mps` towards `towards_deg` and jump back
+    at the end. `battery_drop`: the charge falls to `to_fraction` at once. `motor_off`: rotor `instance`
+    stops. `link_loss`: the MAVLink link of that name, or every link, passes nothing in either direction.
+    """
 
     at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
-    kind: Annotated[FailureKind, Field(description=_meanings(FAILURES))]
+    kind: FailureKind
     duration_s: float | None = Field(
         None, gt=0.0, le=7200.0, description="Duration; to the end of the session when absent."
     )
@@ -127,7 +103,7 @@ class Failure(Document):
         declared = FAILURES[self.kind]
         stated = {name for name in self.model_fields_set if getattr(self, name) is not None}
         # A field that the kind does not use would be ignored without a word.
-        if wrong := sorted(stated - declared.takes - {"at_s", "kind"}):
+        if wrong := sorted(stated - {*declared.takes} - {"at_s", "kind"}):
             takes = ", ".join(sorted(declared.takes))
             raise ValueError(f"{self.kind} takes no {', '.join(wrong)}; it takes {takes}")
         if declared.needs and declared.needs not in stated:
@@ -136,9 +112,15 @@ class Failure(Document):
 
 
 class Outage(Document):
-    """A service around the vehicle that fails for a while."""
+    """A service around the vehicle that fails for a while.
 
-    kind: Annotated[OutageKind, Field(description=_meanings(OUTAGES))]
+    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered
+    when the link is up again; reports do not reach the operator. `detections`: the detector delivers nothing.
+    `detections_degraded`: the detector loses the share `lost_share` of its detections, and the scores of the
+    others fall by the factor 1 - `lost_share` / 2.
+    """
+
+    kind: OutageKind
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
     lost_share: float | None = added_field(
@@ -147,7 +129,7 @@ class Outage(Document):
 
     @model_validator(mode="after")
     def _share_fits_the_kind(self) -> Self:
-        if (self.kind == "detections_degraded") != (self.lost_share is not None):
+        if ("lost_share" in OUTAGES[self.kind].takes) != (self.lost_share is not None):
             raise ValueError("detections_degraded needs lost_share, and only detections_degraded has one")
         return self
 

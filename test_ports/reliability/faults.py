@@ -29,9 +29,7 @@ from ..ground_truth import (
 from ..mission.search import first_reached_s
 from ..reports.credibility import first_known_s
 
-ANNOUNCED_AS = {kind: declared.subject for kind, declared in FAILURES.items()} | {
-    kind: declared.subject for kind, declared in OUTAGES.items()
-}
+ANNOUNCED_AS = {kind: declared.subject for kind, declared in (FAILURES | OUTAGES).items()}
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
 
 FAULT_AFTERMATH_S = 30.0

@@ -30,7 +30,7 @@ def test_a_failure_takes_the_fields_of_its_kind_and_no_others(kind: str) -> None
     full = {"at_s": 10.0, "kind": kind} | {name: VALUES[name] for name in declared.takes}
     failure = Failure.model_validate(full)
     assert failure.until_s == (17.5 if "duration_s" in declared.takes else float("inf"))
-    for name in VALUES.keys() - declared.takes:
+    for name in VALUES.keys() - {*declared.takes}:
         with pytest.raises(ValidationError, match=f"{kind} takes no {name}; it takes "):
             Failure.model_validate(full | {name: VALUES[name]})
     for name in declared.takes:

@@ -47,7 +47,7 @@ class EventReader:
         duration_s = self._duration_s(part, needed=is_outage)
         self._draft.put((*base, "at_s"), part.first("at"), part.span)
         self._draft.put((*base, "kind"), kind, part.span)
-        takes = {"duration_s", "lost_share"} if is_outage else FAILURES[kind].takes
+        takes = (FAILURES | OUTAGES)[kind].takes
         if duration_s is not None and "duration_s" in takes:
             self._draft.put((*base, "duration_s"), duration_s, part.span)
         self._values(base, part, takes)
