@@ -13,10 +13,11 @@ from bench.camera import actors_in, look_of, open_camera
 from bench.camera.sheet import pose_towards
 from bench.campaign import load_campaign, load_measurable_decomposition, rescore
 from bench.campaign.execution._flight import fly_here
+from bench.campaign.planning._realizations import realizations
 from bench.contracts import Outcome, cast_of
 from bench.documents import dump_yaml
 from bench.errors import SetupError
-from bench.perception._labels import false_labels
+from bench.perception._labels import LabelOdds, false_labels
 from bench.realization import check_placement, place
 from bench.recording import read_simspec, read_tape
 from bench.simspec import ASSETS, ActorGroup, AssetTable, Role, SimSpec, load_simspec
@@ -84,6 +85,8 @@ def test_a_placed_simspec_needs_its_file_no_more(harbour: SimSpec) -> None:
     assert "boat" not in {asset.class_label for asset in ASSETS.values()}
     assert "boat" in false_labels(harbour)
     assert "fishing_boat" not in false_labels(harbour)
+    odds = [LabelOdds.of(harbour.perception.model, member).labels for member in cast_of(harbour)]
+    assert odds == [("fishing_boat",), ("boat", "building")]
 
 
 def test_both_boats_are_flown_over_detected_and_scored(harbour: SimSpec, tmp_path: Path) -> None:
@@ -121,6 +124,15 @@ def test_both_boats_are_drawn_in_their_sizes_and_colours(harbour: SimSpec) -> No
     assert blue[0] > blue[2]
 
 
+def test_a_look_without_height_is_named(tmp_path: Path) -> None:
+    flat = BOATS.replace("2, 2, 7]", "2, 2, 2]").replace("0, -10, 10, -3, 3, 2]", "2, -10, 10, -3, 3, 2]")
+    (tmp_path / "boats.yaml").write_text(flat)
+    (tmp_path / "harbour.yaml").write_text(HARBOUR)
+    _, trawler = cast_of(place(load_simspec(tmp_path / "harbour.yaml")))
+    with pytest.raises(SetupError, match=r"assets\.trawler\.look: its solids are flat"):
+        look_of(trawler, 0.0, np.random.default_rng(1), np.zeros(3))
+
+
 def test_an_asset_of_a_simspec_goes_before_the_catalogues(harbour: SimSpec) -> None:
     """So that a name which the catalogue gets later does not change an older recording."""
     document: dict[str, Any] = harbour.model_dump(mode="json") | {"realized": None}
@@ -146,6 +158,8 @@ def test_a_campaign_keeps_the_assets_of_its_base(tmp_path: Path) -> None:
     base = load_campaign(campaign_file).base
     assert base is not None
     assert [*base.assets] == ["speedboat", "trawler"]
+    plans = realizations(load_campaign(campaign_file))
+    assert [plan.simspec.group("crew").definition.length_m for plan in plans] == [21.0, 9.0]
     (tmp_path / "boats.yaml").unlink()
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_yaml(base))

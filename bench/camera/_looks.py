@@ -146,6 +146,8 @@ def _geometry(
     solids = list(_solids(look.postures[posture], table))
     first = list(_solids(next(iter(look.postures.values())), table))
     factors, offset = _fit(solids, first, size)
+    if not np.isfinite(factors).all():
+        raise SetupError(f"assets.{asset}.look", "its solids are flat", "give them length, width and height")
     # Cover is drawn for the asset, not for the draw of an actor, so that geometries stay few.
     cover = concealed(
         look.cover, level / 4.0, (size.length_m * scale, size.width_m * scale, size.height_m * scale), asset
@@ -175,7 +177,8 @@ def _fit(
     low, high = _bounds(solids)
     heights = _bounds(upright)
     extents = np.array((*(high - low)[:2], (heights[1] - heights[0])[2]))
-    factors = np.array((asset.length_m, asset.width_m, asset.height_m)) / extents
+    with np.errstate(divide="ignore"):
+        factors = np.array((asset.length_m, asset.width_m, asset.height_m)) / extents
     return factors, np.array((-(low[0] + high[0]) / 2.0, -(low[1] + high[1]) / 2.0, -low[2]))
 
 

@@ -1,8 +1,7 @@
 """Measures of faults: whether the aircraft survives them, and the agent announces them and recovers.
 
-`kind` is a failure of the vehicle (`vehicle.failures`: gps_off, gps_drift, battery_drop, motor_off,
-link_loss), an outage (`outages`: operator_link, detections) or any. The measures are considered when a fault
-of the kind begins before the time limit. A fault that is due after the session ended as completed is left
+`kind` is that of a failure of the vehicle (`vehicle.failures`), of an outage (`outages`) or any. The measures are considered
+when a fault of the kind begins before the time limit. A fault that is due after the session ended as completed is left
 out. A fault that the run did not reach because it ended otherwise counts against the agent.
 """
 
