@@ -15,7 +15,7 @@ from bench.campaign import load_campaign, load_measurable_decomposition, rescore
 from bench.campaign.execution._flight import fly_here
 from bench.campaign.planning._realizations import realizations
 from bench.contracts import Outcome, cast_of
-from bench.documents import dump_yaml
+from bench.documents import dump_yaml, read_document
 from bench.errors import SetupError
 from bench.perception._labels import LabelOdds, false_labels
 from bench.realization import check_placement, place
@@ -230,6 +230,12 @@ def test_faults_name_file_asset_field_and_fix(
 def test_a_file_of_assets_can_be_named_in_a_file_alone() -> None:
     with pytest.raises(ValidationError, match="can be named only in a file"):
         SimSpec.model_validate({"name": "a", "world": {}, "assets": "boats.yaml"})
+
+
+def test_the_example_of_the_docs_is_a_file_of_assets() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "simspec.md").read_text()
+    example = page.partition("# boats.yaml;")[2].partition("```")[0].partition("\n")[2]
+    assert [*read_document(example, AssetTable).assets] == ["speedboat", "trawler"]
 
 
 def test_the_catalogue_is_a_file_that_users_can_copy(tmp_path: Path) -> None:
