@@ -21,6 +21,7 @@ from bench.perception._labels import LabelOdds, false_labels
 from bench.realization import check_placement, place
 from bench.recording import read_simspec, read_tape
 from bench.simspec import ASSETS, ActorGroup, AssetTable, Role, SimSpec, load_simspec
+from bench.simspec._assets import packaged_assets
 from test_ports.perception.detections import detection_share
 from test_ports.reports.targets import targets_reported
 
@@ -230,6 +231,33 @@ def test_faults_name_file_asset_field_and_fix(
 def test_a_file_of_assets_can_be_named_in_a_file_alone() -> None:
     with pytest.raises(ValidationError, match="can be named only in a file"):
         SimSpec.model_validate({"name": "a", "world": {}, "assets": "boats.yaml"})
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (
+            BOATS,
+            r"second\.yaml \(package second\): .*has assets of these names: speedboat, trawler \(name them other",
+        ),
+        (BOATS.replace("speedboat", "bus").replace("trawler", "ferry"), "assets of these names: bus"),
+        (None, r"'second' of second is None, and no path of a file"),
+    ],
+)
+def test_packages_whose_assets_clash_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, second: str | None, message: str
+) -> None:
+    paths: dict[str, Path | None] = {"first": tmp_path / "first.yaml", "second": tmp_path / "second.yaml"}
+    (tmp_path / "first.yaml").write_text(BOATS)
+    (tmp_path / "second.yaml").write_text(second or "")
+    if second is None:
+        paths["second"] = None
+    # Installing packages takes seconds for each; test_plugins_outside installs one.
+    monkeypatch.setattr("bench.plugins.plugins", lambda group: paths)
+    monkeypatch.setattr("bench.plugins.load_plugin", lambda group, name: paths[name])
+    monkeypatch.setattr("bench.plugins.package_of", lambda group, name: name)
+    with pytest.raises(SetupError, match=message):
+        packaged_assets.__wrapped__()
 
 
 def test_the_example_of_the_docs_is_a_file_of_assets() -> None:
