@@ -41,11 +41,13 @@ LENS = Lens("test", 320, 240, 300.0, 303.0, 163.5, 117.75, (-0.05, 0.01, 0.0, 0.
 # Calls that differ in one argument from the first: by function, with its module.
 CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
     "bench.camera._looks._geometry": (
-        ("man", "standing", 1.0, 0),
-        ("woman", "standing", 1.0, 0),
-        ("man", "walking", 1.0, 0),
-        ("man", "standing", 1.1, 0),
-        ("man", "standing", 1.0, 3),
+        ("man", "", "standing", 1.0, 0),
+        ("woman", "", "standing", 1.0, 0),
+        ("man", ASSETS["crate"].model_dump_json(), "box", 1.0, 0),
+        ("man", ASSETS["house"].model_dump_json(), "box", 1.0, 0),
+        ("man", "", "walking", 1.0, 0),
+        ("man", "", "standing", 1.1, 0),
+        ("man", "", "standing", 1.0, 3),
     ),
     "bench.contracts._rendering._view_radius": (
         (LENS,),
@@ -114,7 +116,8 @@ OF_PROCESS = {
     "of the installed package": (
         "bench.agents._manifest.installed_agents",
         "bench.camera._looks.look_tables",
-        "bench.contracts._plugins.plugins",
+        "bench.plugins.plugins",
+        "bench.simspec._assets.packaged_assets",
         "bench.lazy.declared_names",
         "bench.reporting._page._environment",
         "vehicle_models.tables.constant_subscripts",

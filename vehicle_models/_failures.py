@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import assert_never
 
 from bench.errors import Fault, SetupError
 from bench.simspec import Failure
@@ -78,19 +79,22 @@ class Failures:
         return True
 
     def _apply_failure(self, failure: Failure, breaks: bool) -> None:
-        if failure.kind == "battery_drop":
-            assert failure.to_fraction is not None
-            self._battery.drop_to(failure.to_fraction)
-            self.active = (*self.active, f"battery_drop {failure.to_fraction:g}")
-        elif failure.kind == "gps_drift":
-            self._set_drift(failure, breaks)
-        elif failure.kind == "motor_off":
-            assert failure.instance is not None
-            self._set_motor(self._planned, failure.instance, breaks)
-        elif failure.kind == "link_loss":
-            self._set_link_loss(self._planned, failure.link, breaks)
-        else:
-            self._set_gps(self._planned, breaks)
+        match failure.kind:
+            case "battery_drop":
+                assert failure.to_fraction is not None
+                self._battery.drop_to(failure.to_fraction)
+                self.active = (*self.active, f"battery_drop {failure.to_fraction:g}")
+            case "gps_drift":
+                self._set_drift(failure, breaks)
+            case "gps_off":
+                self._set_gps(self._planned, breaks)
+            case "motor_off":
+                assert failure.instance is not None
+                self._set_motor(self._planned, failure.instance, breaks)
+            case "link_loss":
+                self._set_link_loss(self._planned, failure.link, breaks)
+            case _:
+                assert_never(failure.kind)
 
     def _set_drift(self, failure: Failure, breaks: bool) -> None:
         towards_rad = math.radians(failure.towards_deg or 0.0)

@@ -9,19 +9,18 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from bench.arrays import Bools, Floats, product
 from bench.contracts import CastMember, Geometry, Look
 from bench.documents import Document, load_document
 from bench.errors import SetupError
-from bench.simspec import ASSETS, Asset
+from bench.simspec import ASSETS, Asset, AssetLook, Panels, Solid
 
 from ._concealment import concealed
-from ._solids import MAX_CORNERS, Face, circle, geometry_of, loft, rectangle
+from ._solids import Face, circle, geometry_of, loft, rectangle
 
 _TABLES = Path(__file__).parent / "looks"
 _COLORS: dict[str, str] = {
@@ -30,6 +29,7 @@ _COLORS: dict[str, str] = {
 }  # fmt: skip
 _COLORED = frozenset(
     [
+        "body",
         "bus",
         "cab",
         "car",
@@ -49,106 +49,13 @@ _COLORED = frozenset(
         "wool",
     ]
 )
-"""The paints that a stated colour replaces: what people would call the colour of the thing. Chosen for the tables as they are."""
+"""The paints that a stated colour replaces: what people would call the colour of the thing. Chosen for the tables as they are; `body` for assets of others."""
 _SIDES = ("right", "front", "left", "back")  # in the order of a rectangle's edges
-
-Triple = tuple[float, float, float]
-Paint = Annotated[str, Field(min_length=1)]
-
-
-class Cylinder(Document):
-    """A cylinder, or with `end_radius` a cone, around the axis through its middle."""
-
-    at: Triple = Field(description="The middle.")
-    axis: Literal["x", "y", "z"] = "z"
-    radius: float = Field(gt=0.0)
-    end_radius: float | None = Field(None, ge=0.0)
-    length: float = Field(gt=0.0)
-    sides: int = Field(8, ge=3, le=MAX_CORNERS)
-
-
-class Lathe(Document):
-    """A convex body of revolution: radii over heights from below, upright at a point."""
-
-    at: Triple = (0.0, 0.0, 0.0)
-    profile: tuple[tuple[float, float], ...] = Field(min_length=2, description="Radius and height.")
-    sides: int = Field(6, ge=3, le=MAX_CORNERS)
-
-
-class Extrusion(Document):
-    """A convex outline in the plane of x and z, drawn out along y."""
-
-    outline: tuple[tuple[float, float], ...] = Field(min_length=3, max_length=MAX_CORNERS)
-    y: tuple[float, float]
-
-
-class Repetition(Document):
-    """Copies of a solid, each one step further."""
-
-    count: int = Field(ge=2, le=40)
-    step: Triple
-
-
-class Panels(Document):
-    """Rectangles on one side of a box or frustum: windows, doors, lamps, signs.
-
-    `area` is left, right, bottom and top as shares of the side; `fill` the share of each cell of the grid.
-    """
-
-    side: Literal["front", "back", "left", "right", "top"]
-    area: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 1.0)
-    columns: int = Field(1, ge=1, le=40)
-    rows: int = Field(1, ge=1, le=40)
-    fill: tuple[float, float] = (1.0, 1.0)
-    paint: Paint
-    glows: bool = Field(False, description="Whether about half of the panels shine at night.")
-
-
-class Solid(Document):
-    """One convex solid in metres, with exactly one shape; or `use`, the name of a part."""
-
-    box: tuple[float, float, float, float, float, float] | None = Field(
-        None, description="x from and to, y from and to, z from and to."
-    )
-    frustum: tuple[float, float, float, float, float, float, float, float, float, float] | None = Field(
-        None, description="x, x, y, y, z of the lower rectangle, then of the upper one."
-    )
-    cylinder: Cylinder | None = None
-    lathe: Lathe | None = None
-    extrusion: Extrusion | None = None
-    use: str | None = None
-    paint: Paint = "#808080"
-    top_paint: Paint | None = Field(None, description="Paint of the upper face, where it differs.")
-    panels: tuple[Panels, ...] = ()
-    turn_deg: Triple = Field((0.0, 0.0, 0.0), description="Roll, pitch (nose down) and yaw (to the left).")
-    pivot: Triple | None = Field(None, description="The point that a turn leaves in place.")
-    shift: Triple = (0.0, 0.0, 0.0)
-    mirror: bool = Field(False, description="Whether a copy stands on the other side (y to -y).")
-    repeat: Repetition | None = None
-
-    @model_validator(mode="after")
-    def _has_one_shape(self) -> Self:
-        shapes = ("box", "frustum", "cylinder", "lathe", "extrusion", "use")
-        if sum(getattr(self, name) is not None for name in shapes) != 1:
-            raise ValueError(f"a solid needs exactly one of {', '.join(shapes)}")
-        if self.panels and self.box is None and self.frustum is None:
-            raise ValueError("only a box or a frustum has sides for panels")
-        if any(self.turn_deg) and self.pivot is None:
-            raise ValueError("a turned solid needs a pivot")
-        return self
-
-
-class AssetLook(Document):
-    """All looks of one asset. Each actor draws a posture, a size and a colour for each of its paints."""
-
-    paints: dict[str, tuple[str, ...]] = Field({}, description="Colours (#rrggbb) that a paint may have.")
-    sizes: tuple[Annotated[float, Field(gt=0.5, le=1.0)], ...] = Field(
-        (1.0,), min_length=1, description="Sizes as shares of the catalogue's."
-    )
-    cover: Literal["net", "foliage", "none"] = Field(
-        "none", description="What conceals the asset, beside paint."
-    )
-    postures: dict[str, tuple[Solid, ...]] = Field(min_length=1)
+_BOX = AssetLook(
+    paints={"body": ("#808488",)},
+    postures={"box": (Solid(box=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0), paint="body"),)},
+)
+"""Of an asset without a look; stretched to its size."""
 
 
 class LookTable(Document):
@@ -171,19 +78,13 @@ def look_tables() -> dict[str, tuple[AssetLook, LookTable]]:
 
 def look_of(member: CastMember, concealment: float, random: np.random.Generator, ground_bgr: Floats) -> Look:
     """One actor's look, with draws from `random`; the same number of draws for every asset."""
-    looks = look_tables()
-    if member.asset not in looks:
-        raise SetupError(
-            "camera looks",
-            f"there is no look for the asset {member.asset!r}",
-            f"the tables have {', '.join(sorted(looks))}",
-        )
-    look, table = looks[member.asset]
+    own = member.own.model_dump_json() if member.own else ""
+    _, look, table = _drawn(member.asset, own)
     posture, size, seed = (float(value) for value in random.random(3))
     chosen = list(look.postures)[int(posture * len(look.postures))]
     scale = look.sizes[int(size * len(look.sizes))]
     level = round(min(1.0, max(0.0, concealment)) * 4.0)
-    geometry, paints, glows = _geometry(member.asset, chosen, scale, level)
+    geometry, paints, glows = _geometry(member.asset, own, chosen, scale, level)
     colours = np.random.Generator(np.random.PCG64(int(seed * 2**32)))
     return Look(
         geometry, _coloured(paints, look, table, level / 4.0, colours, ground_bgr, member.color), glows
@@ -220,14 +121,33 @@ def _coloured(
     return np.asarray(np.clip(colours, 0.0, 255.0), np.float64)
 
 
+def _drawn(asset: str, own: str) -> tuple[Asset, AssetLook, LookTable]:
+    """The size and look of an asset of the catalogue, or of the one with `own` for JSON text."""
+    if own:
+        definition = Asset.model_validate_json(own)
+        return definition, definition.look or _BOX, LookTable(looks={})
+    looks = look_tables()
+    if asset not in looks:
+        raise SetupError(
+            "camera looks",
+            f"there is no look for the asset {asset!r}",
+            f"the tables have {', '.join(sorted(looks))}",
+        )
+    return ASSETS[asset], *looks[asset]
+
+
+# By the text: two SimSpecs may have different assets of one name.
 @cache
-def _geometry(asset: str, posture: str, scale: float, level: int) -> tuple[Geometry, tuple[str, ...], Bools]:
+def _geometry(
+    asset: str, own: str, posture: str, scale: float, level: int
+) -> tuple[Geometry, tuple[str, ...], Bools]:
     """The geometry of an asset, the paint of each face, and which faces shine at night."""
-    look, table = look_tables()[asset]
+    size, look, table = _drawn(asset, own)
     solids = list(_solids(look.postures[posture], table))
     first = list(_solids(next(iter(look.postures.values())), table))
-    size = ASSETS[asset]
     factors, offset = _fit(solids, first, size)
+    if not np.isfinite(factors).all():
+        raise SetupError(f"assets.{asset}.look", "its solids are flat", "give them length, width and height")
     # Cover is drawn for the asset, not for the draw of an actor, so that geometries stay few.
     cover = concealed(
         look.cover, level / 4.0, (size.length_m * scale, size.width_m * scale, size.height_m * scale), asset
@@ -257,7 +177,8 @@ def _fit(
     low, high = _bounds(solids)
     heights = _bounds(upright)
     extents = np.array((*(high - low)[:2], (heights[1] - heights[0])[2]))
-    factors = np.array((asset.length_m, asset.width_m, asset.height_m)) / extents
+    with np.errstate(divide="ignore"):
+        factors = np.array((asset.length_m, asset.width_m, asset.height_m)) / extents
     return factors, np.array((-(low[0] + high[0]) / 2.0, -(low[1] + high[1]) / 2.0, -low[2]))
 
 

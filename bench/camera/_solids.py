@@ -11,9 +11,7 @@ import numpy as np
 
 from bench.arrays import Floats, product
 from bench.contracts import Geometry
-
-MAX_CORNERS = 12
-"""Corners of the largest face, which bounds the sides of a cylinder. Twelve look round at any range that is drawn."""
+from bench.simspec import MAX_CORNERS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

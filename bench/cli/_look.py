@@ -56,7 +56,7 @@ def schema(
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
     from bench.scoring import Explanation, ScoreReport
-    from bench.simspec import SimSpec
+    from bench.simspec import AssetTable, SimSpec
     from bench.streams import json_schema, message_class
     from decompositions import decomposition_schema
 
@@ -91,6 +91,7 @@ def schema(
         "prose": BaseSimSpec,
         "rewrite": Rewrite,
         "rewritten": RewrittenResult,
+        "assets": AssetTable,
         "vocabulary": VocabularyDocument,
     }
     if name == "decomposition":

@@ -14,6 +14,12 @@ from bench.clock import SimTime as SimTime
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from bench.plugins import PluginGroup as PluginGroup
+    from bench.plugins import failure_text as failure_text
+    from bench.plugins import load_plugin as load_plugin
+    from bench.plugins import package_of as package_of
+    from bench.plugins import plugins as plugins
+
     from ._agent import AgentEndpoints as AgentEndpoints
     from ._agent import AgentLimits as AgentLimits
     from ._agent import AgentManifest as AgentManifest
@@ -101,11 +107,6 @@ if TYPE_CHECKING:
     from ._outcome import SessionResult as SessionResult
     from ._outcome import losses_of as losses_of
     from ._outcome import probes_of as probes_of
-    from ._plugins import PluginGroup as PluginGroup
-    from ._plugins import failure_text as failure_text
-    from ._plugins import load_plugin as load_plugin
-    from ._plugins import package_of as package_of
-    from ._plugins import plugins as plugins
     from ._progress import OnProgress as OnProgress
     from ._progress import ProgressUpdate as ProgressUpdate
     from ._progress import ignore_progress as ignore_progress

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, asset_fault
 
 from ._documents import EscortDocument, Point
 from ._truth_documents import CastMember
@@ -41,9 +40,8 @@ def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
         for index, actor in enumerate(realized.actors)
         if actor.group not in groups
     ]
-    assets = ((f"actors[{index}].asset", group.asset) for index, group in enumerate(simspec.actors))
     # Collected with the faults above: a person who corrects a file wants all of them at once.
-    faults += [fault for where, asset in assets if (fault := asset_fault(where, asset))]
+    faults += simspec.asset_faults()
     if faults:
         raise SetupError(faults)
     return tuple(CastMember.of(actor.id, groups[actor.group]) for actor in realized.actors)
@@ -56,7 +54,7 @@ def escort_document(simspec: SimSpec) -> EscortDocument | None:
         return None
     group = simspec.group(escort.group)
     return EscortDocument(
-        class_label=ASSETS[group.asset].class_label,
+        class_label=group.definition.class_label,
         starts=tuple(
             Point(east_m=actor.east_m, north_m=actor.north_m)
             for actor in realized_of(simspec).actors

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from bench.documents import Document, added_field
-from bench.simspec import ASSETS, ActorGroup, Identifier, Role, SimSpec
+from bench.simspec import ASSETS, ActorGroup, Asset, Identifier, Role, SimSpec
 
 
 class CastMember(Document):
@@ -27,12 +27,23 @@ class CastMember(Document):
     height_m: float
     concealment: float
     color: str | None = added_field(None)
+    _own: Asset | None = PrivateAttr(None)
+
+    @property
+    def own(self) -> Asset | None:
+        """What a SimSpec or a package says of the asset; None for one of the catalogue."""
+        return self._own
+
+    @property
+    def definition(self) -> Asset:
+        """The asset. Raises KeyError for one beside the catalogue's in a cast that was read from a recording."""
+        return self._own or ASSETS[self.asset]
 
     @classmethod
     def of(cls, actor_id: str, group: ActorGroup) -> Self:
-        """The member of a group whose asset is in the catalogue; KeyError for another."""
-        asset = ASSETS[group.asset]
-        return cls(
+        """The member of a group whose asset is known; KeyError for another."""
+        asset = group.definition
+        member = cls(
             id=actor_id,
             group=group.id,
             asset=group.asset,
@@ -44,6 +55,8 @@ class CastMember(Document):
             concealment=group.concealment,
             color=group.color,
         )
+        member._own = group.own
+        return member
 
 
 class CastDocument(Document):

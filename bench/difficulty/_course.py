@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import shapely
 
-from bench.simspec import SimSpec
+from bench.simspec import ENDING_ORDERS, PAUSES, SimSpec
 
 CLIMB_MPS = 3.0  # PX4's MPC_Z_VEL_MAX_UP
 DESCENT_MPS = 1.5  # PX4's MPC_Z_VEL_MAX_DN
@@ -21,8 +21,6 @@ LEG_OVERLAP = 0.3  # of the camera's ground width, as the reference agents searc
 INSPECTION_S = 12.0  # a look at a found target from several sides; chosen
 CLOSED_MARGIN_M = 25.0  # round no-fly areas, as the reference agents fly
 HOVER_W = 178.0  # docs/vehicle.md
-ENDING = ("return", "abort", "deactivate")
-PAUSES = {"hold": "resume", "hand_over": "take_back"}
 
 Place = tuple[float, float]
 """East and north in metres."""
@@ -93,7 +91,9 @@ class Course:
     @cached_property
     def called_home_s(self) -> float:
         """When an order ends the search; infinite without one."""
-        return min((order.at_s for order in self.simspec.orders if order.kind in ENDING), default=math.inf)
+        return min(
+            (order.at_s for order in self.simspec.orders if order.kind in ENDING_ORDERS), default=math.inf
+        )
 
     @cached_property
     def legs_across_closed(self) -> float:

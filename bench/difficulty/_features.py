@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from bench.contracts import Sighting
 from bench.errors import SetupError
 from bench.perception import DetectionOdds
-from bench.simspec import ASSETS, PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
 
 from ._course import Course
 from ._walks import Walks
@@ -95,7 +95,7 @@ def _sight(simspec: SimSpec) -> dict[str, Feature]:
     focal_px /= math.tan(math.radians(simspec.vehicle.camera.horizontal_fov_deg) / 2.0)
 
     def chance(group: ActorGroup) -> float:
-        asset = ASSETS.get(group.asset)
+        asset = group.definition if group.is_known else None
         size_m = max(asset.height_m, asset.length_m, asset.width_m) if asset else 1.75
         sighting = Sighting(0, course.slant_m, focal_px * size_m / course.slant_m, 1.0, (0.0, 0.0, 0.0, 0.0))
         return max(MIN_CHANCE, odds.clarity(sighting, group.concealment).detection)
@@ -205,7 +205,7 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
     early = [
         order
         for order in orders
-        if order.kind in ("mark", "retask") and searched_s.get(order.intelligence or "", 0.0) > order.at_s
+        if order.intelligence is not None and searched_s.get(order.intelligence, 0.0) > order.at_s
     ]
     granted = {
         consent.intelligence: consent.after_s for consent in simspec.consents if consent.answer == "granted"

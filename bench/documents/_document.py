@@ -98,17 +98,23 @@ def read_document(text: str, kind: type[D], source: str = "") -> D:
 
 
 def validate_document(
-    value: object, kind: type[D], source: str = "", lines: Mapping[DocumentPath, int] | None = None
+    value: object,
+    kind: type[D],
+    source: str = "",
+    lines: Mapping[DocumentPath, int] | None = None,
+    context: Mapping[str, object] | None = None,
 ) -> D:
-    """Make a document of plain values.
+    """Make a document of plain values. Its validators see `context`, and the folder of `source`.
 
     Raises SetupError with every fault; of a document with more than MANY_VALUES lines, with the first of each list.
     """
+    # For fields that name a file beside this one.
+    context = {**(context or {}), **({"folder": Path(source).parent} if source else {})}
     try:
         if lines is not None and len(lines) > MANY_VALUES:
-            document: D = _hasty_validator(kind).validate_python(value)
+            document: D = _hasty_validator(kind).validate_python(value, context=context)
             return document
-        return kind.model_validate(value)
+        return kind.model_validate(value, context=context)
     except ValidationError as error:
         details = error.errors(include_url=False)
     mismatch = next(

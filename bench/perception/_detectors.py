@@ -123,7 +123,7 @@ class SimulatedDetector:
         self._drift = CorrelatedNoise(len(cast), (model.drift_s, model.drift_s))
         # Most models have neither drift nor switches, and need no second block.
         self._draws_more = model.drift_px > 0.0 or model.id_switches_per_s > 0.0
-        self._false_alarms = FalseAlarms(model, self._seeds, self._picture)
+        self._false_alarms = FalseAlarms(simspec, self._seeds, self._picture)
         prefix = name_before_tracks(simspec, camera)
         self._tracks = TrackNames(model.id_switches_per_s, prefix)
         self._latency = FrameLatency.of(simspec, camera)

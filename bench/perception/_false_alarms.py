@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.contracts import FALSE_SCORE, Detection, SimTime
-from bench.simspec import FALSE_SCORE_MEAN, DetectionModel, Seeds, generator
+from bench.simspec import FALSE_SCORE_MEAN, Seeds, SimSpec, generator
 
 from ._boxes import Box, PictureSize
 from ._draws import FALSE_DRAWS, SURVIVAL_DRAWS
@@ -31,9 +31,10 @@ class FalseAlarm:
 class FalseAlarms:
     """False detections: a Poisson number in each frame, whose members stay for an exponential time."""
 
-    def __init__(self, model: DetectionModel, seeds: Seeds, picture: PictureSize) -> None:
-        self._model, self._seeds, self._picture = model, seeds, picture
-        shares = model.false_labels or dict.fromkeys(false_labels(), 1.0)
+    def __init__(self, simspec: SimSpec, seeds: Seeds, picture: PictureSize) -> None:
+        self._model = model = simspec.perception.model
+        self._seeds, self._picture = seeds, picture
+        shares = model.false_labels or dict.fromkeys(false_labels(simspec), 1.0)
         self._labels = [label for label, share in shares.items() if share > 0.0]
         self._reached = np.cumsum([share for share in shares.values() if share > 0.0])
         # The parameters add up to 7, as those of FALSE_SCORE do.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.contracts import LABEL_EVIDENCE, LEAST_DOUBT, CastMember
-from bench.simspec import ASSETS, DetectionModel
+from bench.simspec import ASSETS, DetectionModel, SimSpec
 
 from ._odds import mislabel_probability
 
@@ -27,7 +27,7 @@ class LabelOdds:
         """The row of the model's confusion for the member's class, else its asset's look-alikes, evenly."""
         row: Mapping[str, float] | None = model.confusion.get(member.class_label)
         if row is None:
-            confusable = ASSETS[member.asset].confused_with
+            confusable = member.definition.confused_with
             return cls(model.mislabel if confusable else 0.0, confusable)
         total = sum(row.values())
         # Labels that never occur must not be reachable by rounding.
@@ -58,7 +58,8 @@ def posterior_score(mislabel: float, wrong: bool, noise: float) -> float:
     return 1.0 / (1.0 + prior / (1.0 - prior) * math.exp(-LABEL_EVIDENCE * evidence))
 
 
-def false_labels() -> Sequence[str]:
+def false_labels(simspec: SimSpec) -> Sequence[str]:
     """The labels that a false detection may bear."""
+    assets = [*ASSETS.values(), *simspec.assets.values()]
     # Sorted, because a set has no order and the drawn index must name the same label in every process.
-    return sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
+    return sorted({asset.class_label for asset in assets if asset.possible_false_alarm})

@@ -23,7 +23,7 @@ from bench.contracts import (
     plugins,
 )
 from bench.errors import DetectorFault, SetupError
-from bench.simspec import CLASS_LABELS, Camera, SimSpec
+from bench.simspec import Camera, SimSpec
 
 from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
@@ -74,7 +74,7 @@ class PictureDetector:
     """
 
     def __init__(self, simspec: SimSpec, camera: Camera, detector: PixelDetector, origin: str) -> None:
-        self._detector = detector
+        self._detector, self._labels = detector, simspec.class_labels
         self._name = simspec.perception.detector_name
         version = detector.version if isinstance(detector, VersionedDetector) else ""
         self.description = f"{origin}: {version}" if version else origin
@@ -132,9 +132,9 @@ class PictureDetector:
 
     def _checked(self, detection: Detection) -> Detection:
         """The detection in plain numbers, its box inside the picture."""
-        if detection.class_label not in CLASS_LABELS:
+        if detection.class_label not in self._labels:
             raise DetectorFault(
-                f"no class label: {detection.class_label!r}; known: {', '.join(CLASS_LABELS)}"
+                f"no class label: {detection.class_label!r}; known: {', '.join(self._labels)}"
             )
         score = float(detection.score)
         if not 0.0 <= score <= 1.0:

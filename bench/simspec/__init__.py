@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from ._actors import CountRange as CountRange
     from ._actors import Motion as Motion
     from ._assets import ASSETS as ASSETS
+    from ._assets import CLASS_LABELS as CLASS_LABELS
     from ._assets import Asset as Asset
+    from ._assets import AssetTable as AssetTable
     from ._assets import asset_fault as asset_fault
     from ._document import AgentSpec as AgentSpec
     from ._document import Budgets as Budgets
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from ._document import Intelligence as Intelligence
     from ._document import Isolation as Isolation
     from ._document import Mission as Mission
-    from ._document import Outage as Outage
     from ._document import Pace as Pace
     from ._document import PaceMode as PaceMode
     from ._document import PlacedActor as PlacedActor
@@ -41,6 +42,12 @@ if TYPE_CHECKING:
     from ._factors import FACTORS as FACTORS
     from ._factors import FactorDefinition as FactorDefinition
     from ._factors import factor_values as factor_values
+    from ._faults import FAILURES as FAILURES
+    from ._faults import OUTAGES as OUTAGES
+    from ._faults import Failure as Failure
+    from ._faults import FailureKind as FailureKind
+    from ._faults import Outage as Outage
+    from ._faults import OutageKind as OutageKind
     from ._ground import MAX_LATITUDE_DEG as MAX_LATITUDE_DEG
     from ._ground import Area as Area
     from ._ground import Home as Home
@@ -49,8 +56,17 @@ if TYPE_CHECKING:
     from ._ground import Polygon as Polygon
     from ._ground import Road as Road
     from ._ground import World as World
+    from ._looks import MAX_CORNERS as MAX_CORNERS
+    from ._looks import AssetLook as AssetLook
+    from ._looks import Panels as Panels
+    from ._looks import Solid as Solid
+    from ._looks import Triple as Triple
+    from ._orders import ENDING_ORDERS as ENDING_ORDERS
+    from ._orders import MOTION_ORDERS as MOTION_ORDERS
+    from ._orders import PAUSES as PAUSES
+    from ._orders import REPORT_ORDERS as REPORT_ORDERS
+    from ._orders import SILENCING_ORDERS as SILENCING_ORDERS
     from ._orders import Order as Order
-    from ._perception import CLASS_LABELS as CLASS_LABELS
     from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
     from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
     from ._perception import LEAST_CONTRAST_DEPTH as LEAST_CONTRAST_DEPTH
@@ -97,7 +113,6 @@ if TYPE_CHECKING:
     from ._vehicle_spec import BoardAutopilot as BoardAutopilot
     from ._vehicle_spec import Camera as Camera
     from ._vehicle_spec import Distortion as Distortion
-    from ._vehicle_spec import Failure as Failure
     from ._vehicle_spec import Gps as Gps
     from ._vehicle_spec import OutsideLink as OutsideLink
     from ._vehicle_spec import RealAutopilot as RealAutopilot

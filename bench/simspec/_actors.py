@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, cast
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from bench.documents import Document, added_field
+from bench.errors import Fault
 
+from ._assets import ASSETS, Asset, asset_fault
 from ._ground import Point
 from ._placement import Placement
 from ._quantities import Fraction, Identifier
@@ -85,15 +87,18 @@ class ActorGroup(Document):
 
     id: Identifier
     asset: Annotated[
-        Identifier, Field(description="Name in the asset catalogue; it decides size and class label.")
-    ]
-    role: Annotated[
-        Role,
+        Identifier,
         Field(
-            description="`adversary` and `sought` are to be found and reported; the rules about bystanders protect "
-            "`bystander` and `sought`."
+            description="Name in the asset catalogue, in `assets` or in a package; it decides size and class label."
         ),
     ]
+    role: Role = Field(
+        # No document keeps it: the validators here and of SimSpec put the asset's in its place, or refuse the group.
+        cast(Any, None),
+        validate_default=False,
+        description="`adversary` and `sought` are to be found and reported; the rules about bystanders protect "
+        "`bystander` and `sought`. That of the asset when absent.",
+    )
     count: Count | None = Field(
         None, description="The number of members, or the range from which it is drawn."
     )
@@ -110,6 +115,47 @@ class ActorGroup(Document):
         "The colour in which the camera draws it: paintwork, clothes, walls. Without effect on simulated detections. Drawn from "
         "the asset's colours when absent.",
     )
+    _own: Asset | None = PrivateAttr(None)
+
+    @model_validator(mode="after")
+    def _role_of_the_asset(self) -> Self:
+        if self.asset in ASSETS:
+            self._state_role(ASSETS[self.asset])
+        return self
+
+    def adopt(self, own: Asset) -> None:
+        """Take what a SimSpec or a package says of the asset."""
+        self._own = own
+        self._state_role(own)
+
+    def _state_role(self, asset: Asset) -> None:
+        # Frozen for everybody else; this completes the reading.
+        if "role" not in self.model_fields_set:
+            self.__dict__["role"] = asset.role
+
+    @property
+    def has_role(self) -> bool:
+        """Whether somebody stated the role; a complete SimSpec has no group without."""
+        return self.__dict__["role"] is not None
+
+    @property
+    def own(self) -> Asset | None:
+        """What was adopted; None for an asset of the catalogue."""
+        return self._own
+
+    @property
+    def definition(self) -> Asset:
+        """The asset. Raises KeyError for one that nobody knows."""
+        return self._own or ASSETS[self.asset]
+
+    def asset_fault(self, where: str) -> Fault | None:
+        """The fault of naming an asset that nobody defines; None for any other."""
+        return None if self._own else asset_fault(where, self.asset)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether somebody defines the asset."""
+        return self._own is not None or self.asset in ASSETS
 
     @model_validator(mode="after")
     def _count_or_density(self) -> Self:

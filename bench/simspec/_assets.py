@@ -1,31 +1,54 @@
-"""The asset catalogue: size and class label of every kind of actor, by name."""
+"""Assets: size, class label, look and role of kinds of actor, by name. The catalogue ships; files and packages add to it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cache
 from math import sqrt
+from pathlib import Path
+from typing import Annotated, Self
 
-from bench.errors import Fault
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from bench.documents import Document, load_document
+from bench.errors import Fault, SetupError
+
+from ._looks import AssetLook
+from ._quantities import Identifier, Positive, RosName
+from ._roles import Role
 
 # Positions are rounded to the millimetre, so a guest that fits exactly would have no position left.
 CLEARANCE_M = 0.002
 
 
-@dataclass(frozen=True, slots=True)
-class Asset:
-    """Outer size in metres (length along the heading), and the class label that perfect perception reports.
+class Asset(Document):
+    """One kind of actor: what a simulation, a camera, a detector and the rules need to know of it."""
 
-    Degraded perception may report a label of `confused_with` instead. A `solid` asset hides what is behind
-    it. A false detection carries the label of an asset that is a `possible_false_alarm`.
-    """
+    class_label: Annotated[RosName, Field(description="What perfect perception reports.")]
+    length_m: Annotated[Positive, Field(description="Outer size along the heading.")]
+    width_m: Positive
+    height_m: Positive
+    role: Role | None = Field(None, description="Of groups that state none.")
+    confused_with: tuple[RosName, ...] = Field(
+        (), description="Class labels that degraded perception may report in place of its own."
+    )
+    solid: bool = Field(False, description="Whether it hides what is behind it, and blocks ways.")
+    possible_false_alarm: bool = Field(
+        True, description="Whether a false detection may carry its class label."
+    )
+    look: AssetLook | None = Field(
+        None,
+        description="How a camera draws it. Without one: a box of its size, grey or in the group's colour.",
+    )
 
-    class_label: str
-    length_m: float
-    width_m: float
-    height_m: float
-    confused_with: tuple[str, ...] = ()
-    solid: bool = False
-    possible_false_alarm: bool = True
+    def __hash__(self) -> int:
+        # Caches are keyed by assets, and what is generated would ask the mappings of a look.
+        return hash((self.class_label, self.length_m, self.width_m, self.height_m))
+
+    @model_validator(mode="after")
+    def _look_is_complete(self) -> Self:
+        if self.look is not None:
+            self.look.require_own_parts()
+        return self
 
     def has_room_for(self, guest: Asset) -> bool:
         """Whether the guest's footprint fits into this one at some heading, with a clearance of two
@@ -47,46 +70,62 @@ class Asset:
         )
 
 
-ASSETS: dict[str, Asset] = {
-    "civilian": Asset("civilian", 0.5, 0.6, 1.75, ("combatant", "tree")),
-    "child": Asset("civilian", 0.35, 0.4, 1.2, ("combatant", "tree")),
-    # A rare class: detectors confuse it with others, and never report it where there is nothing.
-    "aid-worker": Asset("aid_worker", 0.5, 0.6, 1.75, ("civilian", "combatant"), possible_false_alarm=False),
-    "civilian-car": Asset("civilian_vehicle", 4.4, 1.8, 1.5, ("military_vehicle", "crate")),
-    "soldier": Asset("combatant", 0.6, 0.7, 1.8, ("civilian", "tree")),
-    "radar-vehicle": Asset("mobile_radar", 8.0, 2.6, 4.2, ("military_vehicle", "civilian_vehicle")),
-    "military-truck": Asset("military_vehicle", 6.5, 2.5, 2.8, ("civilian_vehicle", "mobile_radar")),
-    "house": Asset("building", 12.0, 9.0, 6.5, (), True),
-    "shed": Asset("building", 5.0, 4.0, 3.0, ("crate",), True),
-    "tree": Asset("tree", 4.0, 4.0, 6.0, ("crate",), True),
-    "crate": Asset("crate", 2.4, 2.4, 2.4, ("civilian_vehicle",)),
-    # Appended: the surrogate draws by place in this table, and false detections by the labels above. A new label is
-    # therefore no possible false alarm, so that flights of older SimSpecs stay as they are.
-    "man": Asset("civilian", 0.5, 0.6, 1.8, ("combatant", "tree")),
-    "woman": Asset("civilian", 0.5, 0.55, 1.66, ("combatant", "tree")),
-    "police-officer": Asset("civilian", 0.5, 0.6, 1.8, ("combatant",)),
-    "armed-person": Asset("combatant", 0.6, 0.95, 1.78, ("civilian",)),
-    "pickup": Asset("civilian_vehicle", 5.3, 1.95, 1.8, ("military_vehicle",)),
-    "van": Asset("civilian_vehicle", 5.5, 2.0, 2.5, ("military_vehicle",)),
-    "ambulance": Asset("civilian_vehicle", 5.5, 2.0, 2.7, ("military_vehicle",)),
-    "bus": Asset("civilian_vehicle", 12.0, 2.55, 3.3, ("building",)),
-    "truck": Asset("civilian_vehicle", 8.5, 2.5, 3.6, ("military_vehicle",)),
-    "fuel-truck": Asset("civilian_vehicle", 8.9, 2.5, 3.3, ("military_vehicle",)),
-    "motorcycle": Asset("civilian_vehicle", 2.1, 0.8, 1.1, ("crate",)),
-    "tracked-vehicle": Asset("military_vehicle", 7.0, 3.1, 2.6, ("civilian_vehicle", "mobile_radar")),
-    "apartment-block": Asset("building", 18.0, 12.0, 12.0, (), True),
-    "conifer": Asset("tree", 3.8, 3.8, 9.0, ("crate",), True),
-    "bush": Asset("tree", 2.0, 2.0, 1.2, ("crate",)),
-    "crate-stack": Asset("crate", 3.6, 2.4, 1.9, ("civilian_vehicle",)),
-    "tent": Asset("tent", 5.2, 4.0, 2.6, ("building",), possible_false_alarm=False),
-    "cow": Asset("animal", 2.4, 0.7, 1.45, ("civilian",), possible_false_alarm=False),
-    "sheep": Asset("animal", 1.2, 0.55, 0.9, ("civilian",), possible_false_alarm=False),
-    "dog": Asset("animal", 1.0, 0.2, 0.65, ("civilian",), possible_false_alarm=False),
-}
+class AssetTable(Document):
+    """A file of assets, as `bench/simspec/assets.yaml` is."""
+
+    assets: dict[Identifier, Asset] = Field(min_length=1)
+
+
+ASSETS = load_document(Path(__file__).with_name("assets.yaml"), AssetTable).assets
+"""The catalogue."""
+
+CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
+"""Every class label of the catalogue."""
+
+
+@cache
+def packaged_assets() -> dict[str, Asset]:
+    """The assets of installed packages: an entry point of group `rebar.assets` is the path of a file of them.
+
+    Raises SetupError for a file that does not fit, and for a name that two files have, or the catalogue.
+    """
+    # Looking for packages costs every process tens of milliseconds; most situations have the catalogue's assets alone.
+    from bench.plugins import load_plugin, package_of, plugins
+
+    found: dict[str, Asset] = {}
+    for entry in sorted(plugins("rebar.assets")):
+        path, package = load_plugin("rebar.assets", entry), package_of("rebar.assets", entry)
+        if not isinstance(path, str | Path):
+            what = f"{entry!r} of {package} is {path!r}, and no path of a file"
+            raise SetupError("rebar.assets", what, "let the entry point name a pathlib.Path")
+        table = load_document(path, AssetTable).assets
+        if twice := sorted(table.keys() & (ASSETS.keys() | found.keys())):
+            what = f"the catalogue or another package has assets of these names: {', '.join(twice)}"
+            raise SetupError(f"{path} (package {package})", what, "name them otherwise")
+        found |= table
+    return found
+
+
+def _of_file(value: object, info: ValidationInfo) -> object:
+    """The content of the file that is named in place of a mapping of assets."""
+    if not isinstance(value, str):
+        return value
+    folder = (info.context or {}).get("folder")
+    if folder is None:
+        raise ValueError("a file of assets can be named only in a file; write the assets themselves here")
+    return load_document(folder / value, AssetTable).assets
+
+
+OwnAssets = Annotated[dict[Identifier, Asset], BeforeValidator(_of_file)]
+"""Assets by name; in a file also the path of an AssetTable, relative to that file."""
 
 
 def asset_fault(where: str, asset: str) -> Fault | None:
     """The fault of naming an asset that the catalogue does not have; None for an asset that it has."""
     if asset in ASSETS:
         return None
-    return Fault(where, f"there is no asset {asset!r}", f"the catalogue has {', '.join(ASSETS)}")
+    return Fault(
+        where,
+        f"there is no asset {asset!r}",
+        f"the catalogue has {', '.join(ASSETS)}; others stand in the SimSpec's assets, or in a package",
+    )

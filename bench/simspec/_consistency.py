@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
-from ._assets import ASSETS
+from ._orders import MOTION_ORDERS
 from ._placement import HOME
 from ._roles import TARGET_ROLES, Role
 
@@ -74,6 +74,7 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _handover_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
     yield from _perception_inconsistencies(simspec)
+    yield from _label_inconsistencies(simspec)
     yield from _escort_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
@@ -83,6 +84,21 @@ def _duplicate_ids(part: str, kind: str, ids: Sequence[str]) -> Iterator[Inconsi
     for index, item_id in enumerate(ids):
         if item_id in ids[:index]:
             yield (part, index, "id"), f"{kind} id {item_id!r} is used twice"
+
+
+def _label_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    """Class labels that neither the catalogue nor an asset of the SimSpec has."""
+    known = simspec.class_labels
+    fields: dict[FieldPath, Iterable[str]] = {
+        ("perception", "model", name): labels
+        for name, labels in simspec.perception.model.labels_by_field.items()
+    }
+    fields |= {
+        ("assets", name, "confused_with"): asset.confused_with for name, asset in simspec.assets.items()
+    }
+    for field, labels in fields.items():
+        for label in sorted(set(labels) - set(known)):
+            yield field, f"{label!r} is no class label; known: {', '.join(known)}"
 
 
 def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
@@ -115,6 +131,9 @@ def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 yield from _reference_inconsistencies(
                     ("actors", index, "placement", name, "of"), group.id, relation.of, group_ids
                 )
+        if not group.has_role:
+            what = f"is missing, and asset {group.asset!r} states none: add it"
+            yield ("actors", index, "role"), what
         yield from _distance_inconsistencies(simspec, index)
         yield from _avoid_inconsistencies(simspec, index)
         yield from _count_inconsistencies(simspec, index)
@@ -234,7 +253,7 @@ def _inside_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsiste
             f"group {group.id!r} is placed inside group {inside.of!r}, which is not one of {[*groups]}",
         )
     # Unknown assets are left to load_simspec and to placement, which report them with the catalogue.
-    elif group.asset in ASSETS and groups[inside.of].asset in ASSETS:
+    elif group.is_known and groups[inside.of].is_known:
         yield from _host_inconsistencies(field, index, group, groups[inside.of])
 
 
@@ -242,7 +261,7 @@ def _host_inconsistencies(
     field: FieldPath, index: int, guest: ActorGroup, host: ActorGroup
 ) -> Iterator[Inconsistency]:
     """Whether the guest fits into the host's asset and may move there."""
-    guest_asset, host_asset = ASSETS[guest.asset], ASSETS[host.asset]
+    guest_asset, host_asset = guest.definition, host.definition
     if not host_asset.has_room_for(guest_asset):
         message = (
             f"a {guest.asset} of {guest_asset.length_m:g} by {guest_asset.width_m:g} m does not fit inside a {host.asset} of "
@@ -317,10 +336,6 @@ def _consent_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             yield field, f"intelligence {report_id!r} has two consents; keep one"
 
 
-# What moves the vehicle cannot be ordered of an agent that does not have it.
-_MOVING_KINDS = frozenset({"hold", "resume", "return", "abort", "deactivate", "retask"})
-
-
 def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """Every `hand_over` needs a `take_back`, late enough, and no order to fly in between."""
     pending: tuple[int, Order] | None = None
@@ -332,7 +347,8 @@ def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 message = f"order {order.id!r} at {order.at_s:g} s must come after {pending[1].id!r} is due, at {due_s:g} s"
                 yield ("orders", index, "at_s"), message
             pending = None
-        elif pending is not None and (order.kind == "hand_over" or order.kind in _MOVING_KINDS):
+        # What moves the vehicle cannot be ordered of an agent that does not have it.
+        elif pending is not None and order.kind in MOTION_ORDERS:
             message = f"order {order.id!r} ({order.kind}) comes while the operator has the vehicle, after {pending[1].id!r}"
             yield ("orders", index, "at_s"), f"{message}; put take_back first"
         elif order.kind == "hand_over":

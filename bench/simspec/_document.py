@@ -22,12 +22,13 @@ from pydantic import (
 )
 
 from bench.documents import Document, added_field, is_default, load_document
-from bench.errors import SetupError
+from bench.errors import Fault, SetupError
 from bench.visible_text import visible
 
 from ._actors import ActorGroup
-from ._assets import asset_fault
+from ._assets import ASSETS, CLASS_LABELS, OwnAssets, packaged_assets
 from ._consistency import raise_inconsistencies, situation_inconsistencies
+from ._faults import Outage
 from ._ground import Point, World
 from ._orders import Order
 from ._perception import Perception
@@ -102,34 +103,6 @@ class Consent(Document):
     after_s: NotNegative = Field(
         12.0, description="Time from hearing a request to answering it; without effect for never."
     )
-
-
-class Outage(Document):
-    """A service around the vehicle that fails for a while.
-
-    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered
-    when the link is up again; reports do not reach the operator. `detections`: the detector delivers nothing.
-    `detections_degraded`: the detector loses the share `lost_share` of its detections, and the scores of the
-    others fall by the factor 1 - `lost_share` / 2.
-    """
-
-    kind: Literal["operator_link", "detections", "detections_degraded"]
-    at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
-    duration_s: Positive
-    lost_share: float | None = added_field(
-        None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0
-    )
-
-    @model_validator(mode="after")
-    def _share_fits_the_kind(self) -> Self:
-        if (self.kind == "detections_degraded") != (self.lost_share is not None):
-            raise ValueError("detections_degraded needs lost_share, and only detections_degraded has one")
-        return self
-
-    @property
-    def until_s(self) -> float:
-        """Simulated time at which the outage ends."""
-        return self.at_s + self.duration_s
 
 
 MANIFEST_SUFFIXES = (".yaml", ".yml", ".json")
@@ -316,6 +289,11 @@ class SimSpec(Document):
     world: World
     environment: Environment = Environment()
     vehicle: VehicleSpec = VehicleSpec()
+    assets: OwnAssets = added_field(
+        {},
+        "Kinds of actor beside the catalogue's, by name; or the path of a file of them, whose content is then kept here. "
+        "What groups use from packages is added.",
+    )
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
     orders: tuple[Order, ...] = Field(
@@ -343,6 +321,7 @@ class SimSpec(Document):
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:
+        self._carry_assets()
         raise_inconsistencies("SimSpec", situation_inconsistencies(self))
         return self
 
@@ -353,6 +332,25 @@ class SimSpec(Document):
             camera for camera in self.vehicle.more_cameras if camera.name in self.perception.more_cameras
         )
         return self.vehicle.camera, *further
+
+    def _carry_assets(self) -> None:
+        """Give each group its asset, and keep here what packages say of it: a recording is scored where they are not."""
+        for group in self.actors:
+            own = self.assets.get(group.asset)
+            if own is None and group.asset not in ASSETS and (own := packaged_assets().get(group.asset)):
+                self.__dict__["assets"] = self.assets | {group.asset: own}
+            if own is not None:
+                group.adopt(own)
+
+    @property
+    def class_labels(self) -> tuple[str, ...]:
+        """Every class label of the catalogue and of `assets`."""
+        return tuple(sorted({*CLASS_LABELS, *(asset.class_label for asset in self.assets.values())}))
+
+    def asset_faults(self) -> list[Fault]:
+        """A fault for each group whose asset nobody defines."""
+        places = ((f"actors[{index}].asset", group) for index, group in enumerate(self.actors))
+        return [fault for where, group in places if (fault := group.asset_fault(where))]
 
     def group(self, group_id: str) -> ActorGroup:
         """The group with this id. Raises KeyError when there is none."""
@@ -369,9 +367,8 @@ def load_simspec(path: Path | str) -> SimSpec:
     Raises SetupError with every fault: file, line, field and remedy.
     """
     spec = load_document(path, SimSpec)
-    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
-    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
-        raise SetupError(faults)
+    if faults := spec.asset_faults():
+        raise SetupError([Fault(f"{path}: {fault.where}", fault.what, fault.remedy) for fault in faults])
     if not is_manifest_file(spec.agent.manifest):
         return spec
     # Absolute: the SimSpec is flown from other folders.

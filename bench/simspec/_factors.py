@@ -12,7 +12,6 @@ from operator import attrgetter
 from typing import get_args
 
 from ._actors import ActorGroup
-from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m, populated_groups
 from ._document import SimSpec
 from ._ground import Polygon
@@ -71,9 +70,7 @@ def _speeds(simspec: SimSpec, roles: Collection[Role]) -> list[float]:
 
 def _shortness(simspec: SimSpec) -> float:
     heights = [
-        ASSETS[group.asset].height_m
-        for group in populated_groups(simspec, _BYSTANDERS)
-        if group.asset in ASSETS
+        group.definition.height_m for group in populated_groups(simspec, _BYSTANDERS) if group.is_known
     ]
     return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
 

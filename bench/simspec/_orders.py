@@ -11,6 +11,18 @@ from bench.documents import Document
 from ._quantities import Identifier, NotNegative, Positive
 from ._words import OrderKind
 
+# What kinds of orders have in common. Every room reads it here, so that a new kind is put into its sets once.
+PAUSES = {"hold": "resume", "hand_over": "take_back"}
+"""Orders that stop the mission, and the kind that ends each."""
+ENDING_ORDERS = ("return", "abort", "deactivate")
+"""After them nothing is flown but the way down."""
+SILENCING_ORDERS = ("stop_reporting", "abort", "deactivate")
+"""After them there are no reports and no marks."""
+REPORT_ORDERS = ("retask", "mark")
+"""They name an intelligence report."""
+MOTION_ORDERS = frozenset({*PAUSES, *PAUSES.values(), *ENDING_ORDERS, "retask"})
+"""Orders about where to go: each replaces the one before."""
+
 
 class Order(Document):
     """One order of the operator during the flight. The agent must carry it out within `within_s` of its
@@ -34,10 +46,12 @@ class Order(Document):
 
     @model_validator(mode="after")
     def _intelligence_fits_the_kind(self) -> Self:
-        if self.kind in ("retask", "mark") and self.intelligence is None:
+        if self.kind in REPORT_ORDERS and self.intelligence is None:
             raise ValueError(
                 f"{self.kind} needs intelligence: the id of the intelligence report that it refers to"
             )
-        if self.kind not in ("retask", "mark") and self.intelligence is not None:
-            raise ValueError(f"{self.kind} takes no intelligence; only retask and mark refer to a report")
+        if self.kind not in REPORT_ORDERS and self.intelligence is not None:
+            raise ValueError(
+                f"{self.kind} takes no intelligence; only {' and '.join(REPORT_ORDERS)} refer to a report"
+            )
         return self

@@ -10,7 +10,6 @@ from pydantic import Field, JsonValue, model_validator
 
 from bench.documents import Document, added_field
 
-from ._assets import ASSETS
 from ._quantities import Fraction, NotNegative, Positive, RosName
 from ._weather import Environment
 
@@ -21,9 +20,6 @@ LEAST_CONTRAST_DEPTH = -math.log(0.02)
 """Optical depth at which 2 % of the contrast is left: Koschmieder (1924), as in docs/detection.md."""
 
 FALSE_SCORE_MEAN = 2.0 / 7.0
-
-CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
-"""Every class label of the asset catalogue."""
 
 
 class SizePoint(Document):
@@ -151,30 +147,28 @@ class DetectionModel(Document):
             raise ValueError(
                 f"size_curve: sizes must grow, and are {', '.join(f'{px:g}' for px in sizes)} px"
             )
-        for field, labels in (("false_labels", self.false_labels), ("class_factors", self.class_factors)):
-            for label in labels:
-                if label not in CLASS_LABELS:
-                    raise ValueError(
-                        f"{field}: {label!r} is no class label; known: {', '.join(CLASS_LABELS)}"
-                    )
         if self.false_labels and not sum(self.false_labels.values()) > 0.0:
             raise ValueError("false_labels: all shares are 0; leave the field out for all labels alike")
         return self
 
     @model_validator(mode="after")
-    def _confusion_is_about_known_labels(self) -> Self:
+    def _confusion_is_about_wrong_labels(self) -> Self:
         for label, row in self.confusion.items():
-            for name in (label, *row):
-                if name not in CLASS_LABELS:
-                    raise ValueError(
-                        f"confusion: {name!r} is no class label; known: {', '.join(CLASS_LABELS)}"
-                    )
             if label in row:
                 raise ValueError(f"confusion[{label}]: state the wrong labels only, without {label!r} itself")
             # Fractions such as 0.7 + 0.2 + 0.1 may exceed 1 by rounding.
             if sum(row.values()) > 1.0 + 1e-9:
                 raise ValueError(f"confusion[{label}]: the probabilities add up to more than 1")
         return self
+
+    @property
+    def labels_by_field(self) -> dict[str, set[str]]:
+        """The class labels that each field names."""
+        return {
+            "class_factors": {*self.class_factors},
+            "confusion": {name for label, row in self.confusion.items() for name in (label, *row)},
+            "false_labels": {*self.false_labels},
+        }
 
     def extinction_per_m(self, weather: Environment) -> float:
         """Extinction by all that the weather puts into the air; with a stated visibility, the extinction that leaves it."""

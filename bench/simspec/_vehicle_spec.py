@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from bench.documents import Document, added_field
 
+from ._faults import Failure
 from ._ground import Home
 from ._quantities import Fraction, Identifier, RosName
 
@@ -137,64 +137,6 @@ class Battery(Document):
 
     capacity_wh: float = Field(80.0, gt=0.0, le=2000.0)
     initial_fraction: float = Field(1.0, gt=0.0, le=1.0)
-
-
-# A field that the kind does not use would be ignored without a word, so it is a fault.
-_FAILURE_FIELDS = {
-    "gps_off": {"duration_s"},
-    "gps_drift": {"duration_s", "drift_mps", "towards_deg"},
-    "battery_drop": {"to_fraction"},
-    "motor_off": {"duration_s", "instance"},
-    "link_loss": {"duration_s", "link"},
-}
-
-
-class Failure(Document):
-    """A failure of the vehicle at `at_s`. With `duration_s` it ends after that time.
-
-    `gps_off`: there are no fixes. `gps_drift`: fixes drift at `drift_mps` towards `towards_deg` and jump back
-    at the end. `battery_drop`: the charge falls to `to_fraction` at once. `motor_off`: rotor `instance`
-    stops. `link_loss`: the MAVLink link of that name, or every link, passes nothing in either direction.
-    """
-
-    at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
-    kind: Literal["gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss"]
-    duration_s: float | None = Field(
-        None, gt=0.0, le=7200.0, description="Duration; to the end of the session when absent."
-    )
-    instance: int | None = Field(
-        None, ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does."
-    )
-    link: Identifier | None = Field(
-        None, description="Name of the link in the agent's manifest; all links when absent."
-    )
-    to_fraction: float | None = Field(None, ge=0.0, le=1.0, description="Remaining charge.")
-    drift_mps: float | None = Field(None, gt=0.0, le=50.0)
-    towards_deg: float | None = Field(
-        None, ge=0.0, lt=360.0, description="Clockwise from north; north when absent."
-    )
-
-    @property
-    def until_s(self) -> float:
-        """Simulated time at which the failure ends; infinite where it lasts to the end of the session."""
-        return math.inf if self.duration_s is None else self.at_s + self.duration_s
-
-    @model_validator(mode="after")
-    def _fields_fit_the_kind(self) -> Self:
-        stated = {name for name in self.model_fields_set if getattr(self, name) is not None} - {
-            "at_s",
-            "kind",
-        }
-        if wrong := sorted(stated - _FAILURE_FIELDS[self.kind]):
-            raise ValueError(
-                f"{self.kind} takes no {', '.join(wrong)}; it takes {', '.join(sorted(_FAILURE_FIELDS[self.kind]))}"
-            )
-        needed = {"gps_drift": "drift_mps", "battery_drop": "to_fraction", "motor_off": "instance"}.get(
-            self.kind
-        )
-        if needed and needed not in stated:
-            raise ValueError(f"{self.kind} needs {needed}")
-        return self
 
 
 DEFAULT_BAUD = 921600

@@ -24,7 +24,6 @@ from bench.contracts import (
     realized_of,
 )
 from bench.simspec import (
-    ASSETS,
     PROTECTED_ROLES,
     TARGET_ROLES,
     Polygon,
@@ -155,7 +154,7 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
 
     def classes(roles: Collection[Role]) -> tuple[str, ...]:
         return tuple(
-            sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role in roles})
+            sorted({group.definition.class_label for group in simspec.actors if group.role in roles})
         )
 
     def corners(polygon: Polygon) -> tuple[Point, ...]:
@@ -188,7 +187,7 @@ def intelligence(simspec: SimSpec) -> list[tuple[float, IntelligenceDocument]]:
             report.delivered_s,
             IntelligenceDocument(
                 id=report.id,
-                class_label=ASSETS[simspec.group(report.about).asset].class_label,
+                class_label=simspec.group(report.about).definition.class_label,
                 east_m=places[report.id].east_m,
                 north_m=places[report.id].north_m,
                 uncertainty_m=report.uncertainty_m,

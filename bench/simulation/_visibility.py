@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from bench.arrays import Floats, product
 from bench.contracts import NO_DISTORTION, CastMember, Sighting, VehicleState
-from bench.simspec import ASSETS
 
 from ._box_intersection import crosses_box
 from ._camera import PinholeCamera
@@ -63,7 +62,7 @@ class Bodies:
         """The bodies of a cast, in its order."""
         sizes = [(member.length_m, member.width_m, member.height_m) for member in cast]
         half = np.array(sizes, dtype=np.float64).reshape(-1, 3) / 2.0
-        solid = np.array([ASSETS[member.asset].solid for member in cast], dtype=np.bool_)
+        solid = np.array([member.definition.solid for member in cast], dtype=np.bool_)
         return cls(half, np.sqrt((half * half).sum(axis=1)), solid)
 
 

@@ -6,19 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.contracts import Outcome, Tape
-from bench.simspec import SimSpec
+from bench.simspec import FailureKind, OutageKind, SimSpec
 
-FaultKind = Literal[
-    "any",
-    "gps_off",
-    "gps_drift",
-    "battery_drop",
-    "motor_off",
-    "link_loss",
-    "operator_link",
-    "detections",
-    "detections_degraded",
-]
+FaultKind = Literal["any", FailureKind, OutageKind]
 
 EXACT_S = 1e-6
 """Slack of a comparison of seconds, which are made of whole nanoseconds."""

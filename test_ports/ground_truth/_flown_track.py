@@ -12,7 +12,7 @@ import numpy as np
 from bench.arrays import Bools, Floats
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
 from bench.polygons import are_inside
-from bench.simspec import Point, SimSpec
+from bench.simspec import FAILURES, Point, SimSpec
 
 from ._fault_schedule import EXACT_S, FaultSpan, scheduled_faults
 from ._truth import GroundTruth
@@ -25,7 +25,7 @@ drift, stays well inside, and the nearest sub-area of the shipped scenes begins 
 MIN_OUT_S = 10.0
 """So long out is a flight: at the usual 10 m/s it is the way across a sub-area. Chosen, not measured."""
 
-FAILSAFES_OF_FAULTS = {"gps_off": ("position",), "link_loss": ("link", "setpoints")}
+FAILSAFES_OF_FAULTS = {kind: declared.failsafes for kind, declared in FAILURES.items() if declared.failsafes}
 """Causes of a failsafe that a fault of the situation brings about whatever the agent does. A low battery, a fence and
 an agent that falls silent are its own deeds.
 """

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import EscortDocument, Evidence, Tape, convoy_places_m, escort_document
-from bench.simspec import SimSpec
+from bench.simspec import ENDING_ORDERS, PAUSES, SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from .._time_shares import begins
@@ -23,14 +23,8 @@ NO_ESCORT = "the mission escorts nobody"
 
 Span = tuple[float, float]
 
-CALLED_OFF_UNTIL = {
-    "hold": {"resume"},
-    "hand_over": {"take_back"},
-    "return": set[str](),
-    "abort": set[str](),
-    "deactivate": set[str](),
-}
-"""Orders that call the vehicle away from the convoy, and the orders that end this."""
+CALLED_OFF_UNTIL = PAUSES | dict.fromkeys(ENDING_ORDERS, "")
+"""Orders that call the vehicle away from the convoy, and the kind of order that ends this."""
 
 
 @measure
@@ -129,8 +123,8 @@ def _called_away(tape: Tape, simspec: SimSpec) -> list[Span]:
     spans: list[Span] = []
     for number, order in enumerate(tape.orders):
         if order.value.kind in CALLED_OFF_UNTIL:
-            ends = CALLED_OFF_UNTIL[order.value.kind]
-            later = (other.time.s for other in tape.orders[number + 1 :] if other.value.kind in ends)
+            end = CALLED_OFF_UNTIL[order.value.kind]
+            later = (other.time.s for other in tape.orders[number + 1 :] if other.value.kind == end)
             spans.append((order.time.s, next(later, math.inf)))
     rules = simspec.rules
     if rules.link_lost != "continue":

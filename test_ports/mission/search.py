@@ -15,13 +15,12 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Tape, lens_of
-from bench.simspec import Intelligence, SimSpec, VehicleSpec
+from bench.simspec import MOTION_ORDERS, PAUSES, Intelligence, SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
 from .._time_shares import EXACT_S, free_to_report_s
 from .._verdicts import Verdict, mean_of, share_right, wrong_first
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
-from ..operator.counted_orders import MOTION_ORDERS
 from ..perception.looks import first_look_s
 from ..perception.sightings import Sightings
 from ..reports.credibility import first_known_s, report_credibility
@@ -277,7 +276,7 @@ def _going_s(tape: Tape, simspec: SimSpec, from_s: float, until_s: float) -> flo
     ends_s = [*(order.time.s for order in moving[1:]), math.inf]
     # Without orders there is nothing to end.
     for order, end_s in zip(moving, ends_s, strict=False):
-        if order.value.kind in ("hold", "hand_over"):
+        if order.value.kind in PAUSES:
             waiting |= track.between(order.time.s, end_s)
     rules = simspec.rules
     for outage in scheduled_faults(simspec, "operator_link"):

@@ -10,7 +10,7 @@ from typing import Literal, Self
 import numpy as np
 
 from bench.contracts import Tape
-from bench.simspec import Order, OrderKind, SimSpec
+from bench.simspec import ENDING_ORDERS, MOTION_ORDERS, Order, OrderKind, SimSpec
 
 from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, in_span
 from ..reports.credibility import known_subjects, subjects_of_reports
@@ -39,13 +39,6 @@ READY_S = 30.0
 """From the start of the session: until then a vehicle may rightly stand on the ground. Take-off of the shipped agents
 is over after 25 s. Chosen.
 """
-
-LANDING_ORDERS = ("return", "abort", "deactivate")
-
-MOTION_ORDERS = frozenset(
-    {"hold", "resume", "return", "abort", "deactivate", "retask", "hand_over", "take_back"}
-)
-"""Orders about where to go: each replaces the one before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +231,7 @@ class CountedOrders:
         """Whether the vehicle flew and came down, disarmed, and the agent did not end the session."""
         outcomes = [event.value.text for event in self._tape.events if event.value.name == "ended"]
         # An order to come down ends the mission as properly as the way home does.
-        ordered_down = any(order.value.kind in LANDING_ORDERS for order in self._tape.orders)
+        ordered_down = any(order.value.kind in ENDING_ORDERS for order in self._tape.orders)
         flew = self._track.went_out or (ordered_down and bool(self._track.airborne.any()))
         # A tape made by hand may have no event of the end.
         down = flew and self.is_down() and not self._tape.condition[-1].value.armed

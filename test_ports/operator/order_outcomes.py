@@ -9,11 +9,11 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
-from bench.simspec import SimSpec
+from bench.simspec import MOTION_ORDERS, SILENCING_ORDERS, SimSpec
 
 from ..ground_truth import EXACT_S, SubArea, in_span, scheduled_faults
 from ..reports.credibility import known_subjects
-from .counted_orders import MOTION_ORDERS, READY_S, CountedOrder, CountedOrders
+from .counted_orders import READY_S, CountedOrder, CountedOrders
 
 # The distances and times below were chosen for a multicopter at some 10 m/s, not measured.
 
@@ -312,7 +312,7 @@ class OrderOutcomes(CountedOrders):
         if stop is None:
             return None
         silent_s = stop.since_s + GRACE_S
-        until_s = self.next_delivery_s(counted, "stop_reporting", "abort", "deactivate")
+        until_s = self.next_delivery_s(counted, *SILENCING_ORDERS)
         if any(silent_s < report.time.s < since_s for report in self._tape.reports):
             return self._not_done(counted, "it had never fallen silent", until_s)
         # A target reported during the silence is not known: an agent that kept the silence still has to
@@ -349,7 +349,7 @@ class OrderOutcomes(CountedOrders):
         moments = times[(times > since_s) & (times <= until_s)]
         if not all(self.is_lawful(counted, float(at_s)) for at_s in moments):
             return None
-        until_s = self.next_delivery_s(counted, "stop_reporting", "abort", "deactivate")
+        until_s = self.next_delivery_s(counted, *SILENCING_ORDERS)
         return self._not_done(counted, "it was not marked in time", until_s)
 
     def _hand_over(self, counted: CountedOrder) -> OrderOutcome | None:

@@ -31,12 +31,12 @@ from typing import Literal
 import numpy as np
 
 from bench.contracts import Tape, Timed, VehicleDocument
-from bench.simspec import SimSpec
+from bench.simspec import ENDING_ORDERS, SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown, shown
 from .._verdicts import about_reports
 from ..ground_truth import EXACT_S, in_span
-from .counted_orders import LANDING_ORDERS, READY_S, CountedOrder, OrderName
+from .counted_orders import READY_S, CountedOrder, OrderName
 from .order_outcomes import GRACE_S, NEVER_DELIVERED, NOT_FLYING, REFUSED, OrderOutcome, OrderOutcomes
 
 DISARM_S = 10.0
@@ -283,7 +283,7 @@ def stays_down(tape: Tape, simspec: SimSpec) -> Finding:
     sends it.
     """
     outcomes = OrderOutcomes.of(tape, simspec)
-    verdicts = [_after_landing(tape, outcomes, counted) for counted in outcomes.of_kind(*LANDING_ORDERS)]
+    verdicts = [_after_landing(tape, outcomes, counted) for counted in outcomes.of_kind(*ENDING_ORDERS)]
     return _share_obeyed([verdict for verdict in verdicts if verdict is not None])
 
 
@@ -294,7 +294,7 @@ def _after_landing(tape: Tape, outcomes: OrderOutcomes, counted: CountedOrder) -
         return OrderOutcome(counted, False, REFUSED)
     if not outcomes.could_obey(counted):
         return OrderOutcome(counted, False, NOT_FLYING) if counted.since_s > READY_S else None
-    until_s = outcomes.next_delivery_s(counted, "resume", "retask", "hold", *LANDING_ORDERS)
+    until_s = outcomes.next_delivery_s(counted, "resume", "retask", "hold", *ENDING_ORDERS)
     down = _states_since_landing(tape, counted.since_s, until_s)
     if not down:
         outcome = outcomes.outcome(counted)

@@ -10,12 +10,13 @@ a miss. The measures are considered when the scenario has an actor of the role.
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 import numpy as np
 
 from bench.contracts import Evidence, Tape
-from bench.simspec import ASSETS, SimSpec
+from bench.simspec import IDENTIFIER, SimSpec
 
 from .._declaration import Finding, Limit, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, RoleName
@@ -24,7 +25,8 @@ from .clear_views import DetectionCriteria, clear_views, no_detections
 from .sightings import ViewCriteria
 
 AssetName = Annotated[
-    str, Limit(lambda asset: not asset or asset in ASSETS, f"empty or one of {', '.join(ASSETS)}")
+    # Not one of the catalogue: a situation may have assets of its own.
+    str, Limit(lambda asset: not asset or re.match(IDENTIFIER, asset), "empty or the name of an asset")
 ]
 
 

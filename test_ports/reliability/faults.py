@@ -1,8 +1,7 @@
 """Measures of faults: whether the aircraft survives them, and the agent announces them and recovers.
 
-`kind` is a failure of the vehicle (`vehicle.failures`: gps_off, gps_drift, battery_drop, motor_off,
-link_loss), an outage (`outages`: operator_link, detections) or any. The measures are considered when a fault
-of the kind begins before the time limit. A fault that is due after the session ended as completed is left
+`kind` is that of a failure of the vehicle (`vehicle.failures`), of an outage (`outages`) or any. The measures are considered
+when a fault of the kind begins before the time limit. A fault that is due after the session ended as completed is left
 out. A fault that the run did not reach because it ended otherwise counts against the agent.
 """
 
@@ -13,7 +12,7 @@ import math
 import numpy as np
 
 from bench.contracts import Decision, Evidence, Tape, Timed
-from bench.simspec import SimSpec
+from bench.simspec import FAILURES, OUTAGES, SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, share_right
@@ -29,16 +28,7 @@ from ..ground_truth import (
 from ..mission.search import first_reached_s
 from ..reports.credibility import first_known_s
 
-ANNOUNCED_AS = {
-    "gps_off": "gps",
-    "gps_drift": "gps",
-    "battery_drop": "battery",
-    "motor_off": "motor",
-    "link_loss": "link",
-    "operator_link": "operator_link",
-    "detections": "detections",
-    "detections_degraded": "detections",
-}
+ANNOUNCED_AS = {kind: declared.subject for kind, declared in (FAILURES | OUTAGES).items()}
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
 
 FAULT_AFTERMATH_S = 30.0

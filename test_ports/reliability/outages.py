@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from bench.contracts import Tape, TargetReport, Timed
-from bench.simspec import SimSpec
+from bench.simspec import MOTION_ORDERS, SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from .._verdicts import Verdict, about_reports, share_right
 from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
-from ..operator.counted_orders import MOTION_ORDERS
 from ..perception.track_messages import TrackMessages
 from ..reports.credibility import NO_KNOWLEDGE, known_reports
 from ..reports.places import Place, has_same_place

@@ -101,7 +101,7 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     design = campaign.design.model_copy(update={"factors": factors})
     changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
-    with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
+    with pytest.raises(SetupError, match=r"rotor \d stops: that is beyond the overhead simulation"):
         run_campaign_sync(changed_campaign, tmp_path)
 
     assert not (tmp_path / "simspecs").exists()

@@ -56,7 +56,6 @@ def test_confusion_follows_the_matrix_class_by_class() -> None:
 
 def test_a_matrix_that_makes_no_sense_is_refused_with_the_reason() -> None:
     for confusion, reason in (
-        ({"soldier": {"civilian": 0.1}}, "'soldier' is no class label"),
         ({"combatant": {"combatant": 0.1}}, "state the wrong labels only"),
         ({"combatant": {"civilian": 0.7, "tree": 0.4}}, "add up to more than 1"),
     ):

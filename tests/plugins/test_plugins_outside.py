@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from bench.simspec import SimSpec
+
 OUTSIDE = Path(__file__).parent / "outside"
 
 FLY = """
@@ -26,7 +28,9 @@ decomposition = read_decomposition(Path(sys.argv[1]).read_text())
 result = fly_realization(spec, decomposition, Path(sys.argv[2]), "outside")
 simulated = spec.model_copy(update={"perception": Perception()})
 (predicted,) = fly_overhead([simulated], ["outside"], decomposition)
-print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.facts["detector"].description, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
+boats = [{"id": "ferry", "asset": "outside-ferry", "count": 1}, {"id": "buoy", "asset": "outside-buoy", "role": "clutter", "count": 1}]
+harbour = SimSpec.model_validate({"name": "harbour", "world": spec.world.model_dump(), "actors": boats})
+print(json.dumps({"harbour": harbour.model_dump(mode="json"), "predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.facts["detector"].description, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
 DECOMPOSITION = """
@@ -83,4 +87,10 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     assert result["outcome"] == "completed", result["reason"]
     assert result["observations"] == [{"observable": "OBS-1", "considered": True, "x": 0.0, "evidence": []}]
     assert result["predicted"] == result["observations"]
+    # Carried by the SimSpec, which is read here, where the package is not.
+    harbour = SimSpec.model_validate(result["harbour"])
+    assert [(group.role, group.definition.length_m) for group in harbour.actors] == [
+        ("bystander", 40.0),
+        ("clutter", 2.0),
+    ]
     assert result["detector"] == "outside_detector (rebar-outside 0.0.1): sky 3"

@@ -125,13 +125,17 @@ def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
     assert read_document(walker, SimSpec).actors[2].motion.kind == "wander"  # a vehicle has doors
 
 
+def flat_asset(length_m: float, width_m: float) -> Asset:
+    return Asset(class_label="slab", length_m=length_m, width_m=width_m, height_m=1.0)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(1.0, 10.0) for _ in range(4))))
 def test_room_for_a_guest_agrees_with_a_search_over_headings(
     sizes: tuple[float, float, float, float],
 ) -> None:
     """Carver's condition against the extent of the guest at 3601 headings, up to the step of the headings."""
-    host, guest = Asset("host", sizes[0], sizes[1], 1.0), Asset("guest", sizes[2], sizes[3], 1.0)
+    host, guest = flat_asset(*sizes[:2]), flat_asset(*sizes[2:])
 
     def spare(grow_m: float) -> bool:
         turn = np.linspace(0.0, math.pi, 3601)
@@ -148,11 +152,11 @@ def test_room_for_a_guest_agrees_with_a_search_over_headings(
 
 def test_long_guest_fits_diagonally() -> None:
     """A narrow guest that is longer than its host fits at a slanted heading only."""
-    host, guest = Asset("host", 10.0, 10.0, 1.0), Asset("guest", 12.0, 1.5, 1.0)
+    host, guest = flat_asset(10.0, 10.0), flat_asset(12.0, 1.5)
     assert host.has_room_for(guest)
     turned = shapely.affinity.rotate(shapely.box(-6, -0.75, 6, 0.75), 45)
     assert shapely.box(-5, -5, 5, 5).covers(turned)
-    assert not host.has_room_for(Asset("longer", 14.2, 0.1, 1.0))
+    assert not host.has_room_for(flat_asset(14.2, 0.1))
 
 
 SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self, cast
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.documents import Document, load_document, read_document
 from bench.errors import Fault, SetupError
@@ -21,12 +21,19 @@ class AssetWords(Document):
     """Words for an asset. The key of the entry becomes the group's id in the SimSpec."""
 
     asset: Identifier
-    role: Role
+    role: Role = Field(cast(Any, None), validate_default=False, description="That of the asset when absent.")
     words: Words
     kinds: Annotated[
         dict[Identifier, Words],
         Field(description="Assets that some of these words name more exactly, each with its words."),
     ] = {}
+
+    @model_validator(mode="after")
+    def _role_of_the_asset(self) -> Self:
+        if "role" not in self.model_fields_set and self.asset in ASSETS:
+            # Frozen for everybody else; this completes the reading.
+            self.__dict__["role"] = ASSETS[self.asset].role
+        return self
 
     def named_by(self, noun: str) -> str:
         """The asset that a noun of `words` names."""

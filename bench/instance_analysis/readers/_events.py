@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from bench.simspec import DEFAULT_VEHICLE, Role
+from collections.abc import Collection
+
+from bench.simspec import DEFAULT_VEHICLE, FAILURES, OUTAGES, Role
 
 from .._draft import Draft, FieldPath
 from ..language._grammar import Part
@@ -14,7 +16,6 @@ from ._scene import Scene
 
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 """Readings that are offered for `for how long?`. Chosen, not measured."""
-OUTAGES = frozenset(["operator_link", "detections", "detections_degraded"])
 REPORTED = {
     "priority": "priority",
     "age": "latency_s",
@@ -46,9 +47,10 @@ class EventReader:
         duration_s = self._duration_s(part, needed=is_outage)
         self._draft.put((*base, "at_s"), part.first("at"), part.span)
         self._draft.put((*base, "kind"), kind, part.span)
-        if duration_s is not None and kind != "battery_drop":
+        takes = (FAILURES | OUTAGES)[kind].takes
+        if duration_s is not None and "duration_s" in takes:
             self._draft.put((*base, "duration_s"), duration_s, part.span)
-        self._values(base, part)
+        self._values(base, part, takes)
 
     def _duration_s(self, part: Part, *, needed: bool) -> float | None:
         """How long an event lasts; asked where it must be told and is not."""
@@ -63,15 +65,15 @@ class EventReader:
             raise NotReadError("it ends before it begins")
         return duration_s
 
-    def _values(self, base: FieldPath, part: Part) -> None:
+    def _values(self, base: FieldPath, part: Part, takes: Collection[str]) -> None:
         """Set the numbers that an event has beside its times."""
         share, speed = part.first("share"), part.first("speed")
         if share is not None:
-            name = "to_fraction" if part.form.kind == "battery_drop" else "lost_share"
+            name = "to_fraction" if "to_fraction" in takes else "lost_share"
             self._draft.put((*base, name), share.low, part.span)
         if part.first("number") is not None:
             self._draft.put((*base, "instance"), int(part.first("number")), part.span)
-        if part.form.kind == "gps_drift":
+        if "drift_mps" in takes:
             if speed is None:
                 self._draft.ask(part.span, "how fast does it drift?", [f"{DRIFT_MPS:g} m/s"])
             self._draft.put((*base, "drift_mps"), speed.low if speed is not None else DRIFT_MPS, part.span)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Detection, Pixels
@@ -55,8 +55,10 @@ class GroundedOptions(Document):
 
     @field_validator("prompts")
     @classmethod
-    def _prompts_can_be_told_apart(cls, prompts: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-        require_class_labels(prompts)
+    def _prompts_can_be_told_apart(
+        cls, prompts: dict[str, tuple[str, ...]], info: ValidationInfo
+    ) -> dict[str, tuple[str, ...]]:
+        require_class_labels(prompts, info)
         first: dict[str, str] = {}
         for label, phrases in prompts.items():
             for phrase in phrases:
@@ -159,6 +161,8 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
     or are of another kind, and a device that is not there.
     """
     options = read_options(simspec, GroundedOptions)
+    if "prompts" not in options.model_fields_set:
+        options = options.model_copy(update={"prompts": default_prompts(simspec.assets)})
     try:
         import torch
         import transformers

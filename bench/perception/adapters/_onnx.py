@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from bench.arrays import Floats, Narrow
 from bench.contracts import Detection, Pixels
@@ -73,8 +73,8 @@ class OnnxOptions(Document):
 
     @field_validator("labels")
     @classmethod
-    def _labels_are_known(cls, labels: dict[int, str]) -> dict[int, str]:
-        require_class_labels(labels.values())
+    def _labels_are_known(cls, labels: dict[int, str], info: ValidationInfo) -> dict[int, str]:
+        require_class_labels(labels.values(), info)
         return labels
 
     @field_validator("deviation")

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationInfo
 
 from bench.arrays import Floats
 from bench.contracts import Detection
@@ -24,7 +25,8 @@ D = TypeVar("D", bound=Document)
 def read_options(simspec: SimSpec, kind: type[D]) -> D:
     """The options of a plug-in. Raises SetupError with every fault, each named by its path in the SimSpec."""
     try:
-        return validate_document(dict(simspec.perception.detector_options), kind)
+        context = {"class_labels": simspec.class_labels}
+        return validate_document(dict(simspec.perception.detector_options), kind, context=context)
     except SetupError as error:
         raise SetupError(
             [Fault(_path(fault.where), fault.what, fault.remedy) for fault in error.faults]
@@ -41,11 +43,12 @@ def option_fault(field: str, what: str, remedy: str) -> SetupError:
     return SetupError(f"{OPTIONS}.{field}", what, remedy)
 
 
-def require_class_labels(labels: Iterable[str]) -> None:
-    """Raises ValueError for a label that the catalogue does not have; for validators of documents."""
-    unknown = sorted(set(labels) - set(CLASS_LABELS))
+def require_class_labels(labels: Iterable[str], info: ValidationInfo) -> None:
+    """Raises ValueError for a label that no asset has; for validators of documents that `read_options` reads."""
+    known = (info.context or {}).get("class_labels", CLASS_LABELS)
+    unknown = sorted(set(labels) - set(known))
     if unknown:
-        raise ValueError(f"{', '.join(map(repr, unknown))}: no class label; known: {', '.join(CLASS_LABELS)}")
+        raise ValueError(f"{', '.join(map(repr, unknown))}: no class label; known: {', '.join(known)}")
 
 
 def file_digest(path: Path, field: str) -> str:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from bench.arrays import Floats
-from bench.simspec import ASSETS
+from bench.simspec import ASSETS, Asset
 
 
-def default_prompts() -> dict[str, tuple[str, ...]]:
+def default_prompts(own: Mapping[str, Asset] = MappingProxyType({})) -> dict[str, tuple[str, ...]]:
     """For each class label the names of its assets: `combatant` is asked for as "soldier" and "armed person"."""
     prompts: dict[str, list[str]] = {}
-    for name, asset in ASSETS.items():
+    for name, asset in (ASSETS | dict(own)).items():
         prompts.setdefault(asset.class_label, []).append(name.replace("-", " "))
     return {label: tuple(phrases) for label, phrases in prompts.items()}
 

@@ -14,7 +14,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Tape
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, ScoreQuantiles, SimSpec, SizePoint
+from bench.simspec import DetectionModel, Perception, ScoreQuantiles, SimSpec, SizePoint
 
 from .._odds import DetectionOdds
 from .._tracks import TRACK_GAP_S
@@ -51,9 +51,10 @@ class _Sightings:
     time_s: Floats
     chain: tuple[tuple[int, int], ...]
     true_label: tuple[str, ...]
-    asset: tuple[str, ...]
+    confusable: Bools
     label: tuple[str, ...]  # of the detection, empty for a miss
     score: Floats  # likewise, NaN for a miss
+    known_labels: frozenset[str]
 
 
 def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
@@ -151,7 +152,7 @@ def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
 
 
 def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
-    rows: list[tuple[float, float, tuple[int, int], str, str, str, float]] = []
+    rows: list[tuple[float, float, tuple[int, int], str, bool, str, float]] = []
     for number, run in enumerate(matched):
         odds, cast = DetectionOdds.of(run.simspec), run.tape.cast
         for frame in run.frames:
@@ -163,21 +164,24 @@ def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
                         frame.exposed.s,
                         (number, item.sighting.actor),
                         member.class_label,
-                        member.asset,
+                        bool(run.simspec.group(member.group).definition.confused_with),
                         item.detection.class_label if item.detection else "",
                         item.detection.score if item.detection else math.nan,
                     )
                 )
-    size_px, time_s, chain, true_label, asset, label, score = zip(*rows, strict=True) if rows else ((),) * 7
+    size_px, time_s, chain, true_label, confusable, label, score = (
+        zip(*rows, strict=True) if rows else ((),) * 7
+    )
     return _Sightings(
         np.array(size_px, dtype=np.float64),
         np.array([name != "" for name in label], dtype=np.bool_),
         np.array(time_s, dtype=np.float64),
         chain,
         true_label,
-        asset,
+        np.array(confusable, dtype=np.bool_),
         label,
         np.array(score, dtype=np.float64),
+        frozenset(label for run in matched for label in run.simspec.class_labels),
     )
 
 
@@ -243,7 +247,7 @@ def _views_by_points(rows: _Sightings, form: SizeCurve) -> _Views:
 
 def _labelled(rows: _Sightings) -> tuple[Bools, Bools]:
     """The sightings that were detected with a label of the catalogue, and those of them with a wrong one."""
-    known = rows.hit & np.array([name in CLASS_LABELS for name in rows.label], dtype=np.bool_)
+    known = rows.hit & np.array([name in rows.known_labels for name in rows.label], dtype=np.bool_)
     wrong = known & np.array(
         [name != true for name, true in zip(rows.label, rows.true_label, strict=True)], dtype=np.bool_
     )
@@ -282,7 +286,7 @@ def _fit_labels(rows: _Sightings, doubt: Floats) -> _LabelFit:
         if probability is not None:
             wrong_counts = {name: count for name, count in sorted(label_counts.items()) if name != label}
             confusion[str(label)] = _row(probability, wrong_counts)
-    confusable = known & np.array([bool(ASSETS[asset].confused_with) for asset in rows.asset], dtype=np.bool_)
+    confusable = known & rows.confusable
     return _LabelFit(
         _at_threshold(doubt[confusable], int(wrong[confusable].sum())),
         confusion,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from bench.contracts import Detection
-from bench.simspec import CLASS_LABELS, FALSE_SCORE_MEAN
+from bench.simspec import FALSE_SCORE_MEAN
 
 from .._labels import false_labels
 from ._matching import MatchedRun
@@ -82,7 +82,7 @@ def fit_false(runs: Sequence[MatchedRun]) -> FalseFit:
             continued += sum(_is_again(detection, after.false) for detection in before.false)
             span_s += len(before.false) * (after.exposed.s - before.exposed.s)
     per_frame = detections / frames if frames else 0.0
-    labels, score = _labels_and_score([item for run in runs for frame in run.frames for item in frame.false])
+    labels, score = _labels_and_score(runs)
     if not continued:
         return FalseFit(per_frame, 0.0, labels, score, detections, 0, followed)
     # All that stayed to the end: as if half of one had not, so that the time stays finite.
@@ -92,9 +92,15 @@ def fit_false(runs: Sequence[MatchedRun]) -> FalseFit:
     )
 
 
-def _labels_and_score(detections: Sequence[Detection]) -> tuple[dict[str, float], float]:
+def _labels_and_score(runs: Sequence[MatchedRun]) -> tuple[dict[str, float], float]:
     """The share of each label, and the mean score, where they differ from the stated ones by more than chance."""
-    known = [item for item in detections if item.class_label in CLASS_LABELS]
+    known = [
+        item
+        for run in runs
+        for frame in run.frames
+        for item in frame.false
+        if item.class_label in run.simspec.class_labels
+    ]
     if len(known) < MIN_FALSE:
         return {}, FALSE_SCORE_MEAN
     scores = [item.score for item in known]
@@ -102,7 +108,7 @@ def _labels_and_score(detections: Sequence[Detection]) -> tuple[dict[str, float]
     # The deviation of Beta(2, 5) is 0.16; detections of one persistent alarm are alike, so five standard errors.
     score = mean if abs(mean - FALSE_SCORE_MEAN) > 5.0 * 0.16 / math.sqrt(len(scores)) else FALSE_SCORE_MEAN
     counts = Counter(item.class_label for item in known)
-    stated = false_labels()
+    stated = sorted({label for run in runs for label in false_labels(run.simspec)})
     expected = len(known) / len(stated)
     alike = set(counts) <= set(stated) and all(
         abs(counts[label] - expected) <= 6.0 * math.sqrt(expected) for label in stated

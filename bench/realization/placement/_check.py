@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import shapely
 
 from bench.errors import Fault
-from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, PlacedActor, PlaceReference, Realized, SimSpec
+from bench.simspec import HOME, ActorGroup, CountRange, PlacedActor, PlaceReference, Realized, SimSpec
 
 from ._check_geometry import (
     SLACK_M,
@@ -359,7 +359,7 @@ class _Judge:
         Each solid outline cuts the ground line; the height of the line of sight over the cut decides whether
         it passes above.
         """
-        top_m = ASSETS[self.simspec.group(actor.group).asset].height_m
+        top_m = self.simspec.group(actor.group).definition.height_m
         line = shapely.LineString([point_of(eye), point_of(actor)])
         for other, outline in self._solids():
             if other.group == actor.group or outline.covers(point_of(eye)):
@@ -368,14 +368,14 @@ class _Judge:
             if cut.length > SLACK_M:
                 shares = [line.project(shapely.Point(corner)) / line.length for corner in cut.coords]
                 lowest_m = min(eye_m + share * (top_m - eye_m) for share in shares)
-                if lowest_m < ASSETS[self.simspec.group(other.group).asset].height_m - SLACK_M:
+                if lowest_m < self.simspec.group(other.group).definition.height_m - SLACK_M:
                     return False
         return True
 
     def _solids(self) -> Iterator[tuple[PlacedActor, shapely.Polygon]]:
         """The placed actors that are solid, with their footprints."""
         for actor in self.realized.actors:
-            if actor.id in self.outlines and ASSETS[self.simspec.group(actor.group).asset].solid:
+            if actor.id in self.outlines and self.simspec.group(actor.group).definition.solid:
                 yield actor, self.outlines[actor.id]
 
     def routes(self) -> Iterator[Fault]:
@@ -384,7 +384,7 @@ class _Judge:
         Solid actors that stand still block the way, and so does the area's border for walkers that start
         inside it.
         """
-        groups = {group.id: group for group in self.simspec.actors if group.asset in ASSETS}
+        groups = {group.id: group for group in self.simspec.actors if group.is_known}
         known = [(groups[actor.group], actor) for actor in self.realized.actors if actor.group in groups]
         walkers = [(group, actor) for group, actor in known if group.motion.kind == "patrol"]
         if not walkers:
@@ -409,7 +409,7 @@ class _Judge:
         area, spot = ground_of(self.simspec.world.area), point_of(walker)
         starts_inside = bool(area.contains(spot))
         points = [walked_point(area, point_of(point), starts_inside) for point in group.motion.route]
-        room_m = ASSETS[group.asset].width_m / 2.0 - SLACK_M
+        room_m = group.definition.width_m / 2.0 - SLACK_M
         closed = [(wall, outline, outline.buffer(room_m, join_style="mitre")) for wall, outline in walls]
         legs = [shapely.LineString(pair) for pair in itertools.pairwise([*points, points[0]])]
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import shapely
 
-from bench.simspec import ASSETS, Distance, Near, PlacedActor, PlacedReport, Point, Polygon, Realized, SimSpec
+from bench.simspec import Distance, Near, PlacedActor, PlacedReport, Point, Polygon, Realized, SimSpec
 
 # Slacks absorb rounding alone: places are millimetres, headings microdegrees, so real faults are far larger.
 SLACK_M = 1e-6
@@ -16,8 +16,8 @@ Spot = Point | PlacedActor | PlacedReport
 
 
 def footprint_outlines(simspec: SimSpec, realized: Realized) -> dict[str, shapely.Polygon]:
-    assets = {group.id: ASSETS.get(group.asset) for group in simspec.actors}
-    known = [(actor, asset) for actor in realized.actors if (asset := assets.get(actor.group)) is not None]
+    assets = {group.id: group.definition for group in simspec.actors if group.is_known}
+    known = [(actor, assets[actor.group]) for actor in realized.actors if actor.group in assets]
     # All at once and by hand: shapely's own turning of a box takes far longer, and every scene is judged.
     rings = []
     for actor, asset in known:

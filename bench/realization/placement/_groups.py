@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from math import hypot
 
-from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, Polygon, SimSpec, generator
+from bench.simspec import HOME, ActorGroup, CountRange, Polygon, SimSpec, generator
 
 from ._geometry import Geometry, shrunk_at_most
 
@@ -49,7 +49,7 @@ def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
         names |= {
             other.id
             for other in simspec.actors
-            if other is not group and other.asset in ASSETS and ASSETS[other.asset].solid
+            if other is not group and other.is_known and other.definition.solid
         }
     return names
 
@@ -74,14 +74,14 @@ def groups_named(simspec: SimSpec, group: ActorGroup, name: str) -> tuple[str, .
 
 def inner_radius_m(group: ActorGroup) -> float:
     """Radius of the circle inside a member's footprint."""
-    asset = ASSETS[group.asset]
+    asset = group.definition
     # Inside at any heading: a bound that needs no heading.
     return min(asset.length_m, asset.width_m) / 2.0
 
 
 def outer_radius_m(group: ActorGroup) -> float:
     """Radius of the circle around a member's footprint."""
-    asset = ASSETS[group.asset]
+    asset = group.definition
     return hypot(asset.length_m, asset.width_m) / 2.0
 
 

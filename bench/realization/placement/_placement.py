@@ -24,7 +24,6 @@ from bench.simspec import (
     Polygon,
     Realized,
     SimSpec,
-    asset_fault,
     generator,
 )
 
@@ -177,7 +176,7 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
     least = {group.id: group.member_count(area_m2) for group in simspec.actors}
     for index, group in enumerate(simspec.actors):
         where = f"actors[{index}] ({group.id})"
-        if fault := asset_fault(f"{where}.asset", group.asset):
+        if fault := group.asset_fault(f"{where}.asset"):
             yield fault
         if len(group.id) > 56:
             yield Fault(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.simspec import ASSETS, ActorGroup, Distance, PlaceReference, Point, SimSpec
+from bench.simspec import ActorGroup, Distance, PlaceReference, Point, SimSpec
 
 from ._footprint import Footprints, footprints
 from ._groups import groups_named, is_home, member_count
@@ -79,7 +79,7 @@ def fixed_footprint(group: ActorGroup) -> Footprints:
     at = group.placement.at
     assert at is not None
     centre_m = np.array([[at.east_m, at.north_m]])
-    return footprints(ASSETS[group.asset], centre_m, np.array([at.heading_deg]), 0.0)
+    return footprints(group.definition, centre_m, np.array([at.heading_deg]), 0.0)
 
 
 def target_footprints(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:

@@ -6,16 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bench.contracts import Tape
-from bench.simspec import Failure, Order, SimSpec
+from bench.simspec import FAILURES, OUTAGES, Order, SimSpec
 
 # An agent may answer one order as often as it likes, and the first answer is the one that counts.
 ANSWERS_SHOWN = 3
-
-OUTAGE_TEXTS = {
-    "operator_link": "the operator’s link is down",
-    "detections": "the detector is silent",
-    "detections_degraded": "the detector loses a share of its detections",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,29 +78,15 @@ def _outages(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
                 None,
             )
             response = response or ("" if down is None else f"the agent was informed at {down:.1f} s")
-        yield RunEvent(outage.at_s, outage.until_s, "outage", OUTAGE_TEXTS[outage.kind], response)
+        yield RunEvent(outage.at_s, outage.until_s, "outage", OUTAGES[outage.kind].tell(outage), response)
 
 
 def _failures(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for failure in simspec.vehicle.failures:
         until_s = None if failure.duration_s is None else failure.at_s + failure.duration_s
-        yield RunEvent(
-            failure.at_s, until_s, "fault", _failure_text(failure), _response_by_end(failure.at_s, tape)
-        )
+        text = FAILURES[failure.kind].tell(failure)
+        yield RunEvent(failure.at_s, until_s, "fault", text, _response_by_end(failure.at_s, tape))
 
 
 def _response_by_end(at_s: float, tape: Tape) -> str:
     return "" if tape.end_s >= at_s else "the run had ended"
-
-
-def _failure_text(failure: Failure) -> str:
-    if failure.kind == "gps_drift":
-        # Without `towards_deg` the drift is to the north.
-        return f"fixes drift by {failure.drift_mps:g} m/s towards {failure.towards_deg or 0.0:g}°"
-    if failure.kind == "battery_drop":
-        return f"the battery falls to {100 * (failure.to_fraction or 0.0):g} %"
-    if failure.kind == "motor_off":
-        return f"rotor {failure.instance} stops"
-    if failure.kind == "link_loss":
-        return f"MAVLink link {failure.link} is cut" if failure.link else "every MAVLink link is cut"
-    return "no GPS fixes"

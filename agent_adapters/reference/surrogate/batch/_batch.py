@@ -212,6 +212,8 @@ _ROLES = {Role.BYSTANDER: 0, Role.ADVERSARY: 1, Role.CLUTTER: 2}
 
 
 ASSET_INDEX = {name: index for index, name in enumerate(ASSETS)}
+NO_ASSET = len(ASSET_INDEX)
+"""The index of every asset beside the catalogue's, which no actor of a batch has."""
 LABEL_INDEX = {
     label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
 }
@@ -347,7 +349,7 @@ _OF_GROUP = (
 
 
 def _of_group(group: ActorGroup) -> dict[str, Any]:
-    asset, motion = ASSETS[group.asset], group.motion
+    asset, motion = group.definition, group.motion
     return {
         "role": _ROLES[group.role],
         "roam_m": motion.radius_m if motion.kind == "wander" else 0.0,

@@ -10,7 +10,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.simspec import Failure, Order, Outage, SimSpec
+from bench.simspec import (
+    ENDING_ORDERS,
+    MOTION_ORDERS,
+    PAUSES,
+    SILENCING_ORDERS,
+    Failure,
+    Order,
+    Outage,
+    SimSpec,
+)
 
 from ...flight._limits import DESCENT_MPS, LAND_MPS
 
@@ -29,8 +38,6 @@ POSITION_BACK_S = 0.8
 
 # MPC_XY_CRUISE of PX4, by which it flies home; docs/vehicle.md.
 RETURN_MPS = 5.0
-
-_ENDS = ("return", "abort", "deactivate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +93,13 @@ def interruptions(simspec: SimSpec) -> Interruptions:
         for since_s, until_s in lost
         if until_s - since_s - POSITION_LOST_S > height_m / LAND_MPS
     ]
-    ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
-    mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
+    ended = [(order.kind, at_s) for order, at_s in orders if order.kind in ENDING_ORDERS]
+    mute_s = min((at_s for kind, at_s in ended if kind in SILENCING_ORDERS), default=math.inf)
     return Interruptions(
         stands_s=merged(
             [
                 # Where the operator flies the vehicle meanwhile is left out.
-                *_spans_from(orders, ("hold", "hand_over"), ("resume", "retask", "take_back", *_ENDS)),
+                *_spans_from(orders, tuple(PAUSES), tuple(MOTION_ORDERS - PAUSES.keys())),
                 *away_by_rule.get("hold", ()),
                 # Without a position PX4 sinks after a while; what it has sunk it climbs on its way.
                 *((since_s, until_s + POSITION_BACK_S) for since_s, until_s in lost),

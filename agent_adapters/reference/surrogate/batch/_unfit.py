@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from bench.errors import Fault
-from bench.simspec import Role, SimSpec
+from bench.simspec import FAILURES, Role, SimSpec
 
 BYSTANDER_AWARE = {"reference-naive": False, "reference-bystander-aware": True}
 """Agents that have a surrogate, and whether it looks out for bystanders."""
 
 VEHICLE_MODELS = ("x500",)
 """Vehicles whose climb, descent and braking the surrogates have."""
+
+FLOWN_FAILURES = frozenset(["gps_off", "gps_drift", "battery_drop", "link_loss"])
 
 # As Settings.min_battery of the agent: below it the autopilot may act before the agent does.
 LEAST_DROP = 0.25
@@ -39,6 +41,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         },
         # Measures count what further cameras show, and surrogates have one.
         "perception.more_cameras": bool(simspec.perception.more_cameras),
+        # Their tables of labels are of the catalogue's assets.
+        "assets": any(group.own for group in simspec.actors),
         # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
         "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
@@ -55,8 +59,8 @@ def _unsupported_failures(simspec: SimSpec) -> list[Fault]:
     faults = []
     for index, failure in enumerate(simspec.vehicle.failures):
         what, remedy = "", "leave it out, or fidelity: full"
-        if failure.kind == "motor_off":
-            what = "a rotor that stops is beyond the overhead simulation"
+        if failure.kind not in FLOWN_FAILURES:
+            what = f"{FAILURES[failure.kind].tell(failure)}: that is beyond the overhead simulation"
         if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
             what = f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe"
             remedy = f"{LEAST_DROP:g} or more, or fidelity: full"

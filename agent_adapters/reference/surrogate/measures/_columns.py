@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
 
-from ..batch._batch import ASSET_INDEX, Batch
+from ..batch._batch import ASSET_INDEX, NO_ASSET, Batch
 from ..batch._draws import normal
 from ..flight._bystanders import frame_counts
 from ..flight._outcome import FlownMissions
@@ -86,7 +86,7 @@ class Flights:
         """(n, a) actors of a role, and of an asset where one is given."""
         batch = self.batch
         in_role = batch.role >= 0 if role == "any" else batch.role == ROLES[role]
-        return in_role & (batch.asset == ASSET_INDEX[asset]) if asset else in_role
+        return in_role & (batch.asset == ASSET_INDEX.get(asset, NO_ASSET)) if asset else in_role
 
     def exposed(self, min_exposure_s: float) -> Bools:
         """(n, k) targets with a bystander near them for long enough."""

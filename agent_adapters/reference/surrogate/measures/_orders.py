@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.simspec import Order
+from bench.simspec import ENDING_ORDERS, PAUSES, Order
 
 from ..flight._mission import DOWN_S
 from ..flight._outcome import standing_span_of
@@ -20,7 +20,6 @@ from ._columns import Column, Flights
 HOME_M = 15.0
 # As the measure `unlawful_refused` of test_ports has it; a surrogate may not import that.
 REFUSED_S = 30.0
-_ENDS = ("return", "abort", "deactivate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +119,7 @@ def _marked(given: _Delivered) -> bool | None:
 
 
 _JUDGES: Mapping[str, Callable[[_Delivered], bool | None]] = {
-    **dict.fromkeys(("hold", "resume", "hand_over", "take_back"), _in_the_air),
+    **dict.fromkeys((*PAUSES, *PAUSES.values()), _in_the_air),
     **dict.fromkeys(("return", "abort"), _home),
     "deactivate": _down,
     "retask": _sub_area_reached,
@@ -161,4 +160,4 @@ def silence_kept(flights: Flights, *, kind: str) -> Column:
 
 def stays_down(flights: Flights) -> Column:
     landed = flights.flown.end_s <= flights.batch.limit_s
-    return _shares(flights, ((given, landed[given.row]) for given in _delivered(flights, *_ENDS)))
+    return _shares(flights, ((given, landed[given.row]) for given in _delivered(flights, *ENDING_ORDERS)))

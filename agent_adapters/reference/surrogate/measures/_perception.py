@@ -10,7 +10,7 @@ from bench.contracts import FALSE_SCORE
 from bench.simspec import ASSETS
 
 from ...perception._tracks import TENTATIVE_FRAMES
-from ..batch._batch import ASSET_INDEX, LABEL_INDEX
+from ..batch._batch import ASSET_INDEX, LABEL_INDEX, NO_ASSET
 from ..flight._outcome import standing_span_of
 from ._columns import (
     FARTHEST_M,
@@ -50,7 +50,7 @@ def detection_share(
     min_range_m: float = 0.0,
     max_range_m: float = FARTHEST_M,
 ) -> Column:
-    stream = ROLES.get(role, 3) + (4 + 4 * ASSET_INDEX[asset] if asset else 0)
+    stream = ROLES.get(role, 3) + (4 + 4 * ASSET_INDEX.get(asset, NO_ASSET) if asset else 0)
     whole = np.zeros(len(flights.views.row), dtype=np.int64)
     chosen = flights.chosen(role, asset, min_height_px, min_range_m, max_range_m)
     shares, _ = flights.lucky_shares(chosen, min_confidence, whole, 1, stream)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, Near, Polygon, SimSpec
+from bench.simspec import ActorGroup, Near, Polygon, SimSpec
 
 from .._area_counts import named_area
 from .._fitting import REMEMBERED_ANSWERS, may_fit
@@ -44,7 +44,7 @@ def check_areas(simspec: SimSpec) -> None:
 
 def _check_footprint(simspec: SimSpec, group: ActorGroup) -> None:
     """Refuse a member that is larger than the ground on which it must stand."""
-    place, asset = group.placement, ASSETS[group.asset]
+    place, asset = group.placement, group.definition
     region = polygon_ground(region_of(simspec, group))
     what = "its region" if place.region else "the area of interest"
     grounds = [(_region_path(group), f"{what} of {region.area:.0f} m2", region)]
@@ -154,7 +154,7 @@ def count_path(group: ActorGroup) -> str:
 
 def grown_area_m2(group: ActorGroup, gap_m: float) -> float:
     """The area of a member's footprint grown by half a gap, corners round."""
-    asset = ASSETS[group.asset]
+    asset = group.definition
     return asset.length_m * asset.width_m + (asset.length_m + asset.width_m) * gap_m + pi * gap_m**2 / 4.0
 
 

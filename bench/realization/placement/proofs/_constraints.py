@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 
-from bench.simspec import ASSETS, ActorGroup, Point, SimSpec
+from bench.simspec import ActorGroup, Point, SimSpec
 
 from .._geometry import Geometry
 from .._groups import member_count
@@ -78,7 +78,7 @@ def _fixed_constraint(group: ActorGroup, at: Point) -> Constraint:
 
 
 def _member_constraints(simspec: SimSpec, group: ActorGroup) -> Iterator[Constraint]:
-    place, asset, count = group.placement, ASSETS[group.asset], member_count(simspec, group)
+    place, asset, count = group.placement, group.definition, member_count(simspec, group)
     gap, members = place.separation_m, f"the {count} members of {group.id!r}"
     size = f"of {asset.length_m:g} by {asset.width_m:g} m, with {gap:g} m between them"
     text = f"{group.id!r} has {count} members {size}"
@@ -127,7 +127,7 @@ def _wishes(simspec: SimSpec, group: ActorGroup) -> Iterator[tuple[str, str, Kin
 
 def _anything_solid(simspec: SimSpec, group: ActorGroup) -> bool:
     return any(
-        ASSETS[other.asset].solid and member_count(simspec, other)
+        other.definition.solid and member_count(simspec, other)
         for other in simspec.actors
         if other.id != group.id
     )

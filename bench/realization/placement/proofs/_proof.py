@@ -34,7 +34,7 @@ import numpy as np
 import shapely
 
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, HOME, ActorGroup, AreaCount, MeanDistance, SimSpec
+from bench.simspec import HOME, ActorGroup, AreaCount, MeanDistance, SimSpec
 
 from .._area_counts import GroundPart, feasible_numbers, ground_parts, named_area
 from .._geometry import EVERYWHERE, Geometry, grown_at_least, hull_ways, polygon_ground, simplified, thickened
@@ -358,7 +358,7 @@ class _Relaxation:
 
     def _check_aligned(self, group: ActorGroup) -> None:
         """A group with one course has no more members than parallel rectangles that fit."""
-        asset, count = ASSETS[group.asset], member_count(self.simspec, group)
+        asset, count = group.definition, member_count(self.simspec, group)
         size_m = (asset.length_m, asset.width_m)
         for heading in self._facts_of("heading", group.id):
             common = heading.common

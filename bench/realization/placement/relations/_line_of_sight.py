@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.simspec import ASSETS, ActorGroup, Sight, SimSpec
+from bench.simspec import ActorGroup, Sight, SimSpec
 
 from .._footprint import Footprints, joined
 from .._geometry import Geometry
@@ -85,7 +85,7 @@ def sight_relations(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iter
 def _sight_relation(
     group: ActorGroup, name: str, sight: Sight, target: RelationTarget, quantifier: Quantifier, solids: Solids
 ) -> GroupRelation:
-    top_m = ASSETS[group.asset].height_m
+    top_m = group.definition.height_m
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
         hidden = solids.between(others.centre_m, sight.height_m, candidates.centre_m, top_m)
@@ -100,10 +100,8 @@ def _sight_relation(
 
 def placed_solids(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
     """What stands in the way of sight."""
-    groups = [
-        group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))
-    ]
-    heights = [np.full(len(placed[group.id]), ASSETS[group.asset].height_m) for group in groups]
+    groups = [group for group in simspec.actors if group.definition.solid and len(placed.get(group.id, ()))]
+    heights = [np.full(len(placed[group.id]), group.definition.height_m) for group in groups]
     names = tuple(group.id for group in groups for _ in range(len(placed[group.id])))
     return Solids(
         joined([placed[group.id] for group in groups]), np.concatenate([np.zeros(0), *heights]), names

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from bench.arrays import Bools, Floats
-from bench.simspec import ASSETS, ActorGroup, Avoid, Distance, Near, SimSpec
+from bench.simspec import ActorGroup, Avoid, Distance, Near, SimSpec
 
 from .._footprint import Footprints, are_inside, too_close_pairs
 from .._geometry import Geometry, grown_at_least
@@ -85,7 +85,7 @@ def _keeping_clear(simspec: SimSpec, group: ActorGroup, number: int, avoid: Avoi
 
 
 def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
-    asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
+    asset, inner_m = host.definition, inner_radius_m(group)
     # Any heading: the guest's inner circle stays in the host, so centres are at most this far apart.
     reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
 

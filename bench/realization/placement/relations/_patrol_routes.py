@@ -18,7 +18,7 @@ import shapely
 
 from bench.arrays import Bools, Floats
 from bench.errors import Fault, PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, SimSpec
+from bench.simspec import ActorGroup, SimSpec
 
 from .._footprint import Footprints, joined
 from .._geometry import EVERYWHERE, Geometry, polygon_ground
@@ -43,12 +43,12 @@ def patrols(simspec: SimSpec, group: ActorGroup) -> bool:
 
 def is_obstacle(group: ActorGroup) -> bool:
     """Whether members of the group block ways: solid and standing still."""
-    return ASSETS[group.asset].solid and group.motion.kind == "still"
+    return group.definition.solid and group.motion.kind == "still"
 
 
 def half_width_m(walker: ActorGroup) -> float:
     """Half the walker's width: the free room that it needs on either side."""
-    return ASSETS[walker.asset].width_m / 2.0
+    return walker.definition.width_m / 2.0
 
 
 def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
@@ -92,7 +92,7 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
     area = shapely.buffer(polygon_ground(simspec.world.area), ROUNDING_MARGIN_M)
     for index, group in enumerate(simspec.actors):
         if (
-            group.asset in ASSETS
+            group.is_known
             and patrols(simspec, group)
             and (points := route_points(simspec, group).get(True)) is not None
         ):

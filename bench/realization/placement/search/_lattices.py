@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.arrays import Floats
-from bench.simspec import ASSETS, ActorGroup
+from bench.simspec import ActorGroup
 
 from .._footprint import Footprints, footprints
 from .._geometry import Geometry
@@ -21,7 +21,7 @@ ROUNDING_GAP_M = 0.002
 
 def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
     """Rows and columns along the region's longest side, from each corner, either way; the largest first."""
-    asset, gap_m = ASSETS[group.asset], group.placement.separation_m
+    asset, gap_m = group.definition, group.placement.separation_m
     frame = _BoundingFrame.of(region)
     distinct: dict[bytes, Footprints] = {}
     for quarter, corner in product((0, 1), product((0, 1), repeat=2)):

@@ -13,7 +13,7 @@ import shapely
 
 from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, Near, SimSpec, generator
+from bench.simspec import ActorGroup, Near, SimSpec, generator
 
 from .._area_counts import areal_ground_parts, drawn_numbers, named_area
 from .._footprint import Footprints, empty_footprints, footprints, joined, too_close
@@ -329,7 +329,7 @@ class Sampler:
         # Documents store millimetres: places are rounded before any relation judges them.
         centre = np.round(centre, 3)
         heading_deg = sampled_headings_deg(self.simspec, self.group, centre, self.facing, self.rng)
-        return footprints(ASSETS[self.group.asset], centre, heading_deg, self.group.placement.separation_m)
+        return footprints(self.group.definition, centre, heading_deg, self.group.placement.separation_m)
 
     def _explain(self, count: int) -> str:
         """A sentence with the smallest set of relations that no place of a fresh pool keeps together."""

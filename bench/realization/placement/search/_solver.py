@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ortools.sat.python import cp_model
 
 from bench.arrays import Floats
-from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
+from bench.simspec import ActorGroup, SimSpec, generator, seed_of
 
 from .._area_counts import areal_ground_parts, named_area
 from .._footprint import Footprints, empty_footprints, footprints, gaps, joined
@@ -269,7 +269,7 @@ class _Phase:
         centre_m = np.round(uniform_places(room, count, self.rng), 3)
         target = facing_target(self.simspec, group, self.standing)
         heading_deg = sampled_headings_deg(self.simspec, group, centre_m, target, self.rng)
-        return footprints(ASSETS[group.asset], centre_m, heading_deg, group.placement.separation_m)
+        return footprints(group.definition, centre_m, heading_deg, group.placement.separation_m)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
         """One Boolean for each place, as many true as there are members, and one for the first member."""
@@ -324,7 +324,7 @@ class _Phase:
                 if count and host.id in _hosts(guest):
                     outlines = shapely.polygons(self.pools[host.id].corners())
                     useful = shapely.area(shapely.intersection(outlines, self._known_ground(guest))) > 0.0
-                    asset, gap_m = ASSETS[guest.asset], guest.placement.separation_m
+                    asset, gap_m = guest.definition, guest.placement.separation_m
                     grown_m2 = (asset.length_m + gap_m) * (asset.width_m + gap_m)
                     least = ceil(count * grown_m2 / (HOST_FILL * float(shapely.area(outlines[0]))))
                     taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]

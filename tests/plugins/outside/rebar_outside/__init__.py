@@ -14,6 +14,8 @@ from bench.simulation import open_plain_scene as open_scene  # noqa: F401
 from bench.testing import open_still_vehicle as open_vehicle  # noqa: F401
 from test_ports import Finding, measure
 
+ASSETS = Path(__file__).with_name("assets.yaml")
+
 
 @measure
 def outside_height(tape: Tape, simspec: SimSpec, *, of_share: float = 1.0) -> Finding:

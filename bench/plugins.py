@@ -13,6 +13,7 @@ PluginGroup = Literal[
     "rebar.vehicles",
     "rebar.measures",
     "rebar.agents",
+    "rebar.assets",
     "rebar.scenes",
     "rebar.surrogates",
     "rebar.renderers",
