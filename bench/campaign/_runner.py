@@ -285,11 +285,16 @@ def _unless_paused(gate: StartGate, folder: Path, events: Observers) -> StartGat
 
 def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
     """The campaign with the floor, the pace, the isolation and the shard that its folder was flown with: resuming
-    without --floor, --pace, --isolation or --shard changes nothing.
+    without --floor, --pace, --isolation or --shard changes nothing. With the folder's pace come those of its agents.
     """
     if not folder.campaign.is_file():
         return campaign
     flown = load_document(folder.campaign, Campaign)
+    if campaign.pace is None and flown.pace is not None:
+        # --pace had taken theirs away.
+        paces = {agent.label: agent.pace for agent in flown.agents}
+        agents = [agent.model_copy(update={"pace": paces.get(agent.label)}) for agent in campaign.agents]
+        campaign = campaign.model_copy(update={"agents": tuple(agents)})
     kept = ("floor", "pace", "isolation", "shard")
     return campaign.model_copy(
         update={name: getattr(flown, name) for name in kept if getattr(campaign, name) is None}
