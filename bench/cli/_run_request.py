@@ -83,8 +83,8 @@ class CampaignChanges:
             except ValueError as error:
                 raise SetupError("--shard", str(error), "number the shards from 1") from None
         if self.pace is not None:
-            agents = [agent.model_copy(update={"pace": None}) for agent in campaign.agents]
-            campaign = campaign.model_copy(update={"agents": tuple(agents)})
+            unpaced = tuple(agent.model_copy(update={"pace": None}) for agent in campaign.agents)
+            campaign = campaign.model_copy(update={"agents": unpaced})
         options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}
