@@ -63,15 +63,15 @@ def open_cache(manifest: AgentManifest, folder: Path, agent: AgentSpec) -> Gener
     if manifest.cache is None:
         yield None
         return
-    place = _place(manifest, folder, agent)
     with ExitStack() as stack:
         try:
+            place = _place(manifest, folder, agent)
             place.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(open(place.with_suffix(".lock"), "ab"))
             fact = _filled(manifest, folder, agent, place, lock.fileno())
         except OSError as error:
             remedy = "make room there, or set XDG_CACHE_HOME to another folder"
-            raise SetupError(f"{manifest.name}: cache", f"{place}: {error}", remedy) from error
+            raise SetupError(f"{manifest.name}: cache", f"cannot be kept: {error}", remedy) from error
         yield FilledCache(place / _FOLDER, fact)
 
 
@@ -113,7 +113,10 @@ def _filled(manifest: AgentManifest, folder: Path, agent: AgentSpec, place: Path
         _remove_older(place)
         remove_tree(place)
         _fill(manifest, folder, agent, place / _FOLDER)
-        note.write_text(dump_json(_content(manifest, place / _FOLDER)), encoding="utf-8")
+        # Whole or not there, however this process ends.
+        part = note.with_suffix(".part")
+        part.write_text(dump_json(_content(manifest, place / _FOLDER)), encoding="utf-8")
+        part.rename(note)
 
 
 def _place(manifest: AgentManifest, folder: Path, agent: AgentSpec) -> Path:

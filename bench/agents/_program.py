@@ -123,9 +123,9 @@ def _command_faults(manifest: AgentManifest, folder: Path, options: Options, fie
         return [Fault(where, f"there is no program {program!r}", remedy)]
     if program != sys.executable:
         # What an interpreter is to run, as dist/agent.js.
-        script = next(iter(command[1:]), "")
-        remedy = _build_remedy(folder, script) if not Path(script).exists() else ""
-        return [Fault(where, f"there is no file {script}", remedy)] if remedy else []
+        file = next(iter(command[1:]), "")
+        remedy = _build_remedy(folder, file) if not Path(file).exists() else ""
+        return [Fault(where, f"there is no file {file}", remedy)] if remedy else []
     if len(command) == 1:
         return []
     if command[1] == "-m" and len(command) > 2:
