@@ -21,6 +21,11 @@ UNLOCKED_S = 60.0
 """Host seconds that a new folder may be without its lock. Chosen: its maker needs microseconds."""
 
 
+def user_cache() -> Path:
+    """Where this user keeps what can be made again (XDG base directory specification)."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rebar"
+
+
 @contextmanager
 def temporary_folder(purpose: str, parent: Path | None = None) -> Generator[Path]:
     """A new folder for this user alone, gone after the block. `purpose` (lower-case letters) becomes part of its name.

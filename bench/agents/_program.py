@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.contracts import AgentManifest
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 
 Options = Mapping[str, str | float | int | bool]
 
@@ -90,9 +90,23 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
 
     The program of a manifest with an image is in the image, so nothing is known of it.
 
-    Looks for the program, and for the script or module that the bench's Python is to run. Nothing is run or
-    imported, so a program can still fail at its start.
+    Looks for the program, and for the script or module that the bench's Python is to run; likewise for the command that
+    fills a cache. Nothing is run or imported, so a program can still fail at its start.
     """
+    faults = _command_faults(manifest, folder, options, "command")
+    if manifest.cache is not None:
+        faults += _command_faults(preparing(manifest), folder, options, "cache.prepare")
+    return faults
+
+
+def preparing(manifest: AgentManifest) -> AgentManifest:
+    """The manifest of the command that fills an agent's cache: it meets no session."""
+    assert manifest.cache is not None
+    changes = {"command": manifest.cache.prepare, "mavlink": (), "zenoh": False, "reset": "process"}
+    return manifest.model_copy(update=changes)
+
+
+def _command_faults(manifest: AgentManifest, folder: Path, options: Options, field: str) -> list[Fault]:
     try:
         command = expand_command(manifest, folder, options)
         expand_placeholders(manifest, folder, options, manifest.environment)
@@ -100,22 +114,48 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
         return list(error.faults)
     if manifest.image:
         return []
-    where, program = f"{manifest.name}: command", command[0]
+    where, program = f"{manifest.name}: {field}", command[0]
     path = shutil.which(program, path=os.environ.get("PATH", os.defpath))
     if path is None or not Path(path).is_file():
         if Path(program).is_absolute() and Path(program).is_file():
             return [Fault(where, f"{program} is not executable", f"chmod +x {shlex.quote(program)}")]
-        remedy = "install it, or correct the command in the manifest"
+        remedy = _build_remedy(folder, program) or "install it, or correct the command in the manifest"
         return [Fault(where, f"there is no program {program!r}", remedy)]
-    if program != sys.executable or len(command) == 1:
+    if program != sys.executable:
+        # What an interpreter is to run, as dist/agent.js.
+        file = next(iter(command[1:]), "")
+        remedy = _build_remedy(folder, file) if not Path(file).exists() else ""
+        return [Fault(where, f"there is no file {file}", remedy)] if remedy else []
+    if len(command) == 1:
         return []
     if command[1] == "-m" and len(command) > 2:
         # With another search path this process cannot tell what that one would find.
         if "PYTHONPATH" not in manifest.environment and not _has_module(command[2]):
             return [Fault(where, f"there is no Python module {command[2]!r}", "install its package")]
     elif (script := _script_place(command)) is not None and not Path(command[script]).exists():
-        return [Fault(where, f"there is no file {command[script]}", "restore it, or correct the command")]
+        remedy = _build_remedy(folder, command[script]) or "restore it, or correct the command"
+        return [Fault(where, f"there is no file {command[script]}", remedy)]
     return []
+
+
+def _build_remedy(folder: Path, program: str) -> str:
+    """What builds a program that is missing in the manifest's folder, by the file there that says how; empty for none."""
+    if not Path(program).is_relative_to(folder):
+        return ""
+    builds = {
+        "Makefile": ("make", "-C", folder),
+        "Cargo.toml": (
+            *("cargo", "build", *(() if "debug" in Path(program).parts else ("--release",))),
+            *("--manifest-path", folder / "Cargo.toml"),
+        ),
+    }
+    for name, words in builds.items():
+        if (folder / name).is_file():
+            return f"build it: `{command_line(*words)}`"
+    if (folder / "package.json").is_file():
+        place = shlex.quote(str(folder))
+        return f"build it: `cd {place} && npm install && npm run build --if-present`"
+    return ""
 
 
 def _has_module(name: str) -> bool:

@@ -18,6 +18,7 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._document import Campaign as Campaign
+    from ._document import CampaignAgent as CampaignAgent
     from ._document import CampaignBudgets as CampaignBudgets
     from ._document import FloorPlan as FloorPlan
     from ._document import Keep as Keep

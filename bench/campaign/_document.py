@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from bench.agents import installed_agents
-from bench.documents import Document, is_default, load_document, validate_document
+from bench.documents import Document, added_field, is_default, load_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import BASE, Bases, Design, DesignFactor, with_number_levels
 from bench.simspec import AgentSpec, Identifier, Isolation, PaceMode, SimSpec, is_manifest_file
@@ -169,6 +169,19 @@ class Keep(Document):
     ] = 0.0
 
 
+class CampaignAgent(AgentSpec):
+    """An agent under test, as a campaign names it."""
+
+    pace: PaceMode | None = added_field(
+        None, "Pace of this agent's runs, in place of the campaign's and of the base SimSpec's."
+    )
+
+    @property
+    def spec(self) -> AgentSpec:
+        """The agent as its SimSpecs have it; they state their pace themselves."""
+        return AgentSpec.model_validate(self.model_dump(exclude={"pace"}))
+
+
 class Campaign(Document):
     """A campaign: base SimSpec, design, agents and decomposition. Every agent flies every scene."""
 
@@ -189,7 +202,7 @@ class Campaign(Document):
         ),
     ] = ()
     design: Design = Design()
-    agents: Annotated[tuple[AgentSpec, ...], Field(min_length=1, description="The agents under test.")]
+    agents: Annotated[tuple[CampaignAgent, ...], Field(min_length=1, description="The agents under test.")]
     decomposition: Annotated[
         str, Field(description="Name of a decomposition, or its path relative to the campaign file.")
     ] = "search-and-report"
@@ -213,7 +226,9 @@ class Campaign(Document):
     ] = None
     pace: Annotated[
         PaceMode | None,
-        Field(description="Pace of all runs, in place of the base SimSpec's; every agent must follow it."),
+        Field(
+            description="Pace of all runs, in place of the base SimSpec's; every agent without a pace of its own must follow it."
+        ),
     ] = None
     isolation: Annotated[
         Isolation | None,

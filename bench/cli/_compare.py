@@ -40,7 +40,7 @@ def compare(
 
     Two campaigns that differ in perception alone are compared observable by observable: what fails with both fails by
     reasoning, what fails with one alone by that perception. Likewise two that differ in the autopilot alone: the imitation
-    and the real firmware or board.
+    and the real firmware or board; or in the pace alone.
 
     One agent in two campaigns without a common scene, as two iterations of it, is compared without pairs: how the results
     are distributed, and the divergence between them.
@@ -75,6 +75,7 @@ def _show(comparison: Comparison) -> None:
         console,
         [
             f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
+            *([comparison.pace_note] if comparison.pace_note else []),
             "passed in %, second minus first in points, p of McNemar's test:",
         ],
     )
@@ -128,6 +129,7 @@ def _document(comparison: Comparison) -> dict[str, Any]:
         "scenes": comparison.scenes,
         "perceptions": comparison.perceptions,
         "autopilots": comparison.autopilots,
+        "paces": comparison.paces,
         "nodes": [
             {
                 **asdict(node),

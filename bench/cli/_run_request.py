@@ -55,7 +55,7 @@ class CampaignChanges:
     pace: Annotated[
         Pace | None,
         typer.Option(
-            help="Pace of all runs, in place of the situation's. A folder keeps the pace it was flown at"
+            help="Pace of all runs, in place of the situation's and of each agent's own. A folder keeps the pace it was flown at"
         ),
     ] = None
     isolation: IsolationOption = None
@@ -88,6 +88,9 @@ class CampaignChanges:
                 parse_shard(self.shard)
             except ValueError as error:
                 raise SetupError("--shard", str(error), "number the shards from 1") from None
+        if self.pace is not None:
+            unpaced = tuple(agent.model_copy(update={"pace": None}) for agent in campaign.agents)
+            campaign = campaign.model_copy(update={"agents": unpaced})
         options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}

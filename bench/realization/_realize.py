@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
-from bench.simspec import AgentSpec, SimSpec
+from bench.simspec import AgentSpec, PaceMode, SimSpec
 
 from .design._design import Design, DesignPoint
 from .design._factors import BASE, DesignFactor, FactorLevel
@@ -27,7 +27,7 @@ class RealizationPlan:
     """One SimSpec to fly: which design point, replicate and agent it stands for. Nothing is placed yet.
 
     Plans of the same design point and replicate share every seed, hence the scene, whatever the agent. `situation` is
-    that of the design point, which all its plans share.
+    that of the design point, which all its plans share; `pace` is the agent's own, None for that of the situation.
     """
 
     id: str
@@ -37,14 +37,24 @@ class RealizationPlan:
     situation: SimSpec
     agent_spec: AgentSpec
     root_seed: int
+    pace: PaceMode | None = None
 
     @property
     def simspec(self) -> SimSpec:
         """The SimSpec, made anew each time: kept, those of a large campaign would take ten times the plans."""
         seeds = self.situation.seeds.model_copy(update={"root": self.root_seed})
+        pace = self.situation.pace
+        if self.pace is not None:
+            pace = pace.model_copy(update={"mode": self.pace})
         # A base may come with places of its own; they belong to other seeds, so they are dropped.
         return self.situation.model_copy(
-            update={"name": self.id, "agent": self.agent_spec, "seeds": seeds, "realized": None}
+            update={
+                "name": self.id,
+                "agent": self.agent_spec,
+                "seeds": seeds,
+                "realized": None,
+                "pace": pace,
+            }
         )
 
     @property

@@ -193,6 +193,47 @@ def test_missing_programs_scripts_and_modules_are_known_without_starting_them(tm
 
 
 @pytest.mark.parametrize(
+    ("file", "command", "build"),
+    [
+        ("Makefile", ("./agent",), "`make -C {folder}`"),
+        (
+            "Cargo.toml",
+            ("target/release/agent",),
+            "`cargo build --release --manifest-path {folder}/Cargo.toml`",
+        ),
+        ("Cargo.toml", ("./target/debug/agent",), "`cargo build --manifest-path {folder}/Cargo.toml`"),
+        (
+            "package.json",
+            ("sh", "{folder}/dist/agent.js"),
+            "`cd {folder} && npm install && npm run build --if-present`",
+        ),
+        ("Makefile", ("{python}", "made/agent.py"), "`make -C {folder}`"),
+    ],
+)
+def test_a_program_that_was_not_built_says_how(
+    tmp_path: Path, file: str, command: tuple[str, ...], build: str
+) -> None:
+    """Without such a file, elsewhere, or once it is there, nothing of the kind is said."""
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+
+    def remedies(*words: str) -> list[str]:
+        return [
+            fault.remedy for fault in program_faults(AgentManifest(name="agent", command=words), folder, {})
+        ]
+
+    assert not any("build it" in remedy for remedy in remedies(*command))
+    (folder / file).write_text("")
+    quoted = build.replace("{folder}/Cargo.toml", f"'{folder}/Cargo.toml'").replace("{folder}", f"'{folder}'")
+    assert remedies(*command) == [f"build it: {quoted}"]
+    assert remedies("no-such-program") == ["install it, or correct the command in the manifest"]
+    program = folder / command[-1].removeprefix("{folder}/")
+    program.parent.mkdir(parents=True, exist_ok=True)
+    program.touch(0o755)
+    assert remedies(*command) == []
+
+
+@pytest.mark.parametrize(
     ("command", "looked_up"),
     [
         (("./run.sh", "./x"), ("{here}/run.sh", "./x")),

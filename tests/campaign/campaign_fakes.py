@@ -25,7 +25,7 @@ from bench.contracts import (
     facts_of,
 )
 from bench.errors import Fault, SetupError
-from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
+from bench.simspec import ActorGroup, Budgets, Point, Polygon, Role, SimSpec, World
 
 # Every worker imports this module for its job, and these rooms are half of that: the functions of the runner's side
 # import them.
@@ -176,7 +176,7 @@ YARD = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50
 
 def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:
     """A campaign of points x replicates realizations over a yard with a few people in it."""
-    from bench.campaign import Campaign, CampaignBudgets
+    from bench.campaign import Campaign, CampaignAgent, CampaignBudgets
     from bench.realization import Design, DesignFactor
 
     base = SimSpec(
@@ -192,7 +192,7 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         name="small",
         base=base,
         design=Design(factors=(fog,), replicates=replicates, seed=7),
-        agents=(AgentSpec(manifest="fake"),),
+        agents=(CampaignAgent(manifest="fake"),),
         # One retry, at once: only tests about the pauses between retries have some.
         budgets=CampaignBudgets(**({"retry_s": 0.0} | budgets)),
     )

@@ -98,11 +98,14 @@ def stopping_campaign(
     """
     from campaign_fakes import small_campaign
 
-    from bench.campaign import Stopping
-    from bench.simspec import AgentSpec
+    from bench.campaign import CampaignAgent, Stopping
 
     rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
-    update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
+    update = {
+        "decomposition": str(decomposition),
+        "stopping": rule,
+        "agents": (CampaignAgent(manifest="fake"),),
+    }
     return small_campaign(points, replicates).model_copy(update=update)
 
 

@@ -11,6 +11,7 @@ from in_process_executor import open_in_process
 
 from bench.campaign import (
     Campaign,
+    CampaignAgent,
     CampaignFolder,
     Collaborators,
     Jobs,
@@ -19,9 +20,11 @@ from bench.campaign import (
     takeoff_faults,
 )
 from bench.campaign.planning._realizations import realizations
+from bench.cli._run_request import CampaignChanges
+from bench.documents import dump_yaml
 from bench.errors import SetupError
 from bench.realization import DesignFactor
-from bench.simspec import AgentSpec, Pace, SimSpec, VehicleSpec
+from bench.simspec import Pace, SimSpec, VehicleSpec
 
 MANIFEST = """
 format: rebar.agent/1
@@ -33,13 +36,13 @@ mavlink: [{{name: onboard, kind: udp_out, streams: {streams}}}]
 """
 
 
-def manifest(folder: Path, name: str, pace: str = "lockstep", streams: str = "onboard") -> AgentSpec:
+def manifest(folder: Path, name: str, pace: str = "lockstep", streams: str = "onboard") -> CampaignAgent:
     path = folder / f"{name}.yaml"
     path.write_text(MANIFEST.format(name=name, pace=pace, streams=streams))
-    return AgentSpec(manifest=str(path))
+    return CampaignAgent(manifest=str(path))
 
 
-def campaign(*agents: AgentSpec, **base: object) -> Campaign:
+def campaign(*agents: CampaignAgent, **base: object) -> Campaign:
     made = small_campaign(points=2, replicates=2)
     assert made.base is not None
     situation = made.base.model_copy(update={"vehicle": VehicleSpec(model="still"), **base})
@@ -63,7 +66,7 @@ def test_all_faults_of_all_agents_come_at_once_and_nothing_is_placed(tmp_path: P
     agents = (
         manifest(tmp_path, "slow", "realtime"),
         manifest(tmp_path, "slower", "realtime"),
-        AgentSpec(manifest="no-such-agent"),
+        CampaignAgent(manifest="no-such-agent"),
         gone,
     )
     with pytest.raises(SetupError) as refusal:
@@ -134,3 +137,38 @@ def fly_fakes(folder: Path, document: Campaign) -> None:
     run_campaign_sync(
         document, folder, OPTIONS, Collaborators(jobs=Jobs(JOB), open_executor=open_in_process())
     )
+
+
+def test_an_agent_with_a_pace_of_its_own_goes_before_the_campaign(tmp_path: Path) -> None:
+    """Of three agents two have one: their runs have it, the third has the campaign's; a resumed folder keeps all. A folder
+    flown with --pace keeps that for all, and another pace of an agent is another campaign.
+    """
+    agents = [manifest(tmp_path, name, "lockstep, realtime, warp") for name in ("own", "other", "plain")]
+    own, other = (
+        agent.model_copy(update={"pace": pace})
+        for agent, pace in zip(agents, ("realtime", "lockstep"), strict=False)
+    )
+    document = campaign(own, other, agents[2]).model_copy(update={"pace": "warp"})
+    out = tmp_path / "out"
+    for _ in range(2):
+        fly_fakes(out, document)
+        assert flown_paces(out) == {"own": {"realtime"}, "other": {"lockstep"}, "plain": {"warp"}}
+    assert len({plan.simspec.seeds.root for plan in realizations(document)}) == 4
+    with pytest.raises(SetupError, match="not in this campaign"):
+        fly_fakes(out, campaign(agents[0], other, agents[2]).model_copy(update={"pace": "warp"}))
+    stated = campaign(own, other, agents[2])
+    overridden = tmp_path / "campaign.yaml"
+    overridden.write_text(dump_yaml(stated))
+    all_at_one_pace = CampaignChanges(pace="realtime").load(overridden)
+    for made in (all_at_one_pace, stated):
+        fly_fakes(tmp_path / "overridden", made)
+        assert set.union(*flown_paces(tmp_path / "overridden").values()) == {"realtime"}
+
+
+def flown_paces(folder: Path) -> dict[str, set[str]]:
+    """The paces in the SimSpecs of a folder, by agent."""
+    paces: dict[str, set[str]] = {}
+    for path in (folder / "simspecs").glob("*.json"):
+        spec = SimSpec.model_validate_json(path.read_bytes())
+        paces.setdefault(spec.agent.label, set()).add(spec.pace.mode)
+    return paces

@@ -14,6 +14,7 @@ from early_stopping_fakes import fly_drawn, made_up_decomposition, passes, stopp
 from in_process_executor import HostClock, InProcessExecutor, open_in_process
 
 from bench.campaign import (
+    CampaignAgent,
     CampaignFolder,
     CampaignStopping,
     OnStart,
@@ -25,7 +26,6 @@ from bench.campaign import (
 )
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import SetupError
-from bench.simspec import AgentSpec
 from bench.statistics import StoppingRule
 
 
@@ -118,7 +118,7 @@ def reference_stops(
 @pytest.mark.parametrize(("seed", "workers"), [(1, 1), (2, 3), (3, 5)])
 def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed: int, workers: int) -> None:
     """Any number of workers and any order of ends: each agent stops at each point where its own results say."""
-    agents = (AgentSpec(manifest="fake"), AgentSpec(manifest="other"))
+    agents = (CampaignAgent(manifest="fake"), CampaignAgent(manifest="other"))
     campaign = stopping_campaign(made_up_decomposition(tmp_path), 12, 2).model_copy(update={"agents": agents})
 
     summary = fly_drawn(

@@ -10,7 +10,7 @@ from campaign_fakes import Script, attempts, fly, small_campaign, texts_of
 from in_process_executor import open_in_process
 from test_campaign_suspects import flown
 
-from bench.campaign import CampaignSummary, open_journal, read_result, request_retry
+from bench.campaign import CampaignAgent, CampaignSummary, open_journal, read_result, request_retry
 from bench.campaign.execution._attempts import FirmwareWatch, failed_in_flight
 from bench.campaign.storage._firmware_ends import (
     add_firmware_ends,
@@ -19,7 +19,6 @@ from bench.campaign.storage._firmware_ends import (
 )
 from bench.contracts import FIRMWARE_FAILED, FirmwareEnds, Outcome, SessionResult
 from bench.reporting import load_report_data
-from bench.simspec import AgentSpec
 
 FIRST, SECOND, THIRD = "p001-r1-fake", "p002-r2-fake", "p003-r1-fake"
 END = "after 12.5 s: the autopilot's firmware failed: PX4 ended with SIGSEGV"
@@ -42,7 +41,7 @@ def test_a_firmware_that_fails_in_flight_is_flown_once_more_and_marked(tmp_path:
 def two_agents(folder: Path, acts: dict[str, str], **options: Any) -> CampaignSummary:
     campaign = small_campaign(points=1, replicates=2)
     campaign = campaign.model_copy(
-        update={"agents": tuple(AgentSpec(manifest=name) for name in ("crasher", "steady"))}
+        update={"agents": tuple(CampaignAgent(manifest=name) for name in ("crasher", "steady"))}
     )
     return fly(folder, campaign, Script(acts), open_executor=open_in_process(), **options)
 

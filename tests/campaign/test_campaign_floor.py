@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 from campaign_fakes import Script, fly, small_campaign
 
-from bench.campaign import Campaign, FloorPlan, load_campaign, open_journal, realizations, with_floor
+from bench.campaign import (
+    Campaign,
+    CampaignAgent,
+    FloorPlan,
+    load_campaign,
+    open_journal,
+    realizations,
+    with_floor,
+)
 from bench.campaign.planning._realizations import floor_scenes
 from bench.contracts import Outcome, plugins
 from bench.errors import SetupError
@@ -106,7 +114,7 @@ def test_the_shipped_agents_are_there() -> None:
 
 def test_an_agent_is_under_test_or_of_the_floor() -> None:
     """One agent in both would mix its results, and surrogates fly no null agent."""
-    both = small_campaign().model_copy(update={"agents": (AgentSpec(manifest="null-hover"),)})
+    both = small_campaign().model_copy(update={"agents": (CampaignAgent(manifest="null-hover"),)})
     with pytest.raises(SetupError, match="null-hover"):
         with_floor(both)
     with pytest.raises(SetupError, match="fidelity: full"):

@@ -9,17 +9,16 @@ import pytest
 from campaign_fakes import Script, fly
 from in_process_executor import open_in_process
 
-from bench.campaign import CampaignFolder, load_campaign, question_sha256
+from bench.campaign import CampaignAgent, CampaignFolder, load_campaign, question_sha256
 from bench.campaign._document import Campaign, Honeypots
 from bench.campaign.planning._realizations import realizations
 from bench.reporting import load_report_data, render_report
-from bench.simspec import AgentSpec
 
 STANDARD = Path(__file__).parents[2] / "campaigns" / "standard.yaml"
 
 
 def campaign(share: float | None) -> Campaign:
-    agents = tuple(AgentSpec(manifest=name) for name in ("reference-naive", "null-hover"))
+    agents = tuple(CampaignAgent(manifest=name) for name in ("reference-naive", "null-hover"))
     honeypots = None if share is None else Honeypots(share=share)
     return load_campaign(STANDARD).model_copy(
         update={"agents": agents, "floor": None, "honeypots": honeypots}

@@ -9,6 +9,7 @@ import pytest
 
 from bench.campaign import (
     Campaign,
+    CampaignAgent,
     CampaignFolder,
     Collaborators,
     estimate_campaign,
@@ -22,7 +23,7 @@ from bench.campaign import (
 from bench.cli._scores import campaign_report
 from bench.contracts import Outcome, OverheadFidelity, SessionResult, facts_of
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, Role
+from bench.simspec import Role
 
 DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
@@ -71,7 +72,9 @@ def test_a_folder_holds_results_of_one_fidelity(tmp_path: Path) -> None:
 
 
 def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    campaign = overhead(agents=(AgentSpec(manifest="mine.yaml"), AgentSpec(manifest="reference-naive")))
+    campaign = overhead(
+        agents=(CampaignAgent(manifest="mine.yaml"), CampaignAgent(manifest="reference-naive"))
+    )
 
     with pytest.raises(SetupError, match="'mine' has no surrogate"):
         run_campaign_sync(campaign, tmp_path)

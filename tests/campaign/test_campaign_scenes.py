@@ -18,6 +18,7 @@ import pytest
 from campaign_fakes import Script, small_campaign
 
 from bench.campaign import (
+    CampaignAgent,
     CampaignFolder,
     load_measurable_decomposition,
     open_journal,
@@ -136,7 +137,7 @@ def test_several_processes_plan_what_one_does(tmp_path: Path, monkeypatch: pytes
         update={
             "base": base(spread_m=1.0),
             "design": validate_document({"factors": [spread], "seed": 3, "replicates": 2}, Design),
-            "agents": (AgentSpec(manifest="first"), AgentSpec(manifest="second")),
+            "agents": (CampaignAgent(manifest="first"), CampaignAgent(manifest="second")),
         }
     )
     digests = []

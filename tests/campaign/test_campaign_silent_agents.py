@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from campaign_fakes import small_campaign
 
-from bench.campaign import CampaignFolder
+from bench.campaign import CampaignAgent, CampaignFolder
 from bench.campaign.planning._realizations import realizations
 from bench.campaign.results._campaign_results import CampaignResults
 from bench.campaign.storage._journal import PlannedRealization
@@ -23,7 +23,6 @@ from bench.contracts import (
     ReportStatements,
     SessionResult,
 )
-from bench.simspec import AgentSpec
 
 REPORT = ReportStatements(reports=(ReportStatement(confidence=0.9, error_m=1.0, sigma_m=None),))
 MEASURED = (Observation(observable="OBS-201", considered=True, x=0.0),)
@@ -43,7 +42,7 @@ def test_an_agent_is_silent_if_none_of_its_flights_has_a_report(
 ) -> None:
     """Beside another, which reports in the last of its two runs alone."""
     folder = CampaignFolder(tmp_path)
-    agents = (AgentSpec(manifest="mute"), AgentSpec(manifest="late"))
+    agents = (CampaignAgent(manifest="mute"), CampaignAgent(manifest="late"))
     plans = realizations(small_campaign(points=2, replicates=1).model_copy(update={"agents": agents}))
     reporting = [plan.id for plan in plans if plan.agent == "late"][-1]
     with open_journal(folder.journal) as journal:

@@ -12,6 +12,7 @@ from in_process_executor import open_in_process
 
 from bench.agents.confinement import rungs
 from bench.campaign import (
+    CampaignAgent,
     CampaignFolder,
     CampaignSummary,
     load_measurable_decomposition,
@@ -113,7 +114,7 @@ def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
 def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Path, act: str) -> None:
     """Whatever fails; what one of two agents alone meets, in another scene, is laid on that one."""
     acts = {"p001-r1-first": act, "p001-r1-second": act, "p001-r2-second": act}
-    agents = tuple(AgentSpec(manifest=name) for name in ("first", "second"))
+    agents = tuple(CampaignAgent(manifest=name) for name in ("first", "second"))
     campaign = small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
     summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit=FORFEIT)
     results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]

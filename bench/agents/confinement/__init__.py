@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from ._box import AGENT_UID as AGENT_UID
 from ._box import BOX_PLACE as BOX_PLACE
 from ._box import Box as Box
 from ._box import Place as Place
+from ._box import agent_user as agent_user
 from ._ladder import CONTAINER as CONTAINER
 from ._ladder import rung_of as rung_of
 from ._ladder import rungs as rungs

@@ -78,7 +78,7 @@ class Landlock:
         namespaces = namespaces_fault() is None
         # The bench mounts what it reads into a root of its own, from wherever that lies.
         readable = all(map(readable_by_others, [*box.read, *box.files]))
-        reachable = namespaces or all(map(reachable_by_others, [*box.read, box.scratch]))
+        reachable = namespaces or all(map(reachable_by_others, [*box.read, *box.shared, box.scratch]))
         return LandlockedProcess(
             box,
             output,

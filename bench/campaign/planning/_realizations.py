@@ -44,8 +44,10 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
 
 def _all_realizations(campaign: Campaign) -> list[RealizationPlan]:
     floor = campaign.floor
-    tested = realize(campaign.bases, campaign.design, _confined(campaign.agents, campaign), _rating(campaign))
-    tested = _with_honeypots(tested, campaign)
+    agents = _confined([agent.spec for agent in campaign.agents], campaign)
+    tested = realize(campaign.bases, campaign.design, agents, _rating(campaign))
+    paces = {agent.label: agent.pace for agent in campaign.agents}
+    tested = [replace(plan, pace=paces[plan.agent]) for plan in _with_honeypots(tested, campaign)]
     if floor is None:
         return tested
     scenes = floor_scenes(

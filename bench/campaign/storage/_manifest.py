@@ -56,7 +56,8 @@ class Manifest(Document):
     pace: Annotated[
         str | None,
         Field(
-            description="Pace of all runs, where campaign or command line set it in place of the situations'."
+            description="Pace of all runs, where campaign or command line set it in place of the situations'; campaign.yaml has "
+            "those of single agents."
         ),
     ] = None
     evidence: Annotated[

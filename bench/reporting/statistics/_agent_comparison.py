@@ -35,7 +35,8 @@ class ComparedAgent:
 class Comparison:
     """Two sides over the scenes that both flew and that count; `scenes` counts those, whether a node was considered
     in them or not. `perceptions` are those of the sides where the scenes are equal but for perception, else None;
-    `autopilots` likewise, with the pace at which each can fly. Where one agent flew other scenes in two campaigns,
+    `autopilots` likewise, with the pace at which each can fly; `paces` are those of the sides where they differ and the
+    autopilot does not. Where one agent flew other scenes in two campaigns,
     `scenes` is 0, and `unpaired` has the nodes in place of `nodes`.
     """
 
@@ -45,7 +46,18 @@ class Comparison:
     nodes: tuple[NodeComparison, ...]
     perceptions: tuple[str, str] | None = None
     autopilots: tuple[str, str] | None = None
+    paces: tuple[str, str] | None = None
     unpaired: tuple[UnpairedNodeComparison, ...] = ()
+
+    @property
+    def pace_note(self) -> str:
+        """What two sides that flew at different paces have to be read with; empty for the same pace."""
+        if self.paces is None:
+            return ""
+        first, second = self.paces
+        return (
+            f"{self.first} flew at the pace {first}, {self.second} at {second}: what differs may be the pace"
+        )
 
     def verdicts(self) -> list[str]:
         """A sentence for each node."""
@@ -59,8 +71,7 @@ def compare_campaigns(
     """Compare two agents of one campaign's folder, or one agent each of two folders.
 
     Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without
-    `nodes`: those under study, of both campaigns; where the scenes differ in perception alone, or in the autopilot alone,
-    also the observables under them. Raises SetupError with every reason for which they cannot be
+    `nodes`: those under study, of both campaigns; where the scenes differ in perception, autopilot or pace alone, also the observables under them. Raises SetupError with every reason for which they cannot be
     compared.
     """
     first, second = _compared_agents(folders, agents)
@@ -90,10 +101,11 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
     """The one computation behind the report and `rebar compare`."""
     scenes = None if first.data is second.data else _shared_scenes(first, second)
     perceptions, autopilots = (scenes.perceptions, scenes.autopilots) if scenes else (None, None)
+    paces = scenes.paces if scenes else _own_paces(first, second)
     # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
     # of a result chooses is not.
     compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
-    if (perceptions or autopilots) and not nodes:
+    if scenes and (perceptions or autopilots or paces) and not nodes:
         compared_nodes = _with_observables(first.data, compared_nodes)
     count, first_rows, second_rows = _shared_scene_rows(first, second, scenes, compared_nodes)
     return Comparison(
@@ -105,7 +117,20 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
         ),
         perceptions,
         autopilots,
+        paces,
     )
+
+
+def _own_paces(first: ComparedAgent, second: ComparedAgent) -> tuple[str, str] | None:
+    """The paces of two agents of one campaign, None where they flew at the same."""
+    # Read only where an agent has one of its own: it takes every SimSpec of both.
+    if not any(agent.get("pace") for agent in first.data.campaign.get("agents", ())):
+        return None
+    flown = [_rows_that_count(side, ["realization"])["realization"].unique() for side in (first, second)]
+    paces = _descriptions(
+        ((first, flown[0].to_list()), (second, flown[1].to_list())), lambda spec: spec.pace.mode
+    )
+    return paces if paces[0] != paces[1] else None
 
 
 def _compared_unpaired(
@@ -215,17 +240,19 @@ class SharedScenes:
     first_by_second: Mapping[str, str]
     perceptions: tuple[str, str] | None = None
     autopilots: tuple[str, str] | None = None
+    paces: tuple[str, str] | None = None
 
 
 _PERCEPTION = ("perception",)
+_PACE = ("pace",)
 # A board keeps real time, and firmware takes more of the host's: neither changes what is asked of the agent.
 _AUTOPILOT = ("vehicle.autopilot", "pace", "budgets")
 
 
 def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
-    """The scenes equal in all but name and agent; if none, those equal but for perception, then for the autopilot."""
+    """The scenes equal in all but name and agent; if none, those equal but for perception, then for pace, then for the autopilot."""
     # By content and not by id: two campaigns may number the same scenes differently.
-    for ignored in ((), _PERCEPTION, _AUTOPILOT):
+    for ignored in ((), _PERCEPTION, _PACE, _AUTOPILOT):
         first_scenes, second_scenes = (_realizations_by_scene(side, ignored) for side in (first, second))
         shared = {
             second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes
@@ -235,6 +262,8 @@ def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
             if ignored == _PERCEPTION:
                 perceptions = _descriptions(sides, lambda spec: perception_in_short(spec.perception))
                 return SharedScenes(shared, perceptions=perceptions)
+            if ignored == _PACE:
+                return SharedScenes(shared, paces=_descriptions(sides, lambda spec: spec.pace.mode))
             if ignored == _AUTOPILOT:
                 autopilots = _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
                 return SharedScenes(shared, autopilots=autopilots)
@@ -248,7 +277,11 @@ def _descriptions(
 ) -> tuple[str, str]:
     """What each side flew the shared scenes with, in words."""
     first, second = (
-        " or ".join(sorted({describe(side.data.simspecs[name]) for name in realizations}))
+        " or ".join(
+            sorted(
+                {describe(side.data.simspecs[name]) for name in realizations if name in side.data.simspecs}
+            )
+        )
         for side, realizations in sides
     )
     return first, second

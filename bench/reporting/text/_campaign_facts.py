@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import FirmwareBuild, Outcome, StepTiming
-from bench.simspec import FACTORS, SimSpec
+from bench.simspec import FACTORS, SimSpec, agent_name
 
 from .._campaign_data import Configuration, ReportData
 from .._simspec_files import situations_of
@@ -111,14 +111,21 @@ def _shard(data: ReportData) -> list[Fact]:
 
 
 def _pace_override(data: ReportData) -> list[Fact]:
-    pace = data.campaign.get("pace")
-    if not pace:
+    agents = [agent for agent in data.campaign.get("agents", ()) if agent.get("pace")]
+    paces = {f"the runs of {agent_name(agent['manifest'])}": agent["pace"] for agent in agents}
+    if pace := data.campaign.get("pace"):
+        paces = {("all other runs" if paces else "all runs"): pace} | paces
+    if not paces:
         return []
     repeats = {
-        "realtime": "; at this pace a run does not repeat bit for bit",
-        "warp": "; at this pace a run repeats as far as the order of the agent's own threads does",
-    }.get(pace, "")
-    return [Fact("Pace override", f"all runs at {pace}, in place of the pace of the situations{repeats}")]
+        "realtime": "; at the pace realtime a run does not repeat bit for bit",
+        "warp": "; at the pace warp a run repeats as far as the order of the agent's own threads does",
+    }
+    texts = [f"{runs} at {pace}" for runs, pace in paces.items()]
+    doubts = [repeats[pace] for pace in sorted({*paces.values()} & repeats.keys())]
+    return [
+        Fact("Pace override", f"{', '.join(texts)}, in place of the pace of the situations{''.join(doubts)}")
+    ]
 
 
 def _firmware(data: ReportData) -> list[Fact]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from bench.errors import Fault, SetupError
 from bench.process_threads import unseen_reason
+from bench.temporary_folders import user_cache
 
 SOURCE = Path(__file__).with_name("preload.c")
 # Optimised, because programs read clocks in their inner loops; initial-exec storage needs no allocation in a handler.
@@ -50,7 +51,7 @@ def built_library(folder: Path | None = None) -> Path:
             "warp needs a C compiler for its library, and there is none here",
             "install gcc (Debian: apt install gcc libc6-dev), or fly with --pace realtime",
         )
-    folder = folder or cache_folder()
+    folder = folder or user_cache()
     library = folder / f"librebar-warp-{_key(compiler)}.so"
     if not library.exists():
         _build(compiler, library)
@@ -60,11 +61,6 @@ def built_library(folder: Path | None = None) -> Path:
 def library_digest(library: Path) -> str:
     """SHA-256 of the compiled library, for the provenance of a result."""
     return hashlib.sha256(library.read_bytes()).hexdigest()
-
-
-def cache_folder() -> Path:
-    """Where libraries are kept: `rebar` in the user's cache folder (XDG base directory specification)."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rebar"
 
 
 def _key(compiler: str) -> str:
