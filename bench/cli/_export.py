@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ._tables import plain_console, print_lines
+
+if TYPE_CHECKING:
+    from bench.contracts import Observation
 
 
 def export(
@@ -30,7 +33,9 @@ def export(
     if not foxglove:
         raise SetupError("rebar export", "no form is named", "add --foxglove")
     with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
-        result = export_for_viewers(source / "recording.mcap" if source.is_dir() else source, out)
+        file = source / "recording.mcap" if source.is_dir() else source
+        folder = recording if recording.is_dir() else recording.parent
+        result = export_for_viewers(file, out, _observations(folder / "result.json", file))
     lines = [
         f"{result.copied} messages copied, {result.derived} added.",
         f"pictures: {'those of the recording' if result.pictures else 'none; boxes are drawn on grey frames'}",
@@ -42,3 +47,12 @@ def export(
         lines.append(f"copied but not shown, because they cannot be decoded: {counts}")
     lines += [f"export: {out}", "Open it with the layout docs/foxglove-layout.json (docs/viewers.md)."]
     print_lines(plain_console(), lines)
+
+
+def _observations(file: Path, recording: Path) -> tuple[Observation, ...]:
+    """What a result holds of a recording; nothing where it is missing, damaged or another recording's."""
+    from bench.campaign import digest_of
+    from bench.contracts import SessionResult, parse_document
+
+    result = parse_document(SessionResult, file.read_bytes()) if file.is_file() else None
+    return result.observations if result and result.recording_sha256 == digest_of(recording) else ()

@@ -19,8 +19,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bench.campaign import load_measurable_decomposition, rescore
 from bench.cli._app import run
-from bench.contracts import TRUTH_ACTORS, Record, VehicleTopics
+from bench.contracts import TRUTH_ACTORS, Observation, Outcome, Record, SessionResult, VehicleTopics
 from bench.errors import SetupError
 from bench.recording import open_recording, read_metadata, read_records, read_simspec, read_tape
 from bench.recording.viewers import _messages as messages
@@ -393,6 +394,51 @@ def test_the_layout_names_what_an_export_has(exported: Exported) -> None:
 def test_the_same_recording_gives_the_same_bytes(exported: Exported, tmp_path: Path) -> None:
     export_for_viewers(exported.source, tmp_path / "again.mcap")
     assert (tmp_path / "again.mcap").read_bytes() == exported.target.read_bytes()
+
+
+def test_what_was_measured_stands_at_its_moments_and_changes_no_score(
+    exported: Exported, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the result beside the recording; edited or of another recording, an export is scored as the recording is."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    source = folder / "recording.mcap"
+    source.write_bytes(exported.source.read_bytes())
+    decomposition = load_measurable_decomposition("search-and-report")
+    flown = SessionResult(realization="run", outcome=Outcome.COMPLETED).model_dump_json()
+    (folder / "result.json").write_text(flown)
+    measured = rescore(folder, decomposition)
+    edited = measured.model_copy(
+        update={"observations": (Observation(observable="OBS-181", considered=True, x=0.0),)}
+    )
+    elsewhere = measured.model_copy(update={"recording_sha256": "0" * 64})
+    for name, result in (("measured", measured), ("edited", edited), ("elsewhere", elsewhere)):
+        (folder / "result.json").write_text(result.model_dump_json())
+        target = tmp_path / name / "recording.mcap"
+        target.parent.mkdir()
+        assert run(["export", str(folder), "--foxglove", "--out", str(target)]) == 0
+        (target.parent / "result.json").write_text(flown)
+        assert rescore(target.parent, decomposition).observations == measured.observations
+        by_topic = read(target)
+        assert ("/viewer/observations" in by_topic) is (name != "elsewhere")
+        if name == "measured":
+            shown = [
+                (time_ns, Observation.model_validate_json(message.data))
+                for time_ns, message in by_topic["/viewer/observations"]
+            ]
+    assert capsys.readouterr().err == ""
+    stated = [
+        (observation.observable, observation.x, observation.stages, evidence)
+        for observation in measured.observations
+        for evidence in observation.evidence
+    ]
+    assert len({observable for observable, *_ in stated}) > 5
+    assert sorted(map(str, stated)) == sorted(
+        str((observation.observable, observation.x, observation.stages, *observation.evidence))
+        for _, observation in shown
+        if observation.evidence[0].text
+    )
+    assert all(time_ns == round(observation.evidence[0].time_s * 1e9) for time_ns, observation in shown)
 
 
 def test_what_cannot_be_decoded_is_copied_and_counted(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ ESTIMATE_FIX = "/viewer/estimate_fix"
 DETECTIONS = "/viewer/detections"
 STATE = "/viewer/state"
 LOG = "/viewer/log"
+OBSERVATIONS = "/viewer/observations"
 EMPTY_PICTURE = "/viewer/empty_picture"
 
 

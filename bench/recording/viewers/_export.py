@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from bench.contracts import Record, SimTime, VehicleTopics
+from bench.contracts import Evidence, Observation, Record, SimTime, VehicleTopics
 from bench.errors import SetupError
 from bench.simspec import SimSpec
-from bench.streams import RosMessage, Time, encode, schema_text_of
+from bench.streams import RosMessage, String, Time, encode, schema_text_of
 
 from .._container import Container
 from .._copy import ItemCopy
 from .._reader import read_records, read_simspec
 from .._recorder import CHUNK_BYTES, LIBRARY, PROFILE
-from ._deriver import VIEWER_PREFIX, Derived, ViewerDeriver
+from ._deriver import LOG, OBSERVATIONS, VIEWER_PREFIX, Derived, ViewerDeriver
+from ._messages import Log, LogLevel
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,11 @@ class ExportResult:
     cut: str | None
 
 
-def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
-    """Write every message of the recording `source` as it is, and beside it what viewers show, to `target`.
+def export_for_viewers(
+    source: Path | str, target: Path | str, observations: Iterable[Observation] = ()
+) -> ExportResult:
+    """Write every message of the recording `source` as it is, and beside it what viewers show, to `target`: also what was
+    measured in it, each of the `observations` at each of its moments.
 
     Works on a recording of any age, also one that was cut off. Memory does not grow with the recording. The same
     recording gives the same bytes. Raises SetupError when `source` is no recording of the bench or is an export
@@ -56,7 +61,7 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
             writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
             writer.start(profile=PROFILE, library=LIBRARY)
             of_main = simspec.vehicle.camera.name in pictures
-            result = _write(Container(source), writer, deriver, pictures=of_main)
+            result = _write(Container(source), writer, deriver, _moments(observations), pictures=of_main)
             writer.finish()  # type: ignore[no-untyped-call]
         os.replace(partial, target)
     finally:
@@ -88,12 +93,36 @@ def _cameras_with_pictures(source: Path, simspec: SimSpec) -> set[str]:
     return pictures
 
 
-def _write(container: Container, writer: Writer, deriver: ViewerDeriver, *, pictures: bool) -> ExportResult:
+def _moments(observations: Iterable[Observation]) -> deque[tuple[SimTime, list[Derived]]]:
+    """The messages of each observation at each of its moments, in order of time; at the start where it has none."""
+    moments = []
+    for observation in observations:
+        for evidence in observation.evidence or (Evidence(time_s=0.0, text=""),):
+            at = observation.model_copy(update={"evidence": (evidence,)})
+            time = SimTime(max(0, round(evidence.time_s * 1e9)))
+            messages: list[Derived] = [(OBSERVATIONS, String(at.model_dump_json()))]
+            if observation.x is not None and observation.x < 1.0:
+                text = f"{observation.observable} {observation.x:.2g}: {evidence.text}"
+                messages.append((LOG, Log(Time.of(time.ns), LogLevel.WARNING, text, OBSERVATIONS)))
+            moments.append((time, messages))
+    return deque(sorted(moments, key=lambda moment: moment[0]))
+
+
+def _write(
+    container: Container,
+    writer: Writer,
+    deriver: ViewerDeriver,
+    moments: deque[tuple[SimTime, list[Derived]]],
+    *,
+    pictures: bool,
+) -> ExportResult:
     copy, derived = ItemCopy(writer), _DerivedChannels(writer)
     names: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
     started = False
     for item in container:
+        while moments and isinstance(item, Message) and moments[0][0].ns < item.log_time:
+            derived.add(*moments.popleft())
         copy.add(item)
         match item:
             case Message() if item.channel_id in names:
@@ -107,6 +136,8 @@ def _write(container: Container, writer: Writer, deriver: ViewerDeriver, *, pict
                 names[item.id] = (item.topic, schemas.get(item.schema_id, ""))
             case Schema():
                 schemas[item.id] = item.name
+    for moment in moments:
+        derived.add(*moment)
     return ExportResult(
         copy.messages, derived.messages, pictures, dict(sorted(deriver.malformed.items())), container.cut
     )
@@ -122,7 +153,7 @@ class _DerivedChannels:
         self._sequences: dict[str, int] = {}
         self.messages = 0
 
-    def add(self, time: SimTime, derived: Iterator[Derived]) -> None:
+    def add(self, time: SimTime, derived: Iterable[Derived]) -> None:
         """Write messages that belong to one moment."""
         for topic, message in derived:
             channel = self._channels.get(topic)
