@@ -196,7 +196,8 @@ class GroundTruth:
         east_m, north_m = place if subject is None else self.at(report.time.s)[subject]
         people = self.endangered(subject)
         distances_m = self.distances(report.time.s, east_m, north_m)[people]
-        return np.array(people, dtype=np.int64)[distances_m < self.simspec.rules.no_mark_within_m].tolist()
+        near = np.flatnonzero(distances_m < self.simspec.rules.no_mark_within_m)
+        return [people[column] for column in near.tolist()]
 
     def exposure_s(self, target: Target) -> float:
         """Seconds of the planned mission for which a bystander stands within the no-mark distance of a
