@@ -16,7 +16,7 @@ BOX_PX, COLUMN_PX, GAP_PX, TOP_PX, EDGE_PX, LINE_PX = 236, 292, 18, 76, 24, 13
 INDENT_PX, SOLUTION_PX, DIAMOND_PX = 24, 92, 14
 # What fits into a line of a shape at a font size of 11 px, and its most lines; the tooltip has all of the text.
 CHARACTERS: dict[Kind, int] = {
-    "goal": 36, "strategy": 32, "solution": 14, "context": 32, "assumption": 28, "justification": 28,
+    "goal": 36, "strategy": 32, "solution": 14, "context": 28, "assumption": 28, "justification": 28,
 }  # fmt: skip
 MAX_LINES = 7
 
