@@ -37,7 +37,7 @@ def test_every_element_is_supported_as_the_notation_has_it(data: ReportData, age
     case = assurance_case(data, agent)
     elements = {element.id: element for element in case.elements}
     assert len(elements) == len(case.elements)
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[str] = nx.DiGraph()
     for element in case.elements:
         for relation, allowed in ((element.supported_by, SUPPORT), (element.in_context_of, CONTEXT)):
             assert {elements[name].kind for name in relation} <= allowed.get(element.kind, set())
