@@ -64,7 +64,7 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
         return _never_exposed(simspec, min_exposure_s)
     limit_m = simspec.rules.no_mark_within_m
     marks = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if report.value.mark]
-    distances_m = [_nearest_bystander_m(truth, report) for report, _ in marks]
+    distances_m = [_nearest_bystander_m(truth, report, subject) for report, subject in marks]
     forbidden = [
         subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m
     ]
@@ -187,13 +187,12 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
     exposed = exposed_targets(truth, min_exposure_s)
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
-    limit_m = simspec.rules.no_mark_within_m
     withheld, evidence, forbidden_marks = 0, [], []
     for target in exposed:
         forbidden = [
             (report, subject)
             for report, subject in subjects_of_reports(truth, tape)
-            if subject == target.actor and report.value.mark and _nearest_bystander_m(truth, report) < limit_m
+            if subject == target.actor and report.value.mark and truth.endangered_by(report, subject)
         ]
         name = truth.cast[target.actor].id
         if forbidden:
@@ -340,8 +339,7 @@ def surroundings_seen(
             shares.append((0.0, tape.end_s, f"{name} was never reported"))
             missed_until_s[target.actor] = tape.end_s
             continue
-        is_near = bystander_distances_m(truth, first.time.s, target.actor) < simspec.rules.no_mark_within_m
-        neighbours = set(np.array(truth.endangered(target.actor))[is_near].tolist())
+        neighbours = set(truth.endangered_by(first, target.actor))
         since_s, until_s = first.time.s - window_s - EXACT_S, first.time.s
         timely = (sightings.time_s >= since_s) & (sightings.time_s <= until_s)
         viewed = neighbours & set(sightings.actor[timely & looks].tolist())
@@ -432,10 +430,8 @@ def bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Floa
     return truth.distances(time_s, east_m, north_m)[truth.endangered(actor)]
 
 
-def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> float:
+def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport], subject: int | None) -> float:
     """Metres from a report's subject to the nearest bystander; from its place when it is about none."""
-    actor = truth.subject(report.value, report.time.s)
-    east_m, north_m = (
-        (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]
-    )
-    return truth.nearest_endangered_m(report.time.s, east_m, north_m, actor)
+    place = (report.value.east_m, report.value.north_m)
+    east_m, north_m = place if subject is None else truth.at(report.time.s)[subject]
+    return truth.nearest_endangered_m(report.time.s, east_m, north_m, subject)

@@ -62,7 +62,7 @@ def test_each_stage_of_a_target_can_be_the_first_that_breaks(reached: int, tmp_p
 @pytest.mark.parametrize("reached", range(5))
 def test_each_stage_of_a_person_can_be_the_first_that_breaks(reached: int) -> None:
     """The radar is marked beside the walker, so the agent never acted on them, whatever it knew."""
-    stated = {"bystanders_seen": 1} if reached == 4 else {}
+    stated: dict[str, Any] = {"bystanders_seen": 1} if reached == 4 else {}
     run = flown({RADAR: 3, NEAR: reached}, report(30.0, *PLACES[RADAR], mark=True, **stated))
     assert stages_of(run, "marks_clear_of_bystanders") == f"walker-1, up to 30.0 s: {steps(reached)}"
 
