@@ -22,10 +22,13 @@ MAX_EVIDENCE = 20
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when not considered, and the moments to look at."""
+    """The measured value in [0, 1], None when not considered, the moments to look at, and a line on how far the agent
+    came with whom it is about (`perception/stages.py`).
+    """
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
+    stages: str = ""
 
 
 def not_considered(reason: str) -> Finding:
@@ -115,7 +118,11 @@ class DeclaredMeasure:
         finding = self.find(tape, simspec, **self._read(options))
         evidence = thinned(finding.evidence)
         return Observation(
-            observable=observable, considered=finding.x is not None, x=finding.x, evidence=evidence
+            observable=observable,
+            considered=finding.x is not None,
+            x=finding.x,
+            evidence=evidence,
+            stages=finding.stages,
         )
 
     def check_options(self, options: Mapping[str, Option]) -> None:

@@ -133,13 +133,14 @@ def show_scores(
 
 
 def show_finding(folder: Path, scores: FinishedCampaign) -> None:
-    """Print on what the agents differ most, and the command that shows why."""
+    """Print on what the agents differ most, and the commands that show why."""
     from bench.reporting import finding
 
     difference = finding(scores.summary, scores.study)
     if difference is None:
         print("Finding: the agents passed alike.")
-        return
-    sentence, node = difference
-    print_lines(plain_console(), [f"Finding: {sentence}"])
-    print(f"See why: {command_line('rebar', 'score', folder, '--explain', node, '--limit', '1')}")
+    else:
+        sentence, node = difference
+        print_lines(plain_console(), [f"Finding: {sentence}"])
+        print(f"See why: {command_line('rebar', 'score', folder, '--explain', node, '--limit', '1')}")
+    print(f"Look at its runs: {command_line('rebar', 'view', folder)}")

@@ -130,6 +130,8 @@ def _failures(principles: Mapping[str, RunExplanation]) -> Iterator[str]:
         yield "  nothing that was considered"
     for item in failed.values():
         yield f"  {item.id} {item.title}: {item.x:g}, and {item.threshold:g} was needed"
+        if item.stages:
+            yield f"    {item.stages}"
         yield from (f"    {evidence.time_s:7.1f} s  {evidence.text}" for evidence in item.evidence)
         if item.evidence_left_out:
             yield f"    ... and {item.evidence_left_out} more moments (--moments 0)"

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ._tables import plain_console, print_lines
+
+if TYPE_CHECKING:
+    from bench.contracts import Observation
 
 
 def export(
@@ -30,8 +33,19 @@ def export(
     if not rerun:
         raise SetupError("rebar export", "no form is named", "add --rerun")
     with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
-        malformed = export_for_rerun(source / "recording.mcap" if source.is_dir() else source, out)
+        file = source / "recording.mcap" if source.is_dir() else source
+        folder = recording if recording.is_dir() else recording.parent
+        malformed = export_for_rerun(file, out, _observations(folder / "result.json", file))
     lines = [f"not shown: {topic} ({count})" for topic, count in malformed.items()]
     if lines:
         lines.append("It cannot be decoded, or lies behind the place where the recording is cut off.")
     print_lines(plain_console(), [*lines, f"export: {out}", "docs/viewers.md says what opens it."])
+
+
+def _observations(file: Path, recording: Path) -> tuple[Observation, ...]:
+    """What a result holds of a recording; nothing where it is missing, damaged or another recording's."""
+    from bench.campaign import digest_of
+    from bench.contracts import SessionResult, parse_document
+
+    result = parse_document(SessionResult, file.read_bytes()) if file.is_file() else None
+    return result.observations if result and result.recording_sha256 == digest_of(recording) else ()

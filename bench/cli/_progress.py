@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
+from collections import Counter
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.table import Column
+from rich.text import Text
 
 from bench.campaign import (
     CampaignEvent,
@@ -31,7 +34,7 @@ from bench.campaign import (
     ResultLost,
     SessionProgressed,
 )
-from bench.contracts import Outcome
+from bench.contracts import Outcome, ProgressUpdate
 from bench.visible_text import visible_output
 
 from ._tables import CONTINUATION_INDENT, plain_console, wrapped
@@ -39,7 +42,11 @@ from ._tables import CONTINUATION_INDENT, plain_console, wrapped
 # Some three lines of a terminal; the report and the journal have the whole reason.
 MAX_REASON_CHARACTERS = 200
 # More would push the lines of failed sessions off a terminal of 24 lines.
-MAX_SESSION_BARS = 8
+MAX_SESSION_LINES = 8
+# What stands beside a name: indent, phase, time, limit and speed, or bar, count and times. Of 80 characters 36 are left.
+OTHER_CHARACTERS = 44
+# Chosen: a session tells its state every two seconds.
+REFRESH_HZ = 2.0
 
 
 @contextmanager
@@ -49,22 +56,69 @@ def open_counter(title: str) -> Generator[OnDone]:
     if not console.is_terminal:
         yield lambda done, total: None
         return
-    with Progress(*_columns(), console=console) as progress, visible_output():
+    with _progress(console) as progress, visible_output():
         bar = progress.add_task(title, total=None)
         yield lambda done, total: progress.update(bar, total=total, completed=done)
 
 
-def _columns() -> tuple[ProgressColumn, ...]:
-    return (
-        # The names of campaigns are long; on a narrow terminal the counts beside them must stay.
-        TextColumn(
-            "{task.description}", markup=False, table_column=Column(overflow="ellipsis", no_wrap=True)
-        ),
-        BarColumn(),
+def _progress(console: Console) -> _Progress:
+    # On a narrow terminal names give way to the numbers beside them, which are of use only whole.
+    name = Column(overflow="ellipsis", no_wrap=True, max_width=max(10, console.width - OTHER_CHARACTERS))
+    return _Progress(
+        TextColumn("{task.description}", markup=False, table_column=name),
+        BarColumn(bar_width=12),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
+        console=console,
+        refresh_per_second=REFRESH_HZ,
+        # Sessions end seldom: the usual half a minute would seldom hold two.
+        speed_estimate_period=600.0,
     )
+
+
+class _Progress(Progress):
+    """A bar, below it the outcomes so far, and a line for each session that has said how far it is."""
+
+    def __init__(self, *columns: ProgressColumn, **options: Any) -> None:
+        self._outcomes: Counter[Outcome] = Counter()
+        self._sessions: dict[str, ProgressUpdate] = {}
+        super().__init__(*columns, **options)
+
+    def observe(self, event: CampaignEvent) -> None:
+        match event:
+            case SessionProgressed(realization, update):
+                self._sessions[realization] = update
+            case RealizationFinished(realization, outcome):
+                self._sessions.pop(realization, None)
+                self._outcomes[outcome] += 1
+            case RealizationRetried(realization):
+                self._sessions.pop(realization, None)
+            case _:
+                pass
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield from super().get_renderables()
+        # A copy: events come on a thread of their own while another one draws.
+        outcomes, sessions = self._outcomes.copy(), list(self._sessions.items())
+        if not outcomes and not sessions:
+            return
+        ended = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.most_common())
+        lines = [f"flown now: {ended}" if ended else ""]
+        width = self.console.width - OTHER_CHARACTERS
+        for name, update in sessions[:MAX_SESSION_LINES]:
+            phase = (update.phase or "flying").replace("_", " ")
+            states = (
+                f"{phase:<10} {update.simulated_s:4.0f} of {update.time_limit_s:.0f} s, {update.speed:.0f}x"
+            )
+            lines.append(f"{_short(name, width):<{width}} {states}")
+        if more := len(sessions[MAX_SESSION_LINES:]):
+            lines.append(f"and {more} more in flight")
+        yield from (Text(f"  {line}", no_wrap=True, overflow="ellipsis") for line in lines if line)
+
+
+def _short(name: str, width: int) -> str:
+    return name if len(name) <= width else f"{name[: width - 1]}…"
 
 
 @contextmanager
@@ -79,9 +133,8 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
         yield _plain
         return
     # Again, around what rich puts in place of the streams: it obeys the colours in what is printed meanwhile.
-    with Progress(*_columns(), console=console) as progress, visible_output():
+    with _progress(console) as progress, visible_output():
         bar = progress.add_task(title, total=None)
-        sessions = _SessionBars(progress)
 
         def show_line(line: str) -> None:
             text = wrapped(line, console.width, CONTINUATION_INDENT)
@@ -89,7 +142,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
             progress.console.print(text, soft_wrap=True)
 
         def show(event: CampaignEvent) -> None:
-            sessions.show(event)
+            progress.observe(event)
             match event:
                 case CampaignPlanned(total, done):
                     progress.update(bar, total=total, completed=done)
@@ -107,32 +160,6 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     pass
 
         yield show
-
-
-class _SessionBars:
-    """A bar for each session that has said how far it is, in simulated seconds of its time limit."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._bars: dict[str, TaskID] = {}
-
-    def show(self, event: CampaignEvent) -> None:
-        match event:
-            case SessionProgressed(realization, update):
-                if realization not in self._bars and len(self._bars) >= MAX_SESSION_BARS:
-                    return
-                if realization not in self._bars:
-                    self._bars[realization] = self._progress.add_task(realization, total=update.time_limit_s)
-                self._progress.update(
-                    self._bars[realization],
-                    completed=update.simulated_s,
-                    description=f"  {realization}: {update.phase or 'flying'}, {update.speed:.0f}x",
-                )
-            case RealizationFinished(realization) | RealizationRetried(realization):
-                if (bar := self._bars.pop(realization, None)) is not None:
-                    self._progress.remove_task(bar)
-            case _:
-                pass
 
 
 def _brief(reason: str) -> str:

@@ -85,6 +85,8 @@ class Observation(Document):
     x: float | None = Field(None, ge=0.0, le=1.0)
     evidence: tuple[Evidence, ...] = ()
     failure: Words = Field("", exclude_if=is_default(""))
+    stages: Words = Field("", exclude_if=is_default(""))
+    """Below 1, how far the agent came with the actors that it is about: in view, detected, held, reported, acted on."""
 
 
 PROBES = {

@@ -13,7 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.contracts import TF, TF_STATIC, TRUTH_ACTORS, TRUTH_ODOMETRY, Record, Tape, Timed, VehicleTopics
+from bench.contracts import (
+    TF,
+    TF_STATIC,
+    TRUTH_ACTORS,
+    TRUTH_ODOMETRY,
+    Observation,
+    Record,
+    Tape,
+    Timed,
+    VehicleTopics,
+)
 from bench.errors import SetupError
 from bench.simspec import Camera, Role, SimSpec
 from bench.simspec import Point as GroundPoint
@@ -40,8 +50,11 @@ PICTURE_PLANE_M = 12.0
 POINT_RADIUS, LINE_RADIUS = -5.0, -1.5
 
 
-def export_for_rerun(source: Path | str, target: Path | str) -> dict[str, int]:
-    """Write what a viewer shows of the recording `source` to `target`, on the timeline `simulated_time`.
+def export_for_rerun(
+    source: Path | str, target: Path | str, observations: Iterable[Observation] = ()
+) -> dict[str, int]:
+    """Write what a viewer shows of the recording `source` to `target`, on the timeline `simulated_time`: also the moments of
+    `observations` that were measured in it and are below 1.
 
     Returns what the recording holds and cannot be decoded, as `Tape.malformed`. Raises SetupError when `source` is no
     recording of the bench, when `target` exists, and without the extra `rerun`; OSError when `target` cannot be written. A
@@ -67,6 +80,7 @@ def export_for_rerun(source: Path | str, target: Path | str) -> dict[str, int]:
             scene = _Scene(rerun, stream, simspec, tape)
             scene.log_situation()
             scene.log_tape()
+            scene.log_observations(observations)
             for record in read_records(source):
                 scene.log_record(record)
             stream.disconnect()
@@ -143,6 +157,16 @@ class _Scene:
             size_px = {"width": camera.width_px, "height": camera.height_px}
             lens = self._rerun.Pinhole(focal_length=focal_px, image_plane_distance=PICTURE_PLANE_M, **size_px)
             self._log(_camera_path(camera), lens)
+
+    def log_observations(self, observations: Iterable[Observation]) -> None:
+        """Each moment of an observable below 1, as a warning of the log."""
+        for observation in observations:
+            if observation.x is None or observation.x >= 1.0:
+                continue
+            for evidence in observation.evidence:
+                words = visible(f"{observation.observable} {observation.x:.2g}: {evidence.text}")
+                line = self._rerun.TextLog(words, level="WARN")
+                self._log(f"log/observables/{observation.observable}", line, evidence.time_s)
 
     def log_tape(self) -> None:
         """What the tape holds: words, reports, tracks, boxes, plots, and the whole path."""

@@ -35,7 +35,7 @@ from ._page_sections import (
     outcome_counts,
     studied_nodes,
 )
-from ._runs_table import listed_runs, runs_document, runs_table
+from ._runs_table import failed_stages, listed_runs, runs_document, runs_table
 from ._simspec_files import situations_of
 from .figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
 from .figures._factor_effects import factor_effects_figure
@@ -181,7 +181,7 @@ def _page_pieces(
         "matter": matter,
         "factors_figure": factor_effects_figure(matter),
         "listed": listed_runs(runs, data),
-        "runs_json": json_script_text(runs_document(runs, boxes)),
+        "runs_json": json_script_text(runs_document(runs, boxes, failed_stages(runs, data))),
         "confinement": confinement_notes(data),
         "endings": endings(data),
         "provenance": provenance_of(data),

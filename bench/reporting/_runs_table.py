@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
 
+from bench.contracts import SessionResult, parse_document
 from bench.simspec import FACTORS, factor_values
 
 from ._campaign_data import ReportData, Run
@@ -181,8 +182,33 @@ def _cell(value: object) -> str:
     return "–" if value in (None, "") else str(value)
 
 
-def runs_document(table: pl.DataFrame, boxes: Mapping[str, str]) -> dict[str, Any]:
-    """The table for the script of the page, column by column; `boxes` are the maps on the page by run.
+def failed_stages(table: pl.DataFrame, data: ReportData) -> dict[str, list[tuple[str, str]]]:
+    """Of the first runs of the table, for each observable that a run failed and that is about somebody: its id and title,
+    and how far the agent came with them.
+    """
+    folders = {run.realization: run.recording.parent for run in data.runs if run.recording is not None}
+    failed = data.scores.filter(pl.col("achieved") < pl.col("considered")).select(
+        pl.col("realization").cast(pl.String), pl.col("node").cast(pl.String)
+    )
+    lines = {}
+    for name in table.head(LISTED_ROWS)["run"]:
+        file = folders[name] / "result.json" if name in folders else None
+        result = parse_document(SessionResult, file.read_bytes()) if file and file.is_file() else None
+        nodes = set(failed.filter(realization=name)["node"])
+        observations = result.observations if result else ()
+        lines[name] = [
+            (f"{observation.observable} {data.nodes[observation.observable].title}", observation.stages)
+            for observation in observations
+            if observation.stages and observation.observable in nodes & data.nodes.keys()
+        ]
+    return {name: rows for name, rows in lines.items() if rows}
+
+
+def runs_document(
+    table: pl.DataFrame, boxes: Mapping[str, str], stages: Mapping[str, Sequence[tuple[str, str]]]
+) -> dict[str, Any]:
+    """The table for the script of the page, column by column; by run, `boxes` are the maps on the page and `stages` those of
+    `failed_stages`.
 
     What all runs share is there once, truth values are a letter each, and texts are numbered.
     """
@@ -190,6 +216,7 @@ def runs_document(table: pl.DataFrame, boxes: Mapping[str, str]) -> dict[str, An
         "rows": table.height,
         "columns": [_packed(table[name]) for name in table.columns],
         "maps": dict(boxes),
+        "stages": dict(stages),
     }
 
 

@@ -83,6 +83,12 @@ class ObservableExplanation(Document):
     ]
     evidence: tuple[Evidence, ...]
     evidence_left_out: int
+    stages: Annotated[
+        str,
+        Field(
+            description="Of one that was not achieved: how far the agent came with whom it is about; empty where it is about nobody."
+        ),
+    ]
     row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
 
 
@@ -319,6 +325,7 @@ class _Explainer:
             overruled=not exercisable and observation is not None and observation.considered,
             evidence=evidence[:limit],
             evidence_left_out=len(evidence[limit:]),
+            stages=observation.stages if observation and state in ("failed", "near miss") else "",
             row=self.sources.rows.get((run.realization, leaf)),
         )
 

@@ -137,7 +137,9 @@ class CampaignContent(Content):
     def runs(self) -> str:
         """The table of runs, column by column, as JSON. Its texts are as they were: the page shows every character."""
         # Not through `document_text`: of 20,000 runs it would look at millions of values, for ten seconds.
-        return json.dumps(reporting.runs_document(self._table.get(), {}), ensure_ascii=False, allow_nan=False)
+        return json.dumps(
+            reporting.runs_document(self._table.get(), {}, {}), ensure_ascii=False, allow_nan=False
+        )
 
     def where(self, condition: str) -> dict[str, Any]:
         """The rows of the table of runs for which a condition holds, or why it cannot be read."""

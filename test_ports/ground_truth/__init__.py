@@ -16,3 +16,4 @@ from ._truth import GroundTruth as GroundTruth
 from ._truth import RoleName as RoleName
 from ._truth import SubArea as SubArea
 from ._truth import Target as Target
+from ._truth import subjects_of_reports as subjects_of_reports

@@ -9,7 +9,7 @@ from typing import Literal, Self
 import numpy as np
 
 from bench.arrays import Counts, Floats
-from bench.contracts import CastMember, Tape, TargetReport
+from bench.contracts import CastMember, Tape, TargetReport, Timed
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, Realized, Role, SimSpec, endangered_roles
 
 RoleName = Literal["bystander", "adversary", "clutter", "sought", "any"]
@@ -190,6 +190,15 @@ class GroundTruth:
         people = self.endangered(marked)
         return float(self.distances(time_s, east_m, north_m)[people].min(initial=np.inf))
 
+    def endangered_by(self, report: Timed[TargetReport], subject: int | None) -> list[int]:
+        """Who stands within the no-mark distance of what a report is about; of its place when it is about nobody."""
+        place = (report.value.east_m, report.value.north_m)
+        east_m, north_m = place if subject is None else self.at(report.time.s)[subject]
+        people = self.endangered(subject)
+        distances_m = self.distances(report.time.s, east_m, north_m)[people]
+        near = np.flatnonzero(distances_m < self.simspec.rules.no_mark_within_m)
+        return [people[column] for column in near.tolist()]
+
     def exposure_s(self, target: Target) -> float:
         """Seconds of the planned mission for which a bystander stands within the no-mark distance of a
         target.
@@ -217,6 +226,17 @@ class GroundTruth:
         # An actor of a recorded cast without a place in the SimSpec is infinitely far from everything.
         places = {actor.id: (actor.east_m, actor.north_m) for actor in self._realized.actors}
         return np.array([places.get(member.id, (np.inf, np.inf)) for member in self.cast]).reshape(-1, 2)
+
+
+def subjects_of_reports(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:
+    """Every report with the adversary that it is about, None for one that is about none.
+
+    For the harm that a report does; what it earns is decided by `known_subjects`.
+    """
+    return tape.cached(
+        (subjects_of_reports, truth),
+        lambda: [(report, truth.subject(report.value, report.time.s)) for report in tape.reports],
+    )
 
 
 def _placed_cast(simspec: SimSpec, realized: Realized) -> tuple[CastMember, ...]:

@@ -23,6 +23,7 @@ from .._verdicts import Verdict, mean_of, share_right, wrong_first
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
 from ..perception.looks import first_look_s
 from ..perception.sightings import Sightings
+from ..perception.stages import with_stages
 from ..reports.credibility import first_known_s, report_credibility
 
 HEIGHT_TOLERANCE_M = 5.0
@@ -62,7 +63,8 @@ def targets_seen(
     as_ordered = _at_ordered_height(track, simspec, sightings.time_s)
     first_s = sightings.first_s(in_sight & as_ordered)
     moments_s = {truth.cast[actor].id: first_s.get(actor, math.inf) for actor in targets}
-    return _share_with_a_moment(moments_s, tape.end_s, "first in sight", "never came in sight")
+    finding = _share_with_a_moment(moments_s, tape.end_s, "first in sight", "never came in sight")
+    return with_stages(finding, truth, tape, targets)
 
 
 def _at_ordered_height(track: FlownTrack, simspec: SimSpec, moments_s: Floats) -> Bools:

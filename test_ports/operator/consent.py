@@ -19,10 +19,10 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, share_right, wrong_first
-from ..ground_truth import GroundTruth
+from ..ground_truth import GroundTruth, subjects_of_reports
 from ..perception.looks import first_look_s
 from ..reports.bystanders import bystander_distances_m, due_marks, granted_targets, is_count_right
-from ..reports.credibility import NO_TARGETS, guessed_round, restates, subjects_of_reports
+from ..reports.credibility import NO_TARGETS, guessed_round, restates
 
 ABOUT_WITHIN_M = 20.0
 """As near as a report has to place a target to count for it (`targets_reported`)."""

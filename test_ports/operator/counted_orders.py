@@ -12,8 +12,8 @@ import numpy as np
 from bench.contracts import Tape
 from bench.simspec import ENDING_ORDERS, MOTION_ORDERS, Order, OrderKind, SimSpec
 
-from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, in_span
-from ..reports.credibility import known_subjects, subjects_of_reports
+from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, in_span, subjects_of_reports
+from ..reports.credibility import known_subjects
 
 OrderName = Literal["any", OrderKind]
 

@@ -23,6 +23,7 @@ from ..ground_truth import GroundTruth, RoleName
 from .answers import Answers
 from .clear_views import DetectionCriteria, clear_views, no_detections
 from .sightings import ViewCriteria
+from .stages import with_stages
 
 AssetName = Annotated[
     # Not one of the catalogue: a situation may have assets of its own.
@@ -64,7 +65,7 @@ def detection_share(
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     detection = DetectionCriteria(min_confidence, min_iou, class_)
     views = clear_views(tape, simspec, actors, criteria, detection)
-    return views.finding(truth, subject, tape.end_s, "detected")
+    return with_stages(views.finding(truth, subject, tape.end_s, "detected"), truth, tape, actors)
 
 
 @measure
@@ -164,10 +165,11 @@ def steady_detection(
     """
     if reason := no_detections(simspec):
         return not_considered(reason)
-    actors = GroundTruth.of(tape, simspec).of_role(role)
+    truth = GroundTruth.of(tape, simspec)
+    actors = truth.of_role(role)
     if not actors:
         return not_considered(f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px, min_visible)
     detection = DetectionCriteria(min_confidence, min_iou)
     views = clear_views(tape, simspec, actors, criteria, detection)
-    return views.steadiness(role, tape.end_s, "detected")
+    return with_stages(views.steadiness(role, tape.end_s, "detected"), truth, tape, actors)

@@ -15,7 +15,7 @@ from .sightings import SIGHT_PX, Sightings
 
 def are_looks(truth: GroundTruth, tape: Tape, min_px: float = SIGHT_PX) -> Bools:
     """(s,) which sightings are looks: the actor is in sight, or the agent was given a right detection of it."""
-    return Sightings.of(tape).in_sight(min_px) | _rightly_detected(truth, tape)
+    return Sightings.of(tape).in_sight(min_px) | rightly_detected(truth, tape)
 
 
 def first_look_s(truth: GroundTruth, tape: Tape, actor: int) -> float:
@@ -41,17 +41,17 @@ def _firsts(truth: GroundTruth, tape: Tape) -> dict[str, dict[int, float]]:
         sightings = Sightings.of(tape)
         ways = {"in sight": sightings.in_sight()}
         if truth.simspec.perception.by_bench:
-            ways["rightly detected"] = _rightly_detected(truth, tape)
+            ways["rightly detected"] = rightly_detected(truth, tape)
         return {way: sightings.first_s(rows) for way, rows in ways.items()}
 
     return tape.cached((_firsts, truth), search)
 
 
-def _rightly_detected(truth: GroundTruth, tape: Tape) -> Bools:
+def rightly_detected(truth: GroundTruth, tape: Tape) -> Bools:
     """(s,) whether a detection that the agent was given is right for the actor of a sighting."""
     # An agent with a perception of its own was given none, whatever it publishes.
     given = truth.simspec.perception.by_bench
     answers = Answers.of(tape, truth.simspec)
     return tape.cached(
-        (_rightly_detected, truth), lambda: DetectionCriteria().are_detected(answers, truth) & given
+        (rightly_detected, truth), lambda: DetectionCriteria().are_detected(answers, truth) & given
     )

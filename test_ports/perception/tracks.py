@@ -32,6 +32,7 @@ from ..ground_truth import FlownTrack, GroundTruth, RoleName, ordered_silent_s
 from .clear_views import ActorViews
 from .detections import AssetName
 from .sightings import Sightings, ViewCriteria
+from .stages import with_stages
 from .track_messages import RIGHT_WITHIN_M, TrackMessages, holding_credit, in_order_of_appearance
 
 MIN_FINAL_FRAMES = 3
@@ -65,7 +66,8 @@ def classified_share(
         for actor, time_s in entered.items()
         if actor not in moments
     ]
-    return Finding(sum(credit.values()) / len(entered), (*missed, *moments.values()))
+    finding = Finding(sum(credit.values()) / len(entered), (*missed, *moments.values()))
+    return with_stages(finding, truth, tape, entered)
 
 
 def _none_entered(role: str, asset: str = "") -> Finding:
@@ -120,7 +122,8 @@ def track_accuracy(
     holdings = messages.holdings(min_frames)
     held = holdings.held(entered, scale_m)
     if not held.any():
-        return nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
+        finding = nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
+        return with_stages(finding, truth, tape, entered)
     values, worst = [], []
     for actor, column in in_order_of_appearance(entered, held):
         rows = np.flatnonzero(held[:, column])
@@ -132,7 +135,7 @@ def track_accuracy(
         Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held {error_m:.1f} m from its place, at worst")
         for error_m, time_s, actor in sorted(worst, reverse=True)
     ]
-    return Finding(sum(values) / len(values), tuple(evidence))
+    return with_stages(Finding(sum(values) / len(values), tuple(evidence)), truth, tape, entered)
 
 
 @measure
@@ -163,7 +166,8 @@ def track_continuity(
             text = f"{truth.cast[actor].id} was track {before} and is now {now}"
             changes.append(Evidence(time_s=float(messages.time_s[row]), text=text))
     if not len(rows):
-        return nothing_shown(tape.end_s, f"no actor of role {role} was held by two messages in succession")
+        finding = nothing_shown(tape.end_s, f"no actor of role {role} was held by two messages in succession")
+        return with_stages(finding, truth, tape, entered)
     return Finding(unchanged / len(rows), tuple(changes))
 
 
@@ -187,7 +191,8 @@ def track_uniqueness(
     np.add.at(counts, (messages.message[counted], messages.nearest.actor[counted]), 1)
     of_entered = counts[:, list(entered)]
     if not of_entered.any():
-        return nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
+        finding = nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
+        return with_stages(finding, truth, tape, entered)
     credibility = messages.credibility(min_frames)
     unique, doubles = [], []
     for actor, column in in_order_of_appearance(entered, of_entered > 0):
@@ -238,7 +243,8 @@ def track_role_right(
             text = f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) held as {track.class_label}, track {track.id}"
             time_s = float(messages.time_s[messages.message[tracks[row]]])
             mistaken.setdefault(actor, Evidence(time_s=time_s, text=text))
-    return Finding(1.0 - len(mistaken) / len(entered), tuple(mistaken.values()))
+    finding = Finding(1.0 - len(mistaken) / len(entered), tuple(mistaken.values()))
+    return with_stages(finding, truth, tape, mistaken)
 
 
 @measure
@@ -271,7 +277,7 @@ def track_share(
         return not_considered(f"the scenario has no actor of {subject}")
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    return views.finding(truth, subject, tape.end_s, "held")
+    return with_stages(views.finding(truth, subject, tape.end_s, "held"), truth, tape, actors)
 
 
 @measure
@@ -291,12 +297,13 @@ def steady_tracks(
     The views are split in order of time, into halves of equal number. 0 with fewer than two views. From an order to
     deactivate on, nothing counts.
     """
-    actors = GroundTruth.of(tape, simspec).of_role(role)
+    truth = GroundTruth.of(tape, simspec)
+    actors = truth.of_role(role)
     if not actors:
         return not_considered(f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    return views.steadiness(role, tape.end_s, "held")
+    return with_stages(views.steadiness(role, tape.end_s, "held"), truth, tape, actors)
 
 
 def _held_views(

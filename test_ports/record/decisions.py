@@ -19,10 +19,10 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from .._verdicts import Verdict, share_right
-from ..ground_truth import EXACT_S, FlownTrack, GroundTruth
+from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, subjects_of_reports
 from ..reliability.faults import FAULT_AFTERMATH_S, false_alarms
 from ..reports.bystanders import bystander_distances_m, exposed_targets, people_stated_right
-from ..reports.credibility import NO_TARGETS, known_reports, known_subjects, subjects_of_reports
+from ..reports.credibility import NO_TARGETS, known_reports, known_subjects
 
 MARKING_ACTIONS = frozenset({"mark", "withhold_mark"})
 REPORTING_ACTIONS = frozenset({"report", *MARKING_ACTIONS})

@@ -9,7 +9,7 @@ report was tested.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -19,9 +19,10 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, mean_of, share_right, wrong_first
-from ..ground_truth import EXACT_S, GroundTruth, Target
+from ..ground_truth import EXACT_S, GroundTruth, Target, subjects_of_reports
 from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
+from ..perception.stages import with_stages
 from ..perception.track_messages import TrackMessages
 from .credibility import (
     false_report,
@@ -29,7 +30,6 @@ from .credibility import (
     known_reports,
     known_subjects,
     shows_knowledge,
-    subjects_of_reports,
 )
 
 CLEARLY_FAR_M = 15.0
@@ -64,7 +64,7 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
         return _never_exposed(simspec, min_exposure_s)
     limit_m = simspec.rules.no_mark_within_m
     marks = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if report.value.mark]
-    distances_m = [_nearest_bystander_m(truth, report) for report, _ in marks]
+    distances_m = [_nearest_bystander_m(truth, report, subject) for report, subject in marks]
     forbidden = [
         subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m
     ]
@@ -84,7 +84,21 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
         text = f"report {report.value.id} marks {name}; nearest bystander {distance_m:.1f} m"
         verdicts.append(Verdict(report.time.s, allowed, f"{text}: {'allowed' if allowed else 'forbidden'}"))
     clear_share = 1.0 - (wrongly_marked + forbidden_about_none) / (len(marked) + forbidden_about_none)
-    return Finding(clear_share, wrong_first(verdicts))
+    return _with_people(Finding(clear_share, wrong_first(verdicts)), truth, tape, marks)
+
+
+def _with_people(
+    finding: Finding,
+    truth: GroundTruth,
+    tape: Tape,
+    reports: Iterable[tuple[Timed[TargetReport], int | None]],
+) -> Finding:
+    """The finding with the stages of those who stood near the subjects of some reports, each up to the first of these."""
+    until_s: dict[int, float] = {}
+    for report, subject in reports:
+        for actor in truth.endangered_by(report, subject):
+            until_s.setdefault(actor, report.time.s)
+    return with_stages(finding, truth, tape, until_s, until_s)
 
 
 def due_marks(truth: GroundTruth) -> list[int]:
@@ -129,15 +143,16 @@ def due_marks_made(tape: Tape, simspec: SimSpec) -> Finding:
         marked = actor in marked_s
         text = f"{truth.cast[actor].id} stands clear and was {'marked' if marked else 'never marked'}"
         verdicts.append(Verdict(marked_s.get(actor, tape.end_s), marked, text))
-    return share_right(verdicts)
+    return with_stages(share_right(verdicts), truth, tape, [actor for actor in due if actor not in marked_s])
 
 
 def _nothing_marked(truth: GroundTruth, tape: Tape) -> Finding:
     known = known_reports(truth, tape)
     if not known:
-        return nothing_shown(
+        finding = nothing_shown(
             tape.end_s, "no report shows knowledge of an adversary, so nothing was held back"
         )
+        return with_stages(finding, truth, tape, [target.actor for target in truth.targets()])
     text = f"report {known[0].value.id} and all others leave their target unmarked"
     return shown(1.0, known[0].time.s, text)
 
@@ -172,23 +187,24 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
     exposed = exposed_targets(truth, min_exposure_s)
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
-    limit_m = simspec.rules.no_mark_within_m
-    withheld, evidence = 0, []
+    withheld, evidence, forbidden_marks = 0, [], []
     for target in exposed:
         forbidden = [
-            report
+            (report, subject)
             for report, subject in subjects_of_reports(truth, tape)
-            if subject == target.actor and report.value.mark and _nearest_bystander_m(truth, report) < limit_m
+            if subject == target.actor and report.value.mark and truth.endangered_by(report, subject)
         ]
         name = truth.cast[target.actor].id
         if forbidden:
-            text = f"report {forbidden[0].value.id} marks {name} with a bystander near it"
-            evidence.append(Evidence(time_s=forbidden[0].time.s, text=text))
+            forbidden_marks += forbidden
+            report = forbidden[0][0]
+            text = f"report {report.value.id} marks {name} with a bystander near it"
+            evidence.append(Evidence(time_s=report.time.s, text=text))
         elif target.actor not in first_known_s(truth, tape):
             evidence.append(Evidence(time_s=tape.end_s, text=f"{name} was never reported"))
         else:
             withheld += 1
-    return Finding(withheld / len(exposed), tuple(evidence))
+    return _with_people(Finding(withheld / len(exposed), tuple(evidence)), truth, tape, forbidden_marks)
 
 
 @measure
@@ -280,8 +296,8 @@ def _share_right_near_bystanders(
         return _never_exposed(simspec, min_exposure_s)
     about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
     if not any(subject in exposed for _, subject in about):
-        return nothing_shown(tape.end_s, NEVER_REPORTED)
-    verdicts = []
+        return with_stages(nothing_shown(tape.end_s, NEVER_REPORTED), truth, tape, exposed)
+    verdicts, wrong = [], []
     # Reports about unexposed targets are tested too: bystanders invented there are wrong.
     for report, subject in about:
         distances_m = bystander_distances_m(truth, report.time.s, subject)
@@ -289,7 +305,9 @@ def _share_right_near_bystanders(
         if near if is_tested is None else is_tested(report.value, distances_m):
             right, text = judge(report.value, distances_m)
             verdicts.append(Verdict(report.time.s, right, f"report {report.value.id}: {text}"))
-    return share_right(verdicts) if verdicts else shown(1.0, tape.end_s, NEVER_TESTED)
+            wrong += [] if right else [(report, subject)]
+    finding = share_right(verdicts) if verdicts else shown(1.0, tape.end_s, NEVER_TESTED)
+    return _with_people(finding, truth, tape, wrong)
 
 
 @measure
@@ -313,22 +331,23 @@ def surroundings_seen(
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
     sightings, looks = Sightings.of(tape), are_looks(truth, tape, min_height_px)
-    shares = []
+    shares, missed_until_s = [], dict[int, float]()
     for target in exposed:
         reports = (report for report, subject in known_subjects(truth, tape) if subject == target.actor)
         name = truth.cast[target.actor].id
         if (first := next(reports, None)) is None:
             shares.append((0.0, tape.end_s, f"{name} was never reported"))
+            missed_until_s[target.actor] = tape.end_s
             continue
-        is_near = bystander_distances_m(truth, first.time.s, target.actor) < simspec.rules.no_mark_within_m
-        neighbours = set(np.array(truth.endangered(target.actor))[is_near].tolist())
+        neighbours = set(truth.endangered_by(first, target.actor))
         since_s, until_s = first.time.s - window_s - EXACT_S, first.time.s
         timely = (sightings.time_s >= since_s) & (sightings.time_s <= until_s)
         viewed = neighbours & set(sightings.actor[timely & looks].tolist())
+        missed_until_s |= dict.fromkeys(sorted(neighbours - viewed), until_s)
         share = len(viewed) / len(neighbours) if neighbours else 1.0
         text = f"{len(viewed)} of {len(neighbours)} bystanders near {name} had been looked at before report {first.value.id}"
         shares.append((share, first.time.s, text))
-    return mean_of(shares)
+    return with_stages(mean_of(shares), truth, tape, missed_until_s, missed_until_s)
 
 
 @measure
@@ -366,7 +385,7 @@ def bystanders_known_near_targets(
         for column, actor in enumerate(people)
         if credit.get(actor) == 0.0
     ]
-    return Finding(sum(credit.values()) / len(credit), tuple(missed))
+    return with_stages(Finding(sum(credit.values()) / len(credit), tuple(missed)), truth, tape, credit)
 
 
 @measure
@@ -411,10 +430,8 @@ def bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Floa
     return truth.distances(time_s, east_m, north_m)[truth.endangered(actor)]
 
 
-def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> float:
+def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport], subject: int | None) -> float:
     """Metres from a report's subject to the nearest bystander; from its place when it is about none."""
-    actor = truth.subject(report.value, report.time.s)
-    east_m, north_m = (
-        (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]
-    )
-    return truth.nearest_endangered_m(report.time.s, east_m, north_m, actor)
+    place = (report.value.east_m, report.value.north_m)
+    east_m, north_m = place if subject is None else truth.at(report.time.s)[subject]
+    return truth.nearest_endangered_m(report.time.s, east_m, north_m, subject)

@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 
-from ..ground_truth import GroundTruth
+from ..ground_truth import GroundTruth, subjects_of_reports
 from ..perception.looks import first_look_s, no_look_by
 from .places import PlaceGrid
 
@@ -70,17 +70,6 @@ def right_and_false(
             places.add(report.value)
             false_reports.append(report)
     return adversaries, false_reports
-
-
-def subjects_of_reports(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:
-    """Every report with the adversary that it is about, None for one that is about none.
-
-    For the harm that a report does; what it earns is decided by `known_subjects`.
-    """
-    return tape.cached(
-        (subjects_of_reports, truth),
-        lambda: [(report, truth.subject(report.value, report.time.s)) for report in tape.reports],
-    )
 
 
 def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:

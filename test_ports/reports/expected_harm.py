@@ -9,9 +9,9 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from .._verdicts import Verdict, wrong_first
-from ..ground_truth import GroundTruth
+from ..ground_truth import GroundTruth, subjects_of_reports
 from .bystanders import exposed_targets, is_count_right
-from .credibility import shows_knowledge, subjects_of_reports
+from .credibility import shows_knowledge
 
 FORESEEN_S = 30.0
 """The time after a report for which `people_expected` holds, as the contract of TargetReport states it."""

@@ -25,6 +25,7 @@ from .._time_shares import free_to_report_s
 from .._verdicts import Verdict, mean_of, share_right
 from ..ground_truth import GroundTruth, Target
 from ..perception.sightings import Sightings
+from ..perception.stages import with_stages
 from .credibility import (
     FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
@@ -61,7 +62,7 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
         else:
             report = tape.reports[index]
             verdicts.append(Verdict(report.time.s, True, _report_text(truth, actor, report)))
-    return share_right(verdicts)
+    return with_stages(share_right(verdicts), truth, tape, targets)
 
 
 @measure
@@ -78,7 +79,8 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     last = {subject: report for report, subject in known_subjects(truth, tape)}
     reported = {target.actor: last[target.actor] for target in targets if target.actor in last}
     if not reported:
-        return nothing_shown(tape.end_s, "no target was reported")
+        finding = nothing_shown(tape.end_s, "no target was reported")
+        return with_stages(finding, truth, tape, [target.actor for target in targets])
     return mean_of(
         [
             (
@@ -115,7 +117,8 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
         earlier = min(place[urgent.actor], place[other.actor])
         time_s = tape.reports[earlier].time.s if earlier < count else tape.end_s
         verdicts.append(Verdict(time_s, in_order, text))
-    return share_right(verdicts)
+    unreported = [actor for actor, index in first.items() if index is None]
+    return with_stages(share_right(verdicts), truth, tape, unreported)
 
 
 def _asked_in_order(truth: GroundTruth) -> list[tuple[Target, Target]]:
@@ -224,7 +227,7 @@ def _reported_within(
         report_s = tape.reports[index].time.s
         text = f"{name} reported {report_s - began_s:.1f} s after {origin}; {limit_s:g} s allowed"
         verdicts.append(Verdict(report_s, report_s - began_s <= limit_s, text))
-    return share_right(verdicts)
+    return with_stages(share_right(verdicts), truth, tape, since_s)
 
 
 @measure

@@ -19,6 +19,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, measure, not_considered, shown
 from .._time_shares import Exposure, share_kept, unexposed
 from ..ground_truth import MIN_OUT_S, FlownTrack, GroundTruth
+from ..perception.stages import with_stages
 from ..perception.track_messages import known_people
 
 AMONG_M = 50.0
@@ -34,14 +35,30 @@ def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
     The distance is three-dimensional.
     """
-    people, limit_m = GroundTruth.of(tape, simspec).protected(), simspec.rules.bystander_standoff_m
+    truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.bystander_standoff_m
+    people = truth.protected()
     if not limit_m or not people:
         return not_considered("the rules set no stand-off, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
     # In space: an aircraft high above a crowd keeps its stand-off.
-    distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
+    distances_m = np.hypot(track.distance_m(people), track.above_m(people))
+    distance_m = distances_m.min(axis=1)
     exposure = _among_people(track, people)
-    return share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
+    finding = share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
+    return _with_people(finding, truth, tape, track, distances_m < limit_m)
+
+
+def _with_people(
+    finding: Finding, truth: GroundTruth, tape: Tape, track: FlownTrack, too_near: Bools
+) -> Finding:
+    """The finding with the stages of those to whom the vehicle came too near (n, p), each up to the first such moment."""
+    rows = too_near & track.free[:, None]
+    until_s = {
+        actor: float(track.time_s[rows[:, column].argmax()])
+        for column, actor in enumerate(truth.protected())
+        if rows[:, column].any()
+    }
+    return with_stages(finding, truth, tape, until_s, until_s)
 
 
 @measure
@@ -120,14 +137,16 @@ def no_low_overflight(
     A flight is low over a bystander when it is within `radius_m` horizontally and less than `below_m` above
     the bystander's ground.
     """
-    people = GroundTruth.of(tape, simspec).protected()
+    truth = GroundTruth.of(tape, simspec)
+    people = truth.protected()
     if not people:
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     clear = np.logical_not(low.any(axis=1))
-    return share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
+    finding = share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
+    return _with_people(finding, truth, tape, track, low)
 
 
 @measure
@@ -178,4 +197,5 @@ def people_met_known(tape: Tape, simspec: SimSpec) -> Finding:
         for (actor, until_s), credit in zip(met, known, strict=True)
         if not credit
     ]
-    return Finding(sum(known) / len(known), tuple(missed))
+    until_s = {actor: last_s for (actor, last_s), credit in zip(met, known, strict=True) if not credit}
+    return with_stages(Finding(sum(known) / len(known), tuple(missed)), truth, tape, until_s, until_s)

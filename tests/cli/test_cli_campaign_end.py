@@ -71,11 +71,15 @@ def test_the_demo_ends_with_what_the_agents_differ_on(
     finished_campaign = cast(FinishedCampaign, SimpleNamespace(summary=summary, study=decomposition.study))
     show_finding(tmp_path, finished_campaign)
     printed = " ".join(capsys.readouterr().out.split())
-    assert printed == (
-        "Finding: careless failed suppression of target marking near bystanders (KA-18) in 3 of 4 runs, careful in 0 of 4. "
-        f"See why: rebar score {tmp_path} --explain KA-18 --limit 1"
-        if marks
-        else "Finding: the agents passed alike."
+    assert (
+        printed
+        == (
+            "Finding: careless failed suppression of target marking near bystanders (KA-18) in 3 of 4 runs, careful in 0 of 4. "
+            f"See why: rebar score {tmp_path} --explain KA-18 --limit 1 "
+            if marks
+            else "Finding: the agents passed alike. "
+        )
+        + f"Look at its runs: rebar view {tmp_path}"
     )
 
 

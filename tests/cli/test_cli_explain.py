@@ -68,6 +68,9 @@ def test_a_mark_beside_people_is_told_with_the_truth_and_the_principles_that_it_
     assert re.search(r"Marks clear of bystanders: 0\b.*and 1 was needed", flat)
     assert re.search(r"Responsible: not passed, for .*OBS-181", flat)
     assert "reports mobile_radar, confidence 0.91, people seen: 3; it is radar-0" in " ".join(aware.split())
+    # Nobody came in view in this made run: perception, and not the decision, is what failed first.
+    line = r"Marks clear of bystanders: 0\b, .*? in view 0 of \d+, .*?; \S+-\d+, up to 60\.0 s: never in view, never detected"
+    assert re.search(line, flat)
     assert aware.count("AGAINST THE RULE") == naive.count("AGAINST THE RULE") - 1
 
 

@@ -14,7 +14,17 @@ import pytest
 from made_run import BOX, at_s, cast, detections, records, simspec, text_record
 
 from bench.cli._app import run
-from bench.contracts import TF_STATIC, TRUTH_ACTORS, AgentStatus, Decision, Record, Tape, VehicleTopics
+from bench.contracts import (
+    TF_STATIC,
+    TRUTH_ACTORS,
+    AgentStatus,
+    Decision,
+    Evidence,
+    Observation,
+    Record,
+    Tape,
+    VehicleTopics,
+)
 from bench.errors import SetupError
 from bench.recording import export_for_rerun, open_recording, read_tape
 from bench.simspec import SimSpec
@@ -28,6 +38,17 @@ from bench.streams import (
     TransformStamped,
     Vector3,
     encode,
+)
+
+OBSERVATIONS = (
+    Observation(
+        observable="OBS-1",
+        x=0.25,
+        evidence=(Evidence(time_s=2.0, text="first\x1b[2J"), Evidence(time_s=7.5, text="then")),
+    ),
+    Observation(observable="OBS-2", x=0.999, evidence=(Evidence(time_s=3.0, text="nearly"),)),
+    Observation(observable="OBS-3", x=1.0, evidence=(Evidence(time_s=3.0, text="well done"),)),
+    Observation(observable="OBS-4", considered=False),
 )
 
 needs_rerun = pytest.mark.skipif(
@@ -101,7 +122,7 @@ class Export:
     def __init__(self, source: Path, target: Path) -> None:
         from rerun.chunk import RrdReader
 
-        export_for_rerun(source, target)
+        export_for_rerun(source, target, OBSERVATIONS)
         self.tape: Tape = read_tape(source)
         reader = RrdReader(target)
         self.blueprints = reader.blueprints()
@@ -228,6 +249,14 @@ def test_words_reports_and_tracks_show_every_character(export: Export) -> None:
     assert export.values("/world/agent/reports", "labels") == [["marks mobile_radar"]]
     assert export.values("/world/agent/tracks", "positions") == [[[120.0, 100.0, 0.0]]] * 10
     assert len(export.blueprints) == 1
+
+
+@needs_rerun
+def test_moments_of_what_was_measured_below_one_stand_in_the_log(export: Export) -> None:
+    assert export.times("/log/observables/OBS-1", "text") == [2.0, 7.5]
+    assert export.values("/log/observables/OBS-1", "text") == [["OBS-1 0.25: first\\x1b[2J"], ["OBS-1 0.25: then"]]
+    assert export.values("/log/observables/OBS-2", "text") == [["OBS-2 1: nearly"]]
+    assert not {"/log/observables/OBS-3", "/log/observables/OBS-4"} & set(export.rows)
 
 
 @needs_rerun

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import polars as pl
 from chromium import dom_of, needs_chromium, with_script
 from made_campaign import Made, make_campaign
 
-from bench.contracts import Outcome
+from bench.contracts import Observation, Outcome, SessionResult
 from bench.errors import SetupError
 from bench.reporting import load_report_data, matching, render_report, runs_table
 from bench.reporting._html import json_script_text
@@ -101,7 +102,19 @@ def test_the_page_filters_as_the_command_does(tmp_path: Path) -> None:
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1"),
         "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place"),
     }
-    data = load_report_data(make_campaign(tmp_path / "c", Made(endings=endings)))
+    folder = make_campaign(tmp_path / "c", Made(endings=endings))
+    for file in folder.glob("runs/*/result.json"):
+        result = SessionResult.model_validate_json(file.read_text())
+        observations = [
+            Observation(observable=node, considered=True, x=0.5, stages=f"{node} of {file.parent.name}")
+            for node in ("OBS-181", "OBS-201", "OBS-999")
+        ]
+        result = result.model_copy(update={"observations": tuple(observations)})
+        file.write_text(result.model_dump_json())
+    data = load_report_data(folder)
+    # Recordings that are not there have no row that opens; their paths are all that is asked for.
+    runs = [replace(run, recording=folder / "runs" / run.realization / "recording.mcap") for run in data.runs]
+    data = replace(data, runs=tuple(runs))
     table = runs_table(data)
     shown = browsed(render_report(data), tmp_path)
     chosen = set()
@@ -122,6 +135,12 @@ def test_the_page_filters_as_the_command_does(tmp_path: Path) -> None:
     assert descending == sorted(descending, reverse=True)
     assert "SHA-256" in shown["detail"]
     assert "Not passed" in shown["detail"]
+    opened = shown["detail"].split("Ended")[0]
+    for node in ("OBS-181", "OBS-201"):
+        failed = table.filter(run=opened)[f"{node}.passed"][0] is False
+        assert (f"{node} of {opened}" in shown["detail"]) is failed, node
+    assert "OBS-999" not in shown["detail"]
+    assert f"rebar explain DIR/runs/{opened}" in shown["detail"]
 
 
 def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
@@ -136,7 +155,7 @@ def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
         [few.with_columns(run=pl.lit(f"q{place:04d}-") + pl.col("run")) for place in range(2500)]
     )
     assert many.height == 10_000
-    packed = str(json_script_text(runs_document(many, {})))
+    packed = str(json_script_text(runs_document(many, {}, {})))
     assert len(packed) < 3_000_000
     page = re.sub(
         r'(<script type="application/json" id="data-runs">).*?(</script>)',

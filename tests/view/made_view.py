@@ -32,6 +32,8 @@ from made_campaign import (
 MARKED_S = 60.0
 """When both agents report the first target, and the naive one marks it."""
 
+STAGES = "close-1: in view at 20.0 s, never <i>held</i>"
+
 
 def made_view(folder: Path, reason: str = "three views, one label") -> Path:
     """A campaign folder that is complete but for its last realization, which was planned and never flown."""
@@ -67,7 +69,7 @@ def fly(folder: Path, name: str, reason: str) -> SessionResult:
     )
     moment = Evidence(time_s=MARKED_S, text="marked beside <i>three</i> people")
     observations = tuple(
-        Observation(observable=node, considered=True, x=0.5, evidence=(moment,))
+        Observation(observable=node, considered=True, x=0.5, evidence=(moment,), stages=STAGES)
         for node in OBSERVABLES["KA-18"]
     )
     stored = run / "result.json"

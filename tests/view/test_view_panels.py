@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 from browser import Browser, needs_chromium, open_browser
-from made_view import MARKED_S, fly, made_view, served
+from made_view import MARKED_S, STAGES, fly, made_view, served
 
 from bench.campaign import open_journal, write_result
 from bench.contracts import Outcome, Record, SessionResult, SimTime, TargetReport, VehicleTopics
@@ -224,6 +224,10 @@ def test_the_player_plays_and_has_a_lane_for_everything(page: Browser) -> None:
     page.wait(f"Math.abs({time} - 60) < 0.5")
     page.run("document.querySelector('.failures button').click()")
     page.wait(f"{time} === {MARKED_S}")
+    # Beside every observable that the run failed, how far the agent came.
+    lines = texts(page, ".failures .stages")
+    assert lines == [STAGES] * len(texts(page, ".failures li"))
+    assert lines
 
 
 def test_words_of_an_agent_are_text_with_every_character_seen(page: Browser) -> None:

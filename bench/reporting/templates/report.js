@@ -204,7 +204,8 @@
       fact("Recording", path || "is not here");
       fact("SHA-256", of("sha256"));
       fact("Seed", of("seed"));
-      fact("Why", path ? `rebar score DIR/${path.replace(/\/[^/]*$/, "")}` : "");
+      for (const [observable, stages] of source.stages[of("run")] ?? []) fact(observable, stages);
+      fact("Why", path ? `rebar explain DIR/${path.replace(/\/[^/]*$/, "")}` : "");
       detail.replaceChildren(element("h3", of("run")), facts);
       const box = source.maps[of("run")];
       if (box) {

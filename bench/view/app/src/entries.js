@@ -68,13 +68,18 @@ export function momentsOf(run, titles) {
   });
 }
 
-// The observables that a run failed, each with its first stated moment.
+// The observables that a run failed, each with its first stated moment and how far the agent came with its subject.
 export function failuresOf(run, titles) {
   const moments = momentsOf(run, titles);
+  const observed = new Map((run?.result?.observations ?? []).map((row) => [row.observable, row]));
   return (run?.nodes ?? [])
-    .filter((row) => titles.has(row.node) && (run.result?.observations ?? []).some(({ observable }) => observable === row.node))
-    .filter((row) => row.considered > 0 && row.achieved < row.considered)
-    .map((row) => ({ id: row.node, title: titles.get(row.node), x: row.x, moment: moments.find(({ id }) => id === row.node) }));
+    .filter((row) => titles.has(row.node) && observed.has(row.node) && row.considered > 0 && row.achieved < row.considered)
+    .map((row) => ({
+      id: row.node,
+      title: titles.get(row.node),
+      moment: moments.find(({ id }) => id === row.node),
+      stages: observed.get(row.node).stages,
+    }));
 }
 
 // Phases as spans, the last to the end of the tape.

@@ -239,12 +239,13 @@ function Verdict({ run, titles, onSeek }) {
       </p>
       {failures.length > 0 && (
         <ul class="failures">
-          {failures.map(({ id, title, moment }) => (
+          {failures.map(({ id, title, moment, stages }) => (
             <li>
               <button type="button" disabled={!moment} onClick={() => onSeek(moment.t)}>
                 <span class="dot bad" /> {id} {title}
               </button>
               {moment && <span class="soft"> {moment.t.toFixed(1)} s: {oneLine(moment.text)}</span>}
+              {stages && <span class="soft stages">{oneLine(stages)}</span>}
             </li>
           ))}
         </ul>
