@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any, get_args
 
@@ -477,47 +476,6 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
     observations = measure_all(requests, tape(spec), spec)
     assert [observation.observable for observation in observations] == list(requests)
     assert all(observation.considered == (observation.x is not None) for observation in observations)
-
-
-@pytest.mark.parametrize(
-    ("measure", "options", "complaint"),
-    [
-        (
-            "targets_reported",
-            {"within": 3.0},
-            r"'targets_reported': unknown option 'within'; known: within_m",
-        ),
-        ("detection_share", {}, r"'detection_share': needs option 'role'"),
-        (
-            "detection_share",
-            {"role": "enemy"},
-            r"option 'role' is 'enemy'; it must be one of bystander, adversary",
-        ),
-        ("detection_share", {"role": "any", "class_": "x"}, r"unknown option 'class_'; known: role, class, "),
-        (
-            "classified_share",
-            {"role": "any", "min_frames": 2.5},
-            r"option 'min_frames' is 2.5; it must be a whole number",
-        ),
-        (
-            "report_accuracy",
-            {"scale_m": 0},
-            r"'report_accuracy': option 'scale_m' is 0; it must be a number more than 0",
-        ),
-        ("mission_flown", {"home_m": True}, r"option 'home_m' is True; it must be a number"),
-        ("mission_flown", {"home_m": float("nan")}, r"option 'home_m' is nan; it must be a number, finite"),
-        ("mission_flown", {"home_m": -1}, r"not negative"),
-    ],
-)
-def test_wrong_options_are_named_before_the_flight(
-    measure: str, options: dict[str, Any], complaint: str
-) -> None:
-    """A wrong option names measure, option and what would be right, in both ways."""
-    with pytest.raises(ValueError, match=complaint):
-        check_options(measure, options)
-    [observation] = measure_all({"OBS-1": (measure, options)}, tape(simspec()), simspec())
-    assert observation.failure is not None
-    assert re.search(complaint, observation.failure)
 
 
 def test_an_unknown_measure_is_named() -> None:
