@@ -96,7 +96,7 @@ def assert_same_observables(one: Sequence[Observation], other: Sequence[Observat
 @pytest.mark.parametrize(
     ("where", "agent", "autopilot"),
     [
-        # By turns: each agent meets both sides of the date line, the line itself and a pole.
+        # By turns: each agent meets the date line and a pole.
         *(
             (where, ("reference-naive", "null-mark")[number % 2], "px4")
             for number, where in enumerate(PLACES)
