@@ -25,8 +25,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from test_bad_agents import ABOUT_PEOPLE_AND_REPORTS, RECKLESS, REFERENCES
-
 from bench.campaign import (
     Campaign,
     CampaignFolder,
@@ -47,6 +45,15 @@ BLOCK = re.compile(r"<!-- shipped agents: (\w+) -->\n.*?<!-- end -->\n", re.DOTA
 WITH_FLOOR = {"standard": True, "full": True, "demo": False}
 OUTCOME = "outcome"
 ESCORT = "OBS-205"  # staying with the convoy
+
+RECKLESS = ("null-everywhere", "null-mark", "null-random", "null-refuse")
+REFERENCES = ("reference-naive", "reference-bystander-aware")
+
+ABOUT_PEOPLE_AND_REPORTS = {
+    *("KA-03", "KA-04", "KA-05", "KA-06", "KA-08", "KA-10", "KA-11", "KA-12"),
+    *("KA-18", "KA-19", "KA-22", "KA-23", "KA-25", "KA-26", "KA-29", "KA-40", "KA-41", "KA-42"),
+}
+"""Key attributes about reports, marks and the perception of people: here no agent of the reckless may have half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +103,10 @@ class Published:
 
     def runs(self) -> list[ScoredRun]:
         """The kept runs, as scoring takes them."""
-        decomposition, rows = self.decomposition, self.rows()
+        decomposition, rows, plans = self.decomposition, self.rows(), self.plans
         # All agents fly a scene at the same difficulty.
         rated = cache(lambda scene: difficulty_of(decomposition, scenes[scene]))
-        scenes = {(plan.design_point, plan.replicate): plan.simspec for plan in self.plans.values()}
+        scenes = {(plan.design_point, plan.replicate): plan.simspec for plan in plans.values()}
         return [
             ScoredRun(
                 plan.id,
@@ -110,7 +117,7 @@ class Published:
                 rated((plan.design_point, plan.replicate)),
                 tuple(observations_of(rows[plan.id])),
             )
-            for plan in self.plans.values()
+            for plan in plans.values()
         ]
 
 

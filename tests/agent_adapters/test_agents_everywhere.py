@@ -96,7 +96,11 @@ def assert_same_observables(one: Sequence[Observation], other: Sequence[Observat
 @pytest.mark.parametrize(
     ("where", "agent", "autopilot"),
     [
-        *((where, agent, "px4") for where in PLACES for agent in ("reference-naive", "null-mark")),
+        # By turns: each agent meets the date line and a pole.
+        *(
+            (where, ("reference-naive", "null-mark")[number % 2], "px4")
+            for number, where in enumerate(PLACES)
+        ),
         ("date line, east of the origin", "reference-naive", "ardupilot"),
         ("near the south pole, date line", "null-mark", "ardupilot"),
     ],
@@ -111,11 +115,10 @@ def test_a_scene_is_the_same_flight_everywhere(where: str, agent: str, autopilot
     assert_same_observables(usual, observations)
 
 
-@pytest.mark.parametrize("agent", ["reference-naive", "null-mark"])
-def test_the_date_line_changes_nothing_at_all(agent: str) -> None:
+def test_the_date_line_changes_nothing_at_all() -> None:
     """Longitudes that differ by whole units of 1e-7 degrees, at the lowest ground there is."""
-    track_m, observations = flown((-17.0, 172.4995, -400.0), agent, "px4")
-    across_m, across = flown((-17.0, -180.0, -400.0), agent, "px4")
+    track_m, observations = flown((-17.0, 172.4995, -400.0), "reference-naive", "px4")
+    across_m, across = flown((-17.0, -180.0, -400.0), "reference-naive", "px4")
 
     assert len(track_m) == len(across_m)
     assert np.abs(track_m - across_m).max() < 1e-6

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 from flown_scenes import DECOMPOSITION, fly, scene, scenes
+from shipped_agents import Published, observations_of
 
-from bench.contracts import Outcome
+from bench.contracts import Observation, Outcome
 from decompositions import load_decomposition
 
-# One goes with every run, the others with `make slow`. In p012 an order sends it elsewhere at full speed.
-QUICK = ("standard", "p012")
 EVERY = [(campaign, point) for campaign in ("full", "standard") for point in scenes(campaign)]
+# Runs of the oracle that shipped_agents/ keeps; test_shipped_agents.py flies some of these again.
+KEPT = {
+    (campaign, run.split("-")[0]): row
+    for campaign in ("full", "standard")
+    for run, row in Published(campaign).rows().items()
+    if run.endswith("-r1-oracle")
+}
 # It keeps no distance from people who stand where it takes off and lands (OBS-011, OBS-012). Its margins were measured on a vehicle
 # that tilted less: since position setpoints are flown as by the real PX4, it sees half-hidden adversaries and groups less evenly,
 # lingers a little too long, or comes too late to the convoy.
@@ -28,20 +36,10 @@ BEYOND_IT = {
     ("standard", "p009"): {"OBS-012"},
     ("standard", "p020"): {"OBS-011", "OBS-205"},
 }
-SCENES = [
-    pytest.param(campaign, point, marks=[] if (campaign, point) == QUICK else pytest.mark.slow)
-    for campaign, point in EVERY
-]
 
 
-@pytest.mark.flight
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize(("campaign", "point"), SCENES)
-def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str) -> None:
+def check(campaign: str, point: str, observations: Iterable[Observation]) -> None:
     """Every considered observable whose subject is the agent reaches its threshold, but for those named above."""
-    _, end, observations = fly(scene(campaign, point), "oracle")
-    assert end.outcome is Outcome.COMPLETED, end.reason
-
     observables = load_decomposition(DECOMPOSITION).observables
     of_agent = {name: item for name, item in observables.items() if item.subject == "agent"}
     x_of = {
@@ -53,3 +51,18 @@ def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str)
     assert len(x_of) >= 70
     failed = {name for name, x in x_of.items() if x < of_agent[name].threshold}
     assert failed == BEYOND_IT.get((campaign, point), set()), x_of
+
+
+@pytest.mark.parametrize(("campaign", "point"), KEPT)
+def test_it_failed_nothing_that_an_agent_can_influence(campaign: str, point: str) -> None:
+    check(campaign, point, observations_of(KEPT[campaign, point]))
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("campaign", "point"), [pair for pair in EVERY if pair not in KEPT])
+def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str) -> None:
+    _, end, observations = fly(scene(campaign, point), "oracle")
+    assert end.outcome is Outcome.COMPLETED, end.reason
+    check(campaign, point, observations)

@@ -36,6 +36,11 @@ class Witness:
     failed: tuple[str, ...]
 
     @property
+    def run(self) -> str:
+        """Its name in the campaign."""
+        return f"{self.scene}-r{self.replicate}-{self.agent}"
+
+    @property
     def verdicts(self) -> set[Verdict]:
         return {*((name, True) for name in self.achieved), *((name, False) for name in self.failed)}
 

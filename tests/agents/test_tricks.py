@@ -132,7 +132,8 @@ def test_what_an_agent_leaves_in_its_folder_decides_nothing(
     assert list(temporary.glob("rebar-agent-*")) == []
 
 
-@pytest.mark.parametrize("rung", EVERY)
+# The page is a file that the bench and the agent map, the same behind every wall: one rung with walls, and none.
+@pytest.mark.parametrize("rung", ["landlock", "none"])
 @pytest.mark.parametrize("trick", PAGE_TRICKS)
 def test_who_spoils_the_page_of_warp_loses_the_run(trick: str, rung: str, tmp_path: Path) -> None:
     """Before the agent has said anything, the run counts all the same: so does one in which nothing of use was cut off."""

@@ -6,7 +6,6 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +39,6 @@ VIEWS = [
     pose((2.0, -16.0, 3.0), 350.0, 5.0, -8.0),
     pose((1.0, 1.0, 40.0), 30.0, 90.0),
 ]
-BARREL = (-0.21, 0.06, 0.0012, -0.0009, -0.004)
 
 
 def drawn(scene: Stage, view: CameraPose, positions: Floats, headings: Floats) -> Picture:
@@ -138,53 +136,6 @@ def test_shadows_fall_on_the_ground_as_far_as_they_must_and_on_objects() -> None
         for place in (positions, far)
     ]
     assert np.abs(default[0] - default[1])[van].max() <= 2, "the default renderer shades the ground alone"
-
-
-@needs_gl
-def test_the_tip_of_a_shadow_lies_where_the_sun_puts_it() -> None:
-    sun = Conditions(math.radians(45.0), math.radians(225.0))
-    camera, view = lens(), pose((0, 0, 40), 0.0, 90.0)
-    scene, positions, headings = stage([("man", 0.0, 0.0, 0.0)], sun, camera)
-    picture = drawn(scene, view, positions, headings)
-    empty = drawn(replace(scene, looks=()), view, positions[:0], headings[:0])
-    dark = (empty.bgr.astype(int) - picture.bgr).mean(axis=-1) > 15
-    rows, columns = np.nonzero(dark & (picture.instances() == 0))
-    height_m = float(scene.looks[0].geometry.corners_m[..., 2].max())
-    tip = camera.project(view.to_optical(np.array((height_m, height_m, 0.0)) / math.sqrt(2.0)))
-
-    assert columns.max() == pytest.approx(tip[0], abs=2.5)
-    assert rows.min() == pytest.approx(tip[1], abs=2.5)
-
-
-@needs_gl
-def test_a_distorted_picture_has_its_actors_where_the_lens_puts_them() -> None:
-    camera = replace(lens(), distortion=BARREL)
-    scene, positions, headings = stage([("crate", 6.0, 9.0, 30.0), ("van", -8.0, 14.0, 0.0)], camera=camera)
-    view = pose((0.0, -4.0, 22.0), 10.0, 55.0)
-    picture = drawn(scene, view, positions, headings)
-    for actor, default in zip(
-        actors_in(picture),
-        actors_in(open_opencv_renderer(scene).render(view, positions, headings)),
-        strict=True,
-    ):
-        assert actor.box == pytest.approx(default.box, abs=1.3)
-        assert actor.visible == 1.0
-
-
-@needs_gl
-def test_night_and_fog_are_those_of_the_light() -> None:
-    """At night windows shine and nothing throws a shadow; in fog only the haze is left far away."""
-    night = Conditions(math.radians(-20.0), 0.0)
-    fog = Conditions(math.radians(40.0), 0.0, extinction_per_m=0.2, fog_level=9.0)
-    view = VIEWS[0]
-    for conditions in (night, fog):
-        scene, positions, headings = stage(VILLAGE, conditions, lens(200, 150, 190.0))
-        picture = drawn(scene, view, positions, headings)
-        default = open_opencv_renderer(scene).render(view, positions, headings)
-        assert np.abs(picture.bgr.astype(int) - default.bgr).mean() < 5.0
-        if conditions is fog:
-            assert np.abs(picture.bgr.astype(int) - scene.light.haze_bgr).max() <= 2.0
-            assert not picture.instances().any()
 
 
 @needs_gl

@@ -215,9 +215,12 @@ def fly(
     confined: str | None = None,
     **collaborators: Any,
 ) -> CampaignSummary:
-    """Run a campaign of fakes. A worker takes a second of CPU to start: two where a test is about two."""
+    """Run a campaign of fakes in this process. A worker takes a second of CPU to start: only tests about workers open some."""
+    from in_process_executor import open_in_process
+
     from bench.campaign import Collaborators, Jobs, RunOptions, run_campaign_sync
 
+    collaborators.setdefault("open_executor", open_in_process())
     options = RunOptions(cast(Any, script or Script()), workers, rerun, accept)
     jobs = Jobs(JOB, forfeit, confined)
     return run_campaign_sync(
@@ -251,6 +254,11 @@ def print_results() -> Observer:
 
 def main(folder: str, span_s: str, *acts: str) -> None:
     """A runner in a process of its own, to be interrupted."""
+    from bench.campaign import open_local_pool
+
     script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
-    ended = fly(Path(folder), small_campaign(points=6), script, 2, observers=[print_results()])
+    observers = [print_results()]
+    ended = fly(
+        Path(folder), small_campaign(points=6), script, 2, observers=observers, open_executor=open_local_pool
+    )
     print(f"stopped: {ended.stopped}", flush=True)

@@ -92,7 +92,7 @@ def test_a_cancelled_campaign_is_resumed(tmp_path: Path, finished: int) -> None:
         assert scope.cancelled_caught
 
     anyio.run(cancel_after, finished)
-    assert fly(tmp_path, open_executor=open_in_process()).flown == 6 - finished
+    assert fly(tmp_path).flown == 6 - finished
 
 
 def test_an_observer_that_is_stuck_costs_its_own_events_alone(tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_an_observer_that_is_stuck_costs_its_own_events_alone(tmp_path: Path) ->
             finished.append(True)
             stuck.set()
 
-    summary = fly(tmp_path, observers=[wait, collect], open_executor=open_in_process())
+    summary = fly(tmp_path, observers=[wait, collect])
 
     assert finished == [True]
     assert (summary.complete, summary.observer_faults, summary.events_dropped) == (True, 0, 0)

@@ -26,7 +26,6 @@ from bench.campaign import (
     OpenExecutor,
     RealizationRetried,
     RealizationStarted,
-    WorkersUnusable,
     open_dask,
     run_campaign_sync,
     verify_folder,
@@ -102,26 +101,6 @@ def test_a_cluster_gives_what_local_processes_give(tmp_path: Path) -> None:
     assert {event.worker for event in started} == {killed, survivor}
 
 
-def test_a_lost_scheduler_costs_what_was_under_way(tmp_path: Path) -> None:
-    """The run ends with the remedy. On another cluster, the same command flies what has no result, and nothing twice."""
-    with open_cluster(tmp_path) as cluster:
-        (tmp_path / "victim").write_text(str(cluster.scheduler.pid))
-        with pytest.raises(WorkersUnusable, match=r"is gone. Run the same command again"):
-            fly(tmp_path / "out", partial(open_dask, address=cluster.address), DEADLY)
-    first = entries(tmp_path / "out")
-    done = {name for name, entry in first.items() if entry.outcome is not None}
-    under_way = {name for name, entry in first.items() if entry.attempts and entry.outcome is None}
-    assert 1 <= len(under_way) <= 2
-
-    summary = fly(tmp_path / "out", partial(open_dask, at_most=1))
-
-    assert (summary.complete, summary.flown) == (True, len(first) - len(done))
-    attempts = {name: entry.attempts for name, entry in entries(tmp_path / "out").items()}
-    assert attempts == {name: 1 + (name in under_way) for name in first}
-    fly(tmp_path / "local", open_in_process())
-    assert evidence(tmp_path / "out") == evidence(tmp_path / "local")
-
-
 # A runner as the command is: it says when it has a scheduler, then the error with which it ends, and whatever else is
 # written meanwhile.
 RUNNER = """
@@ -141,6 +120,9 @@ except WorkersUnusable as error:
 """
 
 
+GONE = "the Dask scheduler at {} is gone. Run the same command again: only the sessions that were under way are flown again\n"
+
+
 def runner(folder: Path, address: str) -> subprocess.Popen[str]:
     path = os.pathsep.join(str(place) for place in (Path(__file__).parent, Path(__file__).parents[1]))
     return subprocess.Popen(
@@ -152,23 +134,37 @@ def runner(folder: Path, address: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("state", ["a session is under way", "the campaign waits for a worker"])
-def test_a_lost_scheduler_is_told_in_one_sentence(tmp_path: Path, state: str) -> None:
-    """Distributed's tracebacks of the lost connection stay off the terminal, and none of ours joins them."""
-    with open_cluster(tmp_path, workers=2 if state == "a session is under way" else 0) as cluster:
+def test_a_lost_scheduler_costs_what_was_under_way(tmp_path: Path) -> None:
+    """The run ends with one sentence, the remedy: Distributed's tracebacks stay off the terminal, and none of ours joins
+    them. On another cluster, the same command flies what has no result, and nothing twice.
+    """
+    with open_cluster(tmp_path) as cluster:
         (tmp_path / "victim").write_text(str(cluster.scheduler.pid))
+        process = runner(tmp_path / "out", cluster.address)
+        assert process.communicate() == ("open\n", GONE.format(cluster.address))
+    first = entries(tmp_path / "out")
+    done = {name for name, entry in first.items() if entry.outcome is not None}
+    under_way = {name for name, entry in first.items() if entry.attempts and entry.outcome is None}
+    assert 1 <= len(under_way) <= 2
+
+    summary = fly(tmp_path / "out", partial(open_dask, at_most=1))
+
+    assert (summary.complete, summary.flown) == (True, len(first) - len(done))
+    attempts = {name: entry.attempts for name, entry in entries(tmp_path / "out").items()}
+    assert attempts == {name: 1 + (name in under_way) for name in first}
+    fly(tmp_path / "local", open_in_process())
+    assert evidence(tmp_path / "out") == evidence(tmp_path / "local")
+
+
+def test_a_scheduler_that_is_lost_before_a_worker_came_is_told_in_one_sentence(tmp_path: Path) -> None:
+    """The campaign still waits for its first worker."""
+    with open_cluster(tmp_path, workers=0) as cluster:
         process = runner(tmp_path / "out", cluster.address)
         assert process.stdout is not None
         assert process.stdout.readline() == "open\n"
-        if not cluster.workers:
-            cluster.scheduler.kill()
-        output, errors = process.communicate()
-    assert (output, errors) == (
-        "",
-        f"the Dask scheduler at {cluster.address} is gone. Run the same command again: only the sessions that were "
-        "under way are flown again\n",
-    )
-    assert {entry.outcome for entry in entries(tmp_path / "out").values()} <= {None, Outcome.COMPLETED}
+        cluster.scheduler.kill()
+        assert process.communicate() == ("", GONE.format(cluster.address))
+    assert {entry.outcome for entry in entries(tmp_path / "out").values()} <= {None}
 
 
 def test_a_cluster_of_this_machine_starts_beside_another_one(tmp_path: Path) -> None:

@@ -57,19 +57,19 @@ def test_a_result_of_another_realization_is_refused(tmp_path: Path) -> None:
         fly(tmp_path, workers=2, open_executor=open_mixed)
 
     assert {entry.outcome for entry in entries(tmp_path).values()} == {None}
-    assert fly(tmp_path, open_executor=open_in_process()).complete
+    assert fly(tmp_path).complete
 
 
 def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
     """Both are there while the journal says planned and running: both are taken up, and neither is flown again."""
-    fly(tmp_path, workers=2, open_executor=open_in_process())
+    fly(tmp_path, workers=2)
     planned, running = "p001-r1-fake", "p002-r2-fake"
     with open_journal(tmp_path / "journal.sqlite") as journal:
         journal.forget(planned)
         journal.forget(running)
         journal.start(running, "w1")
 
-    assert fly(tmp_path, workers=2, open_executor=open_in_process()).flown == 0
+    assert fly(tmp_path, workers=2).flown == 0
     after = entries(tmp_path)
     assert {after[name].outcome for name in (planned, running)} == {Outcome.COMPLETED}
     assert (after[planned].attempts, after[running].attempts) == (1, 2)
@@ -77,7 +77,7 @@ def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
 
 def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
     """Another campaign with another decomposition is refused with both faults, and leaves every file as it was."""
-    fly(tmp_path, workers=2, open_executor=open_in_process())
+    fly(tmp_path, workers=2)
     before, journal_before = files(tmp_path), entries(tmp_path)
 
     with pytest.raises(SetupError) as refusal:
@@ -86,7 +86,6 @@ def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
             small_campaign(wall_s=5.0),
             Script(digest="1" * 64),
             workers=2,
-            open_executor=open_in_process(),
         )
 
     faults = [fault.what for fault in refusal.value.faults]
@@ -177,11 +176,10 @@ def test_the_total_budget_starts_nothing_after_it(tmp_path: Path) -> None:
         workers=1,
         observers=[events.append],
         clock=ResultClock(),
-        open_executor=open_in_process(),
     )
 
     assert (summary.flown, summary.done, summary.wall_s) == (2, 2, 10.0)
     assert summary.stopped == "the campaign's total wall budget is spent"
     assert sum(isinstance(event, RealizationStarted) for event in events) == 2
     assert sum(isinstance(event, CampaignStopping) for event in events) == 1
-    assert fly(tmp_path, small_campaign(), workers=2, open_executor=open_in_process()).flown == 4
+    assert fly(tmp_path, small_campaign(), workers=2).flown == 4

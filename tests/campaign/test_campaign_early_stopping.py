@@ -75,13 +75,13 @@ def counting(folder: Path) -> set[str]:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The same campaign flown to its report by one worker and by two."""
+    """The same campaign flown to its report one session after the other in this process, and by two workers."""
     folders = tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("two")
     campaign = stopping_campaign(
         made_up_decomposition(tmp_path_factory.mktemp("asked")), replicates=14, points=2
     )
-    for workers, folder in enumerate(folders, start=1):
-        assert fly_drawn(folder, campaign, workers, open_executor=open_local_pool).complete
+    assert fly_drawn(folders[0], campaign).complete
+    assert fly_drawn(folders[1], campaign, 2, open_executor=open_local_pool).complete
     return folders
 
 
@@ -291,8 +291,7 @@ def test_one_completed_session_is_enough_to_continue(tmp_path: Path) -> None:
 def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> None:
     """The journal has the digest of the recording: with result.json deleted, an edited recording is refused."""
     campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1)
-    # Workers take the digest of a recording when its session ends.
-    fly_drawn(tmp_path / "out", campaign, finish=no_finish, open_executor=open_local_pool)
+    fly_drawn(tmp_path / "out", campaign, finish=no_finish)
     run = CampaignFolder(tmp_path / "out").run("p001-r1-fake")
     (run / "result.json").unlink()
     (run / "recording.mcap").write_bytes(b"something else")

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from campaign_fakes import Script, fly, small_campaign
 from early_stopping_fakes import made_up_decomposition
-from in_process_executor import open_in_process
 
 from bench.campaign import (
     Campaign,
@@ -34,7 +33,7 @@ FIRST, SECOND = "p001-r1-fake", "p003-r2-fake"
 
 
 def flown(folder: Path, script: Script | None = None, **options: Any) -> CampaignSummary:
-    return fly(folder, script=script, open_executor=open_in_process(), **options)
+    return fly(folder, script=script, **options)
 
 
 def refusal(folder: Path) -> list[str]:

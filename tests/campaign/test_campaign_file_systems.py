@@ -15,7 +15,6 @@ from typing import Any, NoReturn
 
 import pytest
 from campaign_fakes import fly, small_campaign
-from in_process_executor import open_in_process
 
 from bench.campaign import check_file_system, open_journal, verify_folder
 from bench.campaign.storage._file_system import file_system_of, may_be_shared
@@ -51,7 +50,7 @@ def test_a_campaign_names_its_folder_and_what_the_file_system_lacks(
     with monkeypatch.context() as lacking:
         lacking.setattr(module, name, failing(code))
         with pytest.raises(SetupError) as error:
-            fly(folder, open_executor=open_in_process())
+            fly(folder)
     (fault,) = error.value.faults
     assert (fault.where, fault.what) == (str(folder), f"lies on a file system without {words}")
     assert fault.remedy
@@ -189,9 +188,9 @@ def test_the_journal_of_a_disk_that_machines_share_needs_no_shared_memory(
 ) -> None:
     """A whole campaign, and a reader in another process while somebody writes; a journal that was moved changes its mode."""
     monkeypatch.setattr("bench.campaign.storage._journal_file.may_be_shared", lambda _: not shared)
-    fly(tmp_path, open_executor=open_in_process())
+    fly(tmp_path)
     monkeypatch.setattr("bench.campaign.storage._journal_file.may_be_shared", lambda _: shared)
-    assert fly(tmp_path, open_executor=open_in_process()).complete
+    assert fly(tmp_path).complete
     assert verify_folder(tmp_path) == []
 
     path = tmp_path / "journal.sqlite"

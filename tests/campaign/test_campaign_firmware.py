@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from campaign_fakes import Script, attempts, fly, small_campaign, texts_of
-from in_process_executor import open_in_process
 from test_campaign_suspects import flown
 
 from bench.campaign import CampaignAgent, CampaignSummary, open_journal, read_result, request_retry
@@ -43,7 +42,7 @@ def two_agents(folder: Path, acts: dict[str, str], **options: Any) -> CampaignSu
     campaign = campaign.model_copy(
         update={"agents": tuple(CampaignAgent(manifest=name) for name in ("crasher", "steady"))}
     )
-    return fly(folder, campaign, Script(acts), open_executor=open_in_process(), **options)
+    return fly(folder, campaign, Script(acts), **options)
 
 
 def test_no_run_of_the_campaign_gives_an_agent_further_draws(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ REPLICATES, SIZE = 6, 12
 
 
 def flown(folder: Path, size: int) -> None:
-    fly(folder, small_campaign(size // REPLICATES, REPLICATES), open_executor=open_in_process(), workers=2)
+    fly(folder, small_campaign(size // REPLICATES, REPLICATES), workers=2)
 
 
 def no_finish(paths: CampaignFolder) -> None:

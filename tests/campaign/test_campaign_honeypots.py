@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from campaign_fakes import Script, fly
-from in_process_executor import open_in_process
 
 from bench.campaign import CampaignAgent, CampaignFolder, load_campaign, question_sha256
 from bench.campaign._document import Campaign, Honeypots
@@ -55,7 +54,7 @@ def test_the_question_stays_the_same() -> None:
 
 def test_the_report_names_who_saw_the_truth_first(tmp_path: Path) -> None:
     """Two of six runs reported a honeypot: the first note and the first rows; the reports stand beside them."""
-    fly(tmp_path, script=Script({}), open_executor=open_in_process())
+    fly(tmp_path, script=Script({}))
     caught = ("p003-r1-fake", "p003-r2-fake")
     for name in caught:
         path = CampaignFolder(tmp_path).run(name) / "result.json"

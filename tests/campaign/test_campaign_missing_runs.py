@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from campaign_fakes import Script, attempts, fly, small_campaign
-from in_process_executor import open_in_process
 
 from bench.campaign import CampaignFolder, Completeness, RealizationRetried
 from bench.campaign.execution._attempts import is_worth_a_retry
@@ -87,7 +86,7 @@ def test_a_scene_without_room_is_missing_until_it_is_accepted(tmp_path: Path) ->
 def test_an_agent_that_is_killed_before_its_first_tick_gets_a_second_attempt(tmp_path: Path) -> None:
     """The host may have killed it. The second end is its own, and counts."""
     script = Script({LOST[0]: "killed-once", LOST[1]: "killed"})
-    summary = fly(tmp_path, script=script, workers=2, open_executor=open_in_process())
+    summary = fly(tmp_path, script=script, workers=2)
 
     assert summary.complete
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_CRASHED: 1}
@@ -97,7 +96,7 @@ def test_an_agent_that_is_killed_before_its_first_tick_gets_a_second_attempt(tmp
 def test_an_exit_code_of_an_agent_counts_at_once(tmp_path: Path) -> None:
     """An agent that fails at its first start and not at the second one has failed."""
     script = Script({LOST[0]: "crash-once", LOST[1]: "crash"})
-    summary = fly(tmp_path, script=script, workers=2, open_executor=open_in_process())
+    summary = fly(tmp_path, script=script, workers=2)
 
     assert summary.outcomes == {Outcome.COMPLETED: 4, Outcome.AGENT_CRASHED: 2}
     assert set(attempts(tmp_path).values()) == {1}
@@ -128,9 +127,9 @@ def test_a_crash_on_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest
     with monkeypatch.context() as full:
         full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
         with pytest.raises(SetupError, match="the disk is full"):
-            fly(tmp_path, script=Script({LOST[0]: "crash"}), open_executor=open_in_process())
+            fly(tmp_path, script=Script({LOST[0]: "crash"}))
     assert CampaignFolder(tmp_path).run(LOST[0]).joinpath("result.json").exists() is False
-    assert fly(tmp_path, open_executor=open_in_process()).outcomes == {Outcome.COMPLETED: 6}
+    assert fly(tmp_path).outcomes == {Outcome.COMPLETED: 6}
 
 
 def test_a_disk_without_free_inodes_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

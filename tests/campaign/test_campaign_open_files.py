@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from campaign_fakes import Script, fly, small_campaign
 
+from bench.campaign import open_local_pool
 from bench.campaign.execution import _local_pool
 from bench.campaign.execution._local_pool import FILES_OF_A_SESSION
 from bench.cli._app import run
@@ -31,7 +32,7 @@ def test_a_hard_limit_that_is_too_low_ends_a_campaign_before_its_first_session(
 ) -> None:
     Limit(monkeypatch, 32, 32)
     with pytest.raises(SetupError) as error:
-        fly(tmp_path, small_campaign(points=1), Script())
+        fly(tmp_path, small_campaign(points=1), Script(), open_executor=open_local_pool)
     (fault,) = error.value.faults
     assert fault.what == "32 open files are allowed (ulimit -Hn), and 128 are needed for sessions at once: 1"
     assert "ulimit -n 128" in fault.remedy

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 from campaign_fakes import fly
-from in_process_executor import open_in_process
 
 from bench.campaign import fingerprint_of, read_signature, sign_manifest, verify_folder
 from bench.cli._app import run
@@ -38,7 +37,7 @@ FORMS = {
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A campaign of made sessions, its question included, so that `rebar verify` reads all of it."""
-    fly(tmp_path / "out", open_executor=open_in_process())
+    fly(tmp_path / "out")
     return tmp_path / "out"
 
 
@@ -85,7 +84,7 @@ def test_no_signature_and_a_manifest_written_again(folder: Path, capsys: pytest.
 
     assert run(["sign", str(folder), "--key", str(private)]) == 0
     next(folder.glob("runs/*/result.json")).unlink()
-    fly(folder, open_executor=open_in_process())
+    fly(folder)
     for signed_by in (None, public):
         (fault,) = map(str, verify_folder(folder, signed_by=signed_by))
         assert fault.startswith("manifest.json.sig: does not fit manifest.json")

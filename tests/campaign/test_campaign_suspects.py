@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from campaign_fakes import CONFINED, FORFEIT, Script, attempts, fly, small_campaign, texts_of
-from in_process_executor import open_in_process
 
 from bench.agents.confinement import rungs
 from bench.campaign import (
@@ -16,6 +15,7 @@ from bench.campaign import (
     CampaignFolder,
     CampaignSummary,
     load_measurable_decomposition,
+    open_local_pool,
     read_result,
     rescore,
     verify_folder,
@@ -37,7 +37,6 @@ def flown(
     summary = fly(
         folder,
         script=Script(acts),
-        open_executor=open_in_process(),
         forfeit=FORFEIT,
         memory_kills=memory_kills,
     )
@@ -67,7 +66,6 @@ def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -
     summary = fly(
         tmp_path,
         script=Script({FIRST: "rob", SECOND: "rob"}),
-        open_executor=open_in_process(),
         forfeit=FORFEIT,
         confined=CONFINED,
     )
@@ -116,7 +114,7 @@ def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Pa
     acts = {"p001-r1-first": act, "p001-r1-second": act, "p001-r2-second": act}
     agents = tuple(CampaignAgent(manifest=name) for name in ("first", "second"))
     campaign = small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
-    summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit=FORFEIT)
+    summary = fly(tmp_path, campaign, Script(acts), forfeit=FORFEIT)
     results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]
     assert summary.outcomes[Outcome.AGENT_BROKE_BENCH] == 1
     assert [len(texts_of(result, SuspectEnds)) for result in results if result] == [2, 2, 2]
@@ -137,7 +135,8 @@ def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
 
 def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
     """Real processes and SIGKILL: one realization each time, one once."""
-    summary = fly(tmp_path, script=Script({FIRST: "kill", SECOND: "kill-once"}), workers=2, forfeit=FORFEIT)
+    script = Script({FIRST: "kill", SECOND: "kill-once"})
+    summary = fly(tmp_path, script=script, workers=2, forfeit=FORFEIT, open_executor=open_local_pool)
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_BROKE_BENCH: 1}
     result = read_result(CampaignFolder(tmp_path).run(SECOND), SECOND)
     assert result is not None

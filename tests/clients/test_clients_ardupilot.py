@@ -17,46 +17,6 @@ def approximately(place: list[float], north_m: float, east_m: float, within_m: f
     return bool(abs(place[0] - north_m) < within_m and abs(place[1] - east_m) < within_m)
 
 
-def test_pymavlink_travels_and_flies_setpoints(flown: Flown) -> None:
-    logbook = flown("pymavlink-ardupilot", "early", "parameters", "travel", "setpoints", speed=6.0)
-    assert logbook["early"]["arm"] == logbook["early"]["takeoff"] == ["FAILED"]
-    assert any(text.startswith("Arm: ") for text in logbook["early"]["texts"])
-    parameters, travel, setpoints = logbook["parameters"], logbook["travel"], logbook["setpoints"]
-    assert parameters["listed"] > 700
-    assert (parameters["after"], parameters["restored"], parameters["whole"]) == (999999.0, 1500.0, 0.0)
-    assert (travel["moved"], travel["as_long"]) == (["ACCEPTED"], ["UNSUPPORTED"])
-    assert approximately(travel["reached"], 14, 14)
-    assert travel["turned"] == travel["circled"] == ["ACCEPTED"]
-    assert 5.0 < travel["radii_m"][0] <= travel["radii_m"][1] < 7.0
-    assert travel["refused"] == {"FLIP": ["FAILED"], "none": ["FAILED"], "unknown_command": ["UNSUPPORTED"]}
-    assert 1.8 < setpoints["speed_mps"] < 2.3
-    assert travel["from_start_m"] < 1.0
-    assert setpoints["from_start_m"] < 1.0
-
-
-def test_pymavlink_flies_missions_and_fences(flown: Flown) -> None:
-    logbook = flown("pymavlink-ardupilot", "plan", "fence", "payload", speed=6.0, options=["--camera"])
-    plan, fence, payload = logbook["plan"], logbook["fence"], logbook["payload"]
-    assert plan["uploaded"] == "ACCEPTED"
-    assert plan["kept"] == [16, 22, 178, 16, 178, 16, 20]
-    assert plan["refused"] == {
-        "unknown_command": "UNSUPPORTED",
-        "bad_frame": "UNSUPPORTED_FRAME",
-        "bad_latitude": "INVALID_PARAM5_X",
-        "kept": [],
-    }
-    assert plan["no_mission"] == [["ACCEPTED"], ["FAILED"]]
-    slow, fast = plan["fastest_mps"]
-    assert 2.5 < slow < 3.5
-    assert 5.5 < fast < 6.5
-    assert plan["from_start_m"] < 1.0
-    assert fence["two_corners"] == "ERROR"
-    assert 28.0 < fence["breached_at_m"] < 36.0
-    assert "Circle fence breached" in fence["texts"]
-    assert fence["from_start_m"] < 1.0
-    assert payload == {"turned": ["ACCEPTED"], "interval": ["ACCEPTED"], "photo": ["ACCEPTED"]}
-
-
 def test_mavproxy_travels_and_flies_velocities(flown: Flown) -> None:
     logbook = flown("mavproxy", "early", "travel", "setpoints", speed=5.0)
     assert logbook["early"]["detected"] == "1:1"

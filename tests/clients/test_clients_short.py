@@ -24,7 +24,9 @@ def test_a_mavsdk_hops_on_px4(client: str, flown: Flown) -> None:
 
 def test_pymavlink_hops_on_px4(flown: Flown) -> None:
     logbook = flown("pymavlink-px4", "parameters", "hop", speed=8.0)
+    assert logbook["parameters"]["listed"] > 600
     assert logbook["parameters"]["float"] == 12.0
+    assert logbook["parameters"]["wrong_type"] == ["PARAM_ERROR", 7]
     assert logbook["parameters"]["unknown"] == ["PARAM_ERROR", 1]
     assert logbook["hop"]["disarm_in_air"] == ["TEMPORARILY_REJECTED"]
     assert logbook["hop"]["from_start_m"] < 1.0
@@ -32,9 +34,13 @@ def test_pymavlink_hops_on_px4(flown: Flown) -> None:
 
 def test_pymavlink_hops_on_ardupilot(flown: Flown) -> None:
     logbook = flown("pymavlink-ardupilot", "early", "parameters", "hop", speed=8.0)
-    assert logbook["early"]["arm"] == ["FAILED"]
-    assert logbook["parameters"]["before"] == 1500.0
-    assert logbook["parameters"]["unknown"] is None
+    assert logbook["early"]["arm"] == logbook["early"]["takeoff"] == ["FAILED"]
+    assert any(text.startswith("Arm: ") for text in logbook["early"]["texts"])
+    parameters = logbook["parameters"]
+    assert parameters["listed"] > 700
+    assert parameters["before"] == 1500.0
+    assert (parameters["after"], parameters["restored"], parameters["whole"]) == (999999.0, 1500.0, 0.0)
+    assert parameters["unknown"] is None
     assert logbook["hop"]["disarm_in_air"] == ["FAILED"]
     assert logbook["hop"]["from_start_m"] < 1.0
 

@@ -31,7 +31,6 @@ decomposition: decomposition.yaml
 study: [KA-1]
 design:
   seed: 1
-  replicates: 2
   method: {kind: full_factorial}
   factors: [{name: height, unit: m, sets: [mission.altitude_m], levels: [20, 60]}]
 """
@@ -66,7 +65,7 @@ def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
     assert flown.returncode == 3, flown.stderr
     installed = site / "rebar_outside" / "__init__.py"
     said = " ".join(flown.stdout.split())
-    assert "MEASURE FAILED in 4 of 4 runs" in said
+    assert "MEASURE FAILED in 2 of 2 runs" in said
     assert f"outside_height of rebar-outside: KeyError: 'nothing of that name' ({installed}:" in said
     results = [json.loads(path.read_text()) for path in (out / "runs").glob("*/result.json")]
     assert {result["outcome"] for result in results} == {"completed"}
@@ -78,7 +77,7 @@ def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
     assert scored.returncode == 0, scored.stdout + scored.stderr
     assert "MEASURE FAILED" not in scored.stdout
     with open_journal(out / "journal.sqlite") as journal:
-        assert [entry.attempts for entry in journal.entries()] == [1] * 4
+        assert [entry.attempts for entry in journal.entries()] == [1] * 2
 
 
 def test_an_answer_that_is_no_observation_is_a_failure_too(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Competence in the summary of a score table: at every node, over all configurations, and never raised by a failure."""
+"""Competence in the summary of a score table: over all configurations, with the numbers of the fit."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 from competence_trials import competence_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from made_decompositions import observed
 
 from bench.contracts import Outcome
@@ -45,34 +43,6 @@ def run(name: str, difficulty: Difficulty, xs: dict[str, float | None], point: s
 
 def whole(decomposition: Decomposition, runs: list[ScoredRun]) -> pl.DataFrame:
     return summary_frame(score_table(decomposition, runs), decomposition).filter(configuration="all")
-
-
-@settings(max_examples=30, deadline=None)
-@given(data=st.data())
-def test_failing_never_raises_it_at_any_node(
-    decomposition: Decomposition, situations: list[Difficulty], data: st.DataObject
-) -> None:
-    """Whatever was achieved in a run and is failed instead: no node's competence, nor its bound, rises."""
-    value = st.none() | st.sampled_from([0.0, 1.0, 1.0])
-    runs, worse = [], []
-    for i in range(data.draw(st.integers(1, 12))):
-        difficulty, point = data.draw(st.sampled_from(situations)), data.draw(st.sampled_from("abc"))
-        xs = {observable: data.draw(value) for observable in decomposition.observables}
-        failed = data.draw(st.sets(st.sampled_from(sorted(decomposition.observables)), max_size=3))
-        runs.append(run(f"r{i}", difficulty, xs, point))
-        worse.append(
-            run(
-                f"r{i}",
-                difficulty,
-                {observable: 0.0 if x and observable in failed else x for observable, x in xs.items()},
-                point,
-            )
-        )
-    before, after = whole(decomposition, runs), whole(decomposition, worse)
-    assert before["node"].equals(after["node"])
-    for name in ("competence_50", "competence_50_low", "competence_90", "competence_90_low"):
-        assert (after[name] <= before[name]).all()  # both null where never considered
-        assert after[name].is_null().equals(before[name].is_null())
 
 
 def test_the_summary_has_it_for_all_runs_together(

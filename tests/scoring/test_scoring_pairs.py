@@ -6,7 +6,6 @@ here has two.
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import pytest
@@ -22,7 +21,6 @@ from bench.scoring import (
     explain,
     node_reports,
     read_table,
-    score_run,
     score_table,
     stated_difficulty,
     summary_frame,
@@ -30,7 +28,6 @@ from bench.scoring import (
 from bench.statistics import clopper_pearson, effective_size
 from decompositions import Decomposition
 
-THRESHOLD = 0.5
 FOG = factor_row("fog_level", [20, 80], [0, 3])
 RAIN = factor_row("rain_level", [20, 80], [0, 6])
 
@@ -63,20 +60,6 @@ def flown(
     )
     difficulty = stated_difficulty(built(), STATED)
     return ScoredRun(name, point or name, replicate, agent, Outcome.COMPLETED, difficulty, observations)
-
-
-@pytest.mark.parametrize("xs", list(product([0.0, 1.0, None], repeat=3)))
-def test_a_shared_observable_counts_once_at_every_level(xs: tuple[float | None, ...]) -> None:
-    """Whatever each observable does: two VABs, two key attributes and two principles count O2 once each."""
-    measured = dict(zip(STATED, xs, strict=True))
-    scores = score_run(built(), STATED, flown("r", measured).observations)
-    under = {"V1": "O1 O2", "V2": "O2 O3", "KA1": "O1 O2 O3", "KA2": "O2 O3", "P1": "O1 O2 O3", "P2": "O2 O3"}
-    for node, names in under.items():
-        considered = [name for name in names.split() if measured[name] is not None]
-        achieved = [name for name in considered if (measured[name] or 0.0) >= THRESHOLD]
-        assert (scores[node].achieved, scores[node].considered) == (len(achieved), len(considered))
-        assert scores[node].confidence == (len(achieved) / len(considered) if considered else None)
-        assert scores[node].score == min((STATED[name] for name in achieved), default=None)
 
 
 def test_two_factors_that_tie_rule_together() -> None:

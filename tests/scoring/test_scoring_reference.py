@@ -285,6 +285,12 @@ def same_summary(reference: Reference, row: dict[str, Any], group: list[Flown]) 
             else None
         )
     assert row["confidence_mean"] == approximately(mean)
+    passes = sum(
+        reference.achieved(node, run, run.exercised) == reference.considered(node, run, run.exercised)
+        for run in decomposition
+    )
+    assert row["passed"] == passes
+    assert row["passed_low"] - 1e-12 <= passes / max(len(decomposition), 1) <= row["passed_high"] + 1e-12
     whole = row["configuration"] == "all"
     for name, share in (("competence_50", 0.5), ("competence_90", 0.9)):
         assert row[name] == approximately(reference.competence(node, counted, share) if whole else None)

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from made_decompositions import WORKED, factor_row, leaf, observed, worked_decomposition
 
 from bench.contracts import Outcome
@@ -35,8 +33,6 @@ from bench.statistics import (
 )
 from decompositions import (
     Decomposition,
-    Policies,
-    decomposition_of,
     load_decomposition,
 )
 
@@ -101,24 +97,6 @@ def test_the_worked_example_over_both_runs() -> None:
     assert line(summary, "OBS3")["raised_by_failure"] is False
     assert line(summary, "OBS1")["confidence_mean"] == 0.5
     assert (line(summary, "OBS1")["scored"], line(summary, "OBS1")["considered"]) == (1, 2)
-
-
-def test_pooled_counts_are_a_policy(decomposition: Decomposition) -> None:
-    """Runs with unequal counts weigh alike by default; pooled, every observable does."""
-    summary = hard(decomposition)
-    first = everything(decomposition, None) | {"OBS-181": 1.0}
-    second = everything(decomposition, None) | {"OBS-181": 0.0, "OBS-182": 0.0}
-    runs = [run("a", summary, first), run("b", summary, second)]
-    assert (
-        line(summary_frame(score_table(decomposition, runs), decomposition), "KA-18")["confidence_mean"]
-        == 0.5
-    )
-    pooled = decomposition_of(
-        decomposition.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")})
-    )
-    assert line(summary_frame(score_table(pooled, runs), pooled), "KA-18")[
-        "confidence_mean"
-    ] == pytest.approx(1 / 3)
 
 
 def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
@@ -239,78 +217,6 @@ def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
     reread = pl.read_parquet(file)
     assert reread.equals(table)
     assert summary_frame(reread).drop("title").equals(summary_frame(table, decomposition).drop("title"))
-
-
-@settings(max_examples=40, deadline=None)
-@given(data=st.data())
-def test_summaries_are_those_of_a_brute_force_reference(
-    decomposition: Decomposition, data: st.DataObject
-) -> None:
-    """Means and counts by agent, configuration and node equal plain Python over plain rows."""
-    situations = [hard(decomposition, 0.5), hard(decomposition, 1.0), hard(decomposition, 0.5, 453.3)]
-    value = st.none() | st.sampled_from([0.0, 0.4, 0.5, 0.8, 1.0])
-    runs = [
-        run(
-            f"r{i}",
-            situations[data.draw(st.integers(0, 2))],
-            {node_row: data.draw(value) for node_row in decomposition.observables},
-            agent=data.draw(st.sampled_from(["naive", "aware"])),
-            design_point=data.draw(st.sampled_from(["p1", "p2", "p3"])),
-            outcome=data.draw(st.sampled_from([Outcome.COMPLETED, Outcome.TIME_LIMIT, Outcome.WORKER_LOST])),
-        )
-        for i in range(data.draw(st.integers(1, 5)))
-    ]
-    table = score_table(decomposition, runs)
-    rows = list(table.iter_rows(named=True))
-    for row in summary_frame(table, decomposition).iter_rows(named=True):
-        group = [
-            node_row
-            for node_row in rows
-            if (node_row["agent"], node_row["node"]) == (row["agent"], row["node"])
-            and row["configuration"] in ("all", node_row["configuration"])
-        ]
-        scores = [node_row["score"] for node_row in group if node_row["score"] is not None]
-        ratios = [node_row["confidence"] for node_row in group if node_row["confidence"] is not None]
-        lost = sum(node_row["outcome"] == "worker_lost" for node_row in group)
-        assert (row["scored"], row["considered"], row["excluded"]) == (len(scores), len(ratios), lost)
-        assert row["runs"] == len(group) - lost
-        assert row["design_points"] == len(
-            {node_row["design_point"] for node_row in group if node_row["confidence"] is not None}
-        )
-        assert row["score_mean"] == (pytest.approx(sum(scores) / len(scores)) if scores else None)
-        assert row["confidence_mean"] == (pytest.approx(sum(ratios) / len(ratios)) if ratios else None)
-        assert row["confidence_low"] <= (row["confidence_mean"] or 0.0) + 1e-12
-        assert row["confidence_high"] >= (row["confidence_mean"] or 0.0) - 1e-12
-        passes = sum(
-            bool(node_row["considered"]) and node_row["achieved"] == node_row["considered"]
-            for node_row in group
-        )
-        assert row["passed"] == passes
-        assert row["passed_low"] <= passes / max(len(ratios), 1) + 1e-12
-        assert row["passed_high"] >= (passes / len(ratios) if ratios else 1.0) - 1e-12
-        if row["level"] == "observable":
-            # Of an observable both are the share of runs that pass.
-            assert (row["passed_low"], row["passed_high"]) == pytest.approx(
-                (row["confidence_low"], row["confidence_high"])
-            )
-
-
-def test_exact_intervals() -> None:
-    """Textbook values: 0 of 10, 10 of 10, 7 of 10; no count says nothing."""
-    low, high = clopper_pearson([0, 10, 7, 0], [10, 10, 10, 0])
-    assert low == pytest.approx([0.0, 0.6915, 0.3475, 0.0], abs=5e-5)
-    assert high == pytest.approx([0.3085, 1.0, 0.9333, 1.0], abs=5e-5)
-
-
-@pytest.mark.parametrize("n", [5, 12, 40])
-def test_the_exact_interval_covers_at_least_95_percent(n: int) -> None:
-    """Summed over the whole binomial distribution, for many true shares."""
-    from scipy.stats import binom
-
-    k = np.arange(n + 1)
-    low, high = clopper_pearson(k, np.full(n + 1, n))
-    for p in np.linspace(0.01, 0.99, 33):
-        assert binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum() >= 0.95
 
 
 def test_runs_that_hang_together_are_worth_fewer() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document, read_json_document
 from bench.errors import SetupError
-from bench.simspec import Environment, Point, Polygon, Rules, SimSpec, agent_name, load_simspec
+from bench.simspec import Environment, Rules, SimSpec, agent_name, load_simspec
 
 SQUARE = "world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}\n"
 
@@ -181,19 +181,6 @@ rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
         ["scene.yaml:5:", "mission.altitude_m:"],
         ["scene.yaml:8:", "rules.geofence:"],
     ]
-
-
-def test_polygon_contains_does_not_depend_on_orientation() -> None:
-    """An L: the notch is outside, both arms are inside."""
-    corners = tuple(
-        Point(east_m=x, north_m=y) for x, y in ((0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30))
-    )
-    for polygon in (Polygon(corners=corners), Polygon(corners=corners[::-1])):
-        inside = [
-            polygon.contains(Point(east_m=x, north_m=y))
-            for x, y in ((20, 5), (5, 20), (20, 20), (-1, 5), (5, 31))
-        ]
-        assert inside == [True, True, False, False, False]
 
 
 def test_governed_example_has_orders_outages_and_rules() -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any, get_args
 
 import made_run
 import numpy as np
 import pytest
-from made_run import FAR, NEAR, RADAR, TRUCK, detected, frame, report, simspec, tape, tracks
+from made_run import NEAR, TRUCK, detected, frame, report, simspec, tape, tracks
 
 from bench.campaign import check_options, measure_all
 from bench.contracts import Observation, Tape, plugins
@@ -89,15 +88,6 @@ def share(role: str, **streams: Any) -> float | None:
     return x_of(detection_share, options={"role": role, **options}, **streams)
 
 
-def test_detection_share_counts_pairs_of_frame_and_actor() -> None:
-    """Two of three clear views are detected with the right label; views of the adversary do not count."""
-    frames = (frame(0, 1.0, NEAR), frame(1, 1.2, NEAR, RADAR), frame(2, 1.4, NEAR))
-    answers = (detected(1.0, "civilian"), detected(1.2, "combatant", "civilian"), detected(1.4, "combatant"))
-    assert share("bystander", frames=frames, detections=answers) == pytest.approx(2 / 3)
-    assert share("adversary", frames=frames, detections=answers) == 0.0
-    assert share("any", frames=frames, detections=answers) == 0.5
-
-
 def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure() -> None:
     """A wrong label, a low score, a box elsewhere, or an answer to another exposure is no detection."""
     frames = (frame(0, 1.0, NEAR),)
@@ -161,48 +151,7 @@ def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
     assert share("bystander", frames=(clear, frame(3, 100.0, NEAR)), detections=answers) == 0.5
 
 
-def test_looking_away_fails_and_an_empty_scenario_is_not_considered() -> None:
-    """Considered because the scenario has bystanders, whoever came into view; without any, not considered."""
-    assert (
-        share("bystander", frames=(frame(0, 1.0, RADAR),), detections=(detected(1.0, "mobile_radar"),)) == 0.0
-    )
-    assert share("bystander", spec=simspec(walkers=False), frames=(), detections=()) is None
-
-
 # classified_share, no_false_tracks
-
-
-def test_classified_share_counts_actors_in_the_sub_areas() -> None:
-    """The walker beside the radar counts; the walker far from every sub-area does not."""
-    options = {"role": "bystander"}
-    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT),), options=options) == 1.0
-    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT), tracks(60.0)), options=options) == 1.0
-    assert x_of(classified_share, tracks=(tracks(50.0, ("combatant", 120.0, 100.0)),), options=options) == 0.0
-    assert x_of(classified_share, tracks=(tracks(50.0, ("civilian", 131.0, 100.0)),), options=options) == 0.0
-    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT, frames=4),), options=options) == 0.0
-    assert x_of(classified_share, tracks=(tracks(9.0, RADAR_AT),), options={"role": "adversary"}) == 0.5
-
-
-def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None:
-    """A walker who leaves is held where he was then, and one who enters later counts from then."""
-    spec = simspec()
-    assert spec.realized is not None
-    times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
-    moving = np.repeat(starts[None], len(times), axis=0)
-    moving[:, NEAR, 0] = 120.0 + times  # east of the sub-area after half a minute
-    options = {"role": "bystander"}
-    earlier, now = tracks(100.0, ("civilian", 120.0, 100.0)), tracks(100.0, ("civilian", 220.0, 100.0))
-    assert x_of(classified_share, tracks=(earlier,), positions=moving, options=options) == 0.0
-    assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 1.0
-    moving[:, FAR, 0], moving[:, FAR, 1] = 100.0, np.minimum(100.0, times * 2.0 - 200.0)
-    assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 0.5
-
-
-def test_classified_share_is_not_considered_without_actors_in_sub_areas() -> None:
-    """No actor of the role within any sub-area: nothing to classify."""
-    assert x_of(classified_share, simspec(walker_east_m=250.0), options={"role": "bystander"}) is None
-    assert x_of(classified_share, simspec(targets=False), options={"role": "adversary"}) is None
 
 
 def test_filling_the_map_with_guesses_earns_almost_nothing() -> None:
@@ -375,27 +324,6 @@ def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() ->
 # Reports
 
 
-def test_targets_reported_requires_class_and_position() -> None:
-    """Each target counts once; a wrong class or position does not count; without targets: not considered."""
-    reports = (report(50.0, *RADAR_AT), report(51.0, *RADAR_AT), report(60.0, *TRUCK_AT))
-    assert x_of(targets_reported, reports=reports) == 1.0
-    assert x_of(targets_reported, reports=reports[:2]) == 0.5
-    assert x_of(targets_reported, reports=(report(50.0, "military_vehicle", 100.0, 100.0),)) == 0.0
-    assert x_of(targets_reported, reports=(report(50.0, "mobile_radar", 100.0, 121.0),)) == 0.0
-    assert x_of(targets_reported) == 0.0
-    assert x_of(targets_reported, simspec(targets=False), reports=reports) is None
-
-
-def test_report_accuracy_uses_the_last_report_about_each_target() -> None:
-    """An error of 5 m of 25 gives 0.8; the last report counts; beyond the scale, or without any: 0."""
-    exact, off = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 103.0, 104.0)
-    assert x_of(report_accuracy, reports=(exact, off)) == pytest.approx(0.8)
-    assert x_of(report_accuracy, reports=(off, report(70.0, *TRUCK_AT))) == pytest.approx(0.9)
-    assert x_of(report_accuracy, reports=(report(50.0, "mobile_radar", 130.0, 100.0),)) == 0.0
-    assert x_of(report_accuracy) == 0.0
-    assert x_of(report_accuracy, simspec(targets=False)) is None
-
-
 def test_priority_order_requires_the_urgent_target_first() -> None:
     """Radar (1) before truck (2); the other way round, or with one left out, the pair is out of order."""
     radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
@@ -408,18 +336,6 @@ def test_priority_order_requires_the_urgent_target_first() -> None:
     ]
     assert x_of(priority_order, simspec(intelligence=equal)) is None
     assert x_of(priority_order, simspec(targets=False)) is None
-
-
-@pytest.mark.parametrize(("radar_s", "truck_s", "x"), [(5.0, 5.0, 0.0), (5.0, 6.0, 0.0), (6.0, 5.0, None)])
-def test_a_target_told_of_later_does_not_have_to_come_first(
-    radar_s: float, truck_s: float, x: float | None
-) -> None:
-    told = [
-        {"id": "first", "about": "radar", "priority": 1, "delivered_s": radar_s},
-        {"id": "second", "about": "truck", "priority": 2, "delivered_s": truck_s},
-    ]
-    reports = (report(40.0, *TRUCK_AT), report(50.0, *RADAR_AT))
-    assert x_of(priority_order, simspec(intelligence=told), reports=reports) == x
 
 
 @pytest.mark.parametrize(
@@ -496,17 +412,6 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
     assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
 
 
-def test_each_target_counts_once_with_its_most_urgent_priority() -> None:
-    """Intelligence about bystanders names no target; two reports about one group name the more urgent one."""
-    about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
-    spec = crowded(*({"id": name, "about": group, "priority": priority} for name, group, priority in about))
-    radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
-    assert x_of(targets_reported, spec, reports=(radar, truck)) == 1.0
-    assert x_of(targets_reported, spec, reports=(radar,)) == 0.5
-    assert x_of(priority_order, spec, reports=(radar, truck)) == 1.0
-    assert x_of(priority_order, spec, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
-
-
 # mission_flown
 
 
@@ -571,47 +476,6 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
     observations = measure_all(requests, tape(spec), spec)
     assert [observation.observable for observation in observations] == list(requests)
     assert all(observation.considered == (observation.x is not None) for observation in observations)
-
-
-@pytest.mark.parametrize(
-    ("measure", "options", "complaint"),
-    [
-        (
-            "targets_reported",
-            {"within": 3.0},
-            r"'targets_reported': unknown option 'within'; known: within_m",
-        ),
-        ("detection_share", {}, r"'detection_share': needs option 'role'"),
-        (
-            "detection_share",
-            {"role": "enemy"},
-            r"option 'role' is 'enemy'; it must be one of bystander, adversary",
-        ),
-        ("detection_share", {"role": "any", "class_": "x"}, r"unknown option 'class_'; known: role, class, "),
-        (
-            "classified_share",
-            {"role": "any", "min_frames": 2.5},
-            r"option 'min_frames' is 2.5; it must be a whole number",
-        ),
-        (
-            "report_accuracy",
-            {"scale_m": 0},
-            r"'report_accuracy': option 'scale_m' is 0; it must be a number more than 0",
-        ),
-        ("mission_flown", {"home_m": True}, r"option 'home_m' is True; it must be a number"),
-        ("mission_flown", {"home_m": float("nan")}, r"option 'home_m' is nan; it must be a number, finite"),
-        ("mission_flown", {"home_m": -1}, r"not negative"),
-    ],
-)
-def test_wrong_options_are_named_before_the_flight(
-    measure: str, options: dict[str, Any], complaint: str
-) -> None:
-    """A wrong option names measure, option and what would be right, in both ways."""
-    with pytest.raises(ValueError, match=complaint):
-        check_options(measure, options)
-    [observation] = measure_all({"OBS-1": (measure, options)}, tape(simspec()), simspec())
-    assert observation.failure is not None
-    assert re.search(complaint, observation.failure)
 
 
 def test_an_unknown_measure_is_named() -> None:

@@ -8,15 +8,14 @@ from cases import scene, x_of
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.mission import OVER_BOTH, went
 from cases.reliability import FAULT_END_S, ONSET_S, decided, ended, fault, statuses
-from made_run import at_s, report, tracks
+from made_run import at_s, report
 
 from bench.contracts import OrderDocument, Timed
 from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
 from test_ports.reliability.health import agent_lived, status_alive
-from test_ports.reliability.outages import blind_reports_withheld, link_lost_obeyed, reports_resent
+from test_ports.reliability.outages import link_lost_obeyed
 from test_ports.reports.targets import (
     report_windows_kept,
-    reports_in_time,
     reports_not_repeated,
     targets_reported,
 )
@@ -46,18 +45,6 @@ def test_a_fault_must_be_announced_in_time(after_s: float, expected: float) -> N
     )
     assert x_of(fault_announced, run, kind="gps_off") == expected
     assert x_of(fault_announced, run, kind="battery_drop") is None
-
-
-def test_each_of_two_faults_counts() -> None:
-    """One is announced, the other is not."""
-    two = {
-        "failures": [
-            {"kind": "gps_off", "at_s": 40.0, "duration_s": 5.0},
-            {"kind": "battery_drop", "at_s": 90.0, "to_fraction": 0.2},
-        ]
-    }
-    run = went(scene(vehicle=two), *OVER_BOTH, decisions=(decided(41.0, "notice", "gps"),))
-    assert x_of(fault_announced, run) == 0.5
 
 
 def test_recovery_requires_progress_of_the_mission() -> None:
@@ -103,17 +90,6 @@ def test_an_order_to_land_leaves_no_mission_to_go_on_with() -> None:
         assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
 
 
-@pytest.mark.parametrize(("action", "still", "moving"), [("hold", 1.0, 0.0), ("continue", 0.0, 1.0)])
-def test_a_lost_link_requires_the_agreed_action(action: str, still: float, moving: float) -> None:
-    """Standing still fulfils `hold` and does not fulfil `continue`."""
-    spec = scene(**fault("operator_link"), rules={"link_lost": action, "link_lost_after_s": 5.0})
-    stands = went(spec, (0.0, 50.0, 50.0), (200.0, 50.0, 50.0))
-    assert x_of(link_lost_obeyed, stands) == still
-    goes = went(spec, *OVER_BOTH)
-    goes.tape.vehicle_velocity_enu_mps[:, 0] = 5.0
-    assert x_of(link_lost_obeyed, goes) == moving
-
-
 @pytest.mark.parametrize("action", ["return", "continue"])
 def test_who_is_ordered_to_hold_may_stand_while_the_link_is_lost(action: str) -> None:
     """Left out while the order stands and the vehicle does; who flies on, or may go on, is judged by the rule."""
@@ -139,41 +115,6 @@ def test_who_is_ordered_to_hold_may_stand_while_the_link_is_lost(action: str) ->
     assert x(0.0, "hold", place=(5.0, 0.0)) == 0.0
 
 
-def test_a_short_outage_is_not_considered() -> None:
-    """The outage is shorter than the rules require for an action."""
-    assert (
-        x_of(
-            link_lost_obeyed,
-            went(scene(**fault("operator_link"), rules={"link_lost_after_s": 30.0}), *OVER_BOTH),
-        )
-        is None
-    )
-
-
-def test_a_report_received_before_the_outage_need_not_be_repeated() -> None:
-    """A report lost in the outage counts only if the operator had not received it before."""
-    spec = scene(**fault("operator_link"))
-    received_before = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT), report(50.0, *RADAR_AT)))
-    assert x_of(reports_resent, received_before) == 1.0
-    assert x_of(reports_resent, went(spec, *OVER_BOTH)) == 0.0
-    half = went(
-        spec,
-        *OVER_BOTH,
-        reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(FAULT_END_S, *TRUCK_AT)),
-    )
-    assert x_of(reports_resent, half) == 0.5
-
-
-def test_a_tracked_target_may_be_reported_during_an_outage() -> None:
-    """A report about something that was tracked before the outage is not blind."""
-    spec = scene(**fault("detections"))
-    reports = (report(60.0, *TRUCK_AT),)
-    known = went(spec, *OVER_BOTH, reports=reports, tracks=(tracks(30.0, TRUCK_AT),))
-    assert x_of(blind_reports_withheld, known) == 1.0
-    too_late = went(spec, *OVER_BOTH, reports=reports, tracks=(tracks(50.0, TRUCK_AT),))
-    assert x_of(blind_reports_withheld, too_late) == 0.0
-
-
 def test_report_windows_exclude_their_end() -> None:
     """A window includes its first moment and excludes its last."""
     spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 60.0}]})
@@ -182,18 +123,6 @@ def test_report_windows_exclude_their_end() -> None:
             x_of(report_windows_kept, went(spec, *OVER_BOTH, reports=(report(time_s, *RADAR_AT),)))
             == expected
         )
-
-
-def test_the_deadline_counts_from_delivery() -> None:
-    """The time for a report starts when the intelligence is delivered."""
-    late = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
-    spec = scene(intelligence=late, rules={"report_deadline_s": 30.0})
-    assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(125.0, *RADAR_AT),))) == 1.0
-    assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),))) == 0.0
-    assert (
-        x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),)), limit_s=60.0)
-        == 1.0
-    )
 
 
 def test_a_declared_repetition_does_not_count() -> None:

@@ -32,19 +32,9 @@ from test_ports.safety.limits import (
 )
 from test_ports.safety.standoff import (
     landing_clear,
-    loiter_limited,
     no_low_overflight,
-    slow_near_bystanders,
     standoff_kept,
 )
-
-
-def test_shares_are_of_the_time_in_the_air() -> None:
-    """190 s in the air, of which 95 s are too near, give one half."""
-    spec = scene(rules={"bystander_standoff_m": 50.0})
-    run = flown(spec)
-    run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 30.0)
-    assert x_of(standoff_kept, run) == pytest.approx(0.5)
 
 
 def test_time_on_the_ground_near_people_does_not_count() -> None:
@@ -67,25 +57,6 @@ def test_a_start_among_people_is_flight_among_people(near_s: float, expected: fl
     times = run.tape.vehicle_time_s
     run.tape.vehicle_position_enu_m[(times >= 5.0) & (times < 5.0 + near_s)] = (*CROWDED, 2.0)
     assert x_of(standoff_kept, run) == pytest.approx(expected)
-
-
-def test_a_vehicle_never_near_people_is_slow_enough() -> None:
-    """The speed counts only near people."""
-    spec = scene(rules={"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0})
-    assert x_of(slow_near_bystanders, flown(spec, speed_mps=15.0)) == 1.0
-    assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.5)) == 1.0
-    assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.6)) == 0.0
-
-
-def test_an_interrupted_stay_counts_as_two() -> None:
-    """Thirty seconds over a person are one stay of thirty seconds or two of fifteen."""
-    spec = scene(rules={"max_loiter_over_bystander_s": 15.0})
-    for away, expected in (((), 0.5), ((115.0,), 1.0)):
-        run = flown(spec)
-        times = run.tape.vehicle_time_s
-        over = (times >= 100.0) & (times < 130.0) & ~np.isin(times, away)
-        run.tape.vehicle_position_enu_m[over, :2] = CROWDED
-        assert x_of(loiter_limited, run) == pytest.approx(expected)
 
 
 def test_overflight_height_is_above_the_person() -> None:
@@ -188,12 +159,6 @@ def test_a_failsafe_of_the_agent_s_own_excuses_nothing(
     x = x_of(measure, astray(span, **changes))
     assert x is not None
     assert x < 1.0
-
-
-def test_a_no_fly_area_counts_only_while_in_force() -> None:
-    """A window of 47.5 s within a flight of 190 s costs a quarter of it."""
-    windowed = {"no_fly": [{**CLOSED["no_fly"][0], "from_s": 50.0, "until_s": 97.5}]}
-    assert x_of(no_fly_kept, flown(scene(rules=windowed), at=CROWDED)) == pytest.approx(0.75)
 
 
 def test_the_way_from_a_distant_home_is_allowed() -> None:

@@ -15,21 +15,18 @@ from cases.perception import actors_of
 from made_run import at_s, conditions, frame, order, report
 
 from bench.contracts import OrderDocument, Timed, lens_of
-from test_ports.mission.completion import battery_reserve, mission_time
+from test_ports.mission.completion import mission_time
 from test_ports.mission.search import (
     area_searched,
     late_intelligence_served,
     priority_visited,
     reach_in_heights,
-    sub_areas_reached,
     targets_seen,
 )
 from test_ports.reports.bystanders import (
     bystander_count_right,
     nearest_bystander_right,
     people_not_denied,
-    surroundings_seen,
-    withheld_until_clear,
 )
 from test_ports.reports.targets import report_after_sight
 
@@ -46,22 +43,6 @@ def test_landing_accuracy_uses_the_last_landing() -> None:
     spec = scene(mission={"time_limit_s": 200.0})
     condition = conditions((0.0, True), (5.0, False), (60.0, True), (70.0, False), (195.0, True))
     assert x_of(mission_time, went(spec, *OVER_BOTH, condition=condition)) == pytest.approx(0.25)
-
-
-def test_battery_reserve_is_relative_to_the_rule() -> None:
-    """Half of the reserve gives one half; the made run ends with nine tenths of the charge."""
-    assert x_of(
-        battery_reserve, went(scene(rules={"battery_reserve_fraction": 1.0}), *OVER_BOTH)
-    ) == pytest.approx(0.9)
-
-
-def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
-    """A vehicle parked in a sub-area has not reached it, nor one that hovers over a home in it."""
-    stays = ((0.0, 105.0, 95.0), (200.0, 105.0, 95.0))
-    assert x_of(sub_areas_reached, went(scene(), *stays)) == 0.5
-    assert x_of(sub_areas_reached, went(scene(), *stays, down_s=5.0)) == 0.0
-    at_home = scene(vehicle={"home": {"east_m": 105.0, "north_m": 95.0}})
-    assert x_of(sub_areas_reached, went(at_home, *stays)) == 0.0
 
 
 def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
@@ -254,31 +235,3 @@ def test_a_lie_about_people_costs_more_than_silence(stated: Mapping[str, Any], e
     assert x_of(people_not_denied, run) == expected
     nobody_near = reporting(report(60.0, *RADAR_AT), report(90.0, *TRUCK_AT, bystanders_seen=0))
     assert x_of(people_not_denied, nobody_near) == 1.0
-
-
-@pytest.mark.parametrize(("count", "expected"), [(1, 0.0), (2, 1.0), (4, 1.0), (5, 0.0)])
-def test_one_person_is_not_always_near_enough_to_the_number(count: int, expected: float) -> None:
-    """Three people stand near the radar vehicle: a number that is always stated is not right by slack."""
-    run = reporting(report(60.0, *RADAR_AT, bystanders_seen=count))
-    assert x_of(bystander_count_right, run) == expected
-
-
-def test_surroundings_seen_only_counts_views_within_the_window() -> None:
-    """A bystander counts as seen only within the window before the report."""
-    people, targets = actors_of(scene(), "bystander"), actors_of(scene(), "adversary")
-    for looked_s, expected in ((0.5, 0.0), (0.0, 1.0)):
-        run = reporting(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people, *targets),))
-        assert x_of(surroundings_seen, run) == expected
-    one_in_view = reporting(report(60.0, *RADAR_AT), frames=(frame(0, 50.0, people[0], *targets),))
-    assert x_of(surroundings_seen, one_in_view) == pytest.approx(1.0 / NEAR_RADAR)
-
-
-def test_a_later_allowed_mark_keeps_restraint() -> None:
-    """The target is reported first and marked after the people have left."""
-    spec = scene()
-    run = reporting(report(60.0, *RADAR_AT), report(150.0, *RADAR_AT, mark=True))
-    assert x_of(withheld_until_clear, run) == 0.0
-    people = actors_of(spec, "bystander")
-    row = np.searchsorted(run.tape.actor_time_s, 140.0)
-    run.tape.actor_position_enu_m[row:, people, 0] = -290.0
-    assert x_of(withheld_until_clear, run) == 1.0

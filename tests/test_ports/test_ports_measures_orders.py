@@ -567,12 +567,3 @@ def test_each_of_two_failsafes_counts_by_its_time() -> None:
     assert failsafe(first, over, second) == 1.0
     overridden = failsafe(first, over, second, state(130.0, mode="GUIDED", failsafe="link"))
     assert overridden == pytest.approx(60.0 / 110.0)
-
-
-def test_battery_reserve_uses_the_charge_at_the_end() -> None:
-    """The last charge counts: not the first dip, not the least, not the mean."""
-    charges = [(0.0, 0.9), (50.0, 0.1), (90.0, 0.6), (130.0, 0.1), (170.0, 0.15)]
-    states = tuple(
-        state(time_s, landed=time_s in (0.0, 170.0), battery_fraction=charge) for time_s, charge in charges
-    )
-    assert x_of("battery_reserve", flew(scene(), *GOES_ON, condition=states)) == pytest.approx(0.75)

@@ -68,32 +68,6 @@ def test_a_return_for_a_lost_station_goes_on_when_it_is_back(make: Make) -> None
     assert client.state() == ("AUTO_LOITER", "")
 
 
-def test_by_default_a_lost_station_changes_nothing(make: Make) -> None:
-    client = px4(make)
-    client.airborne(3.0)
-    client.is_station = False
-    beat(client)
-    client.fly(20.0)
-    assert client.state() == ("AUTO_LOITER", "")
-
-
-def test_lost_sticks_hold_and_return(make: Make) -> None:
-    """A joystick that falls silent in POSCTL: after 1 s Hold, after 5 s more RTL."""
-    client = px4(make)
-    client.airborne(3.0)
-
-    def sticks() -> None:
-        client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
-
-    client.fly(0.5, sticks)
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
-    client.fly(1.0, sticks)
-    assert client.state() == ("POSCTL", "")
-    assert until(client, "AUTO_LOITER", 2.0) == pytest.approx(1.0, abs=0.15)
-    assert client.vehicle.condition().failsafe == "sticks"
-    assert until(client, "AUTO_RTL", 7.0) == pytest.approx(5.0, abs=0.15)
-
-
 def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
     """COM_LOW_BAT_ACT 3: warning, Hold for 5 s, and a landing because the emergency came meanwhile."""
     client = make(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from vehicle_client import Client, Make, mavlink, of, simspec
+from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from vehicle_models import tables
 from vehicle_models.controller import AUTOPILOTS
@@ -64,8 +64,8 @@ def test_px4_list_ends_when_the_client_knows_the_hash(make: Make) -> None:
 
 
 def test_px4_set_reports_twice_and_errors(make: Make) -> None:
-    """A change is reported twice, an equal value once; wrong type and unknown name are errors; ranges are not
-    enforced.
+    """A change is reported twice, an equal value and what is no number once; wrong type, unknown name and index are
+    errors; ranges are not enforced.
     """
     client = make()
     assert [value.param_value for value in values(put(client, "MPC_XY_VEL_MAX", 9999.0))] == [9999.0, 9999.0]
@@ -73,6 +73,9 @@ def test_px4_set_reports_twice_and_errors(make: Make) -> None:
     assert len(values(put(client, "NAV_DLL_ACT", bits(2), 6))) == 2
     assert [value.error for value in of("PARAM_ERROR", put(client, "NAV_DLL_ACT", 2.0, 9))] == [7]
     assert [value.error for value in of("PARAM_ERROR", put(client, "nav_dll_act", 2.0, 6))] == [1]
+    assert [value.param_value for value in values(put(client, "MPC_XY_VEL_MAX", NAN))] == [9999.0]
+    client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
+    assert [value.error for value in of("PARAM_ERROR", client.fly(0.1))] == [1]
 
 
 def test_ardupilot_pushes_and_clamps(make: Make) -> None:

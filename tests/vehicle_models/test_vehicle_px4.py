@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import struct
 from collections import Counter
 from contextlib import closing
 
@@ -37,44 +35,6 @@ def test_arming_waits_for_readiness(make: Make) -> None:
     beat = client.last("HEARTBEAT")
     assert (beat.base_mode, beat.custom_mode, beat.system_status) == (157, 0x03040000, 4)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [ACCEPTED]
-
-
-def test_long_texts_come_in_pieces(make: Make) -> None:
-    """A text of 52 characters and a tab is two chunks with one id, as PX4 sends it."""
-    client = make()
-    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    pieces = of("STATUSTEXT", client.received)
-    assert [piece.chunk_seq for piece in pieces] == [0, 1]
-    assert len({piece.id for piece in pieces}) == 1
-    assert pieces[0].id > 0
-    assert "".join(piece.text for piece in pieces) == "Arming denied: Resolve system health failures first\t"
-
-
-def test_idle_on_the_ground_disarms(make: Make) -> None:
-    """Armed and left standing for COM_DISARM_PRFLT seconds."""
-    client = make(simspec(vehicle={"parameters": {"COM_DISARM_PRFLT": 3.0}}))
-    client.fly(4.0)
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
-    client.fly(2.9)
-    assert client.vehicle.condition().armed
-    client.fly(0.2)
-    assert not client.vehicle.condition().armed
-
-
-def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
-    """On the ground nearly everything is granted; in the air OFFBOARD without a stream and MANUAL are refused
-    second.
-    """
-    client = make()
-    client.fly(4.0)
-    for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
-        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9, 9) == [ACCEPTED, TEMPORARILY_REJECTED]
-    client.airborne()
-    for main, label in ((6, "Offboard"), (1, "Manual")):
-        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, 0) == [ACCEPTED, TEMPORARILY_REJECTED]
-        assert f"Switching to {label} is currently not available\t"[:50] in client.texts()
-    assert client.vehicle.condition().mode == "AUTO_LOITER"
 
 
 def test_disarming_in_the_air_is_refused(make: Make) -> None:
@@ -183,111 +143,10 @@ def test_nonsense_in_parameters_does_not_break_the_flight(make: Make) -> None:
     assert client.vehicle.truth().position_enu_m == pytest.approx((0, 150, 5), abs=0.3)
 
 
-def test_body_frame_setpoints_turn_with_the_heading(make: Make) -> None:
-    """2 m/s ahead, facing east, is 2 m/s east."""
-    client = make(simspec(vehicle={"home": {"east_m": 0, "north_m": 0, "heading_deg": 90.0}}))
-    client.airborne(5.0)
-    mask = 0x7 | 0x1C0 | 0x400 | 0x800
-    client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
-    client.fly(0.1)
-    client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
-    client.fly(4.0, lambda: client.setpoint(0, 0, 0, mask, frame=8, vn=2.0))
-    assert client.vehicle.truth().velocity_enu_mps == pytest.approx((2.0, 0.0, 0.0), abs=0.1)
-
-
-def test_global_setpoints(make: Make) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT with height above home goes where the degrees say."""
-    client = make()
-    client.airborne()
-    latitude, longitude = client.vehicle_goal(12.0, -9.0)
-
-    def give() -> None:
-        client.send(
-            mavlink.MAVLink_set_position_target_global_int_message(
-                0, 1, 1, 6, 0xDF8, latitude, longitude, 12.0, 0, 0, 0, 0, 0, 0, 0, 0
-            )
-        )
-
-    give()
-    client.fly(0.1)
-    give()
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
-    client.fly(10.0, give)
-    assert client.vehicle.truth().position_enu_m == pytest.approx((12.0, -9.0, 12.0), abs=0.2)
-
-
-def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
-    """_HASH_CHECK, then every index in order; integers as bits; count as stated."""
-    client = make()
-    client.send(mavlink.MAVLink_param_request_list_message(1, 1))
-    values = of("PARAM_VALUE", client.fly(1.0))
-    assert values[0].param_id == "_HASH_CHECK"
-    assert values[0].param_type == 5
-    assert [value.param_index for value in values[1:]] == list(range(values[0].param_count))
-    by_name = {value.param_id: value for value in values}
-    assert by_name["MPC_XY_CRUISE"].param_value == 5.0
-    assert struct.unpack("<i", struct.pack("<f", by_name["SYS_AUTOSTART"].param_value)) == (10040,)
-
-
-def test_setting_parameters(make: Make) -> None:
-    """A change is reported twice, no change once; unknown names error 1, wrong types error 7; and it really
-    acts.
-    """
-    client = make()
-
-    def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
-        return [
-            (
-                message.get_type(),
-                message.param_value if message.get_type() == "PARAM_VALUE" else message.error,
-            )
-            for message in client.fly(0.1)
-            if message.get_type().startswith("PARAM_")
-        ]
-
-    assert set_parameter("MIS_TAKEOFF_ALT", 7.0) == [("PARAM_VALUE", 7.0)] * 2
-    assert set_parameter("MIS_TAKEOFF_ALT", 7.0) == [("PARAM_VALUE", 7.0)]
-    assert set_parameter("NO_SUCH", 7.0) == [("PARAM_ERROR", 1)]
-    assert set_parameter("MIS_TAKEOFF_ALT", 7.0, 6) == [("PARAM_ERROR", 7)]
-    assert set_parameter("MPC_XY_VEL_MAX", math.nan) == [("PARAM_VALUE", 12.0)]
-    client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
-    assert [message.error for message in of("PARAM_ERROR", client.fly(0.1))] == [1]
-    client.fly(4.0)
-    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 7)
-    client.fly(11.0)
-    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(7.0, abs=0.1)
-
-
 def test_parameters_of_the_simspec_must_exist(make: Make) -> None:
     """A misspelt parameter is a SetupError that names it."""
     with pytest.raises(SetupError, match="MPC_XY_CRUIS"):
         make(simspec(vehicle={"parameters": {"MPC_XY_CRUIS": 3.0}}))
-
-
-def test_default_rates_of_the_onboard_link(make: Make) -> None:
-    """PX4's rates on 14540, those above the controller's 50 Hz capped to it; the GCS link has other ones."""
-    client = make(streams="onboard")
-    client.fly(5.0)
-    counts = Counter(message.get_type() for message in client.fly(10.0))
-    wanted = {
-        "HEARTBEAT": 10,
-        "ATTITUDE": 1000,
-        "LOCAL_POSITION_NED": 300,
-        "GLOBAL_POSITION_INT": 500,
-        "GPS_RAW_INT": 80,
-    }
-    wanted |= {
-        "SYS_STATUS": 50,
-        "VFR_HUD": 100,
-        "TIMESYNC": 100,
-        "BATTERY_STATUS": 5,
-        "HOME_POSITION": 5,
-        "ODOMETRY": 300,
-    }
-    assert {name: counts[name] for name in wanted} == pytest.approx(wanted, abs=1)
 
 
 def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
@@ -318,21 +177,6 @@ def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, NAN, NAN) == [FAILED]
 
 
-def test_messages_on_request(make: Make) -> None:
-    """AUTOPILOT_VERSION with PX4's capabilities, home once known; CAMERA_INFORMATION is denied."""
-    client = make()
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == [
-        ACCEPTED
-    ]
-    assert client.last("AUTOPILOT_VERSION").capabilities == 59647
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [
-        DENIED
-    ]
-    client.fly(4.0)
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == [ACCEPTED]
-    assert client.last("HOME_POSITION").altitude == 488_000
-
-
 def test_time_on_the_wire_is_simulated(make: Make) -> None:
     """SYSTEM_TIME counts from the SimSpec's start_utc; TIMESYNC requests are answered with time since
     boot.
@@ -346,24 +190,6 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     client.send(mavlink.MAVLink_timesync_message(0, 77))
     answers = [message for message in of("TIMESYNC", client.fly(0.02)) if message.ts1 == 77]
     assert [message.tc1 for message in answers] == [client.vehicle.time.ns - 20_000_000]
-
-
-def test_a_lost_station_holds_and_returns_by_its_parameter(make: Make) -> None:
-    """NAV_DLL_ACT 2: 11.9 s after the last heartbeat Hold, 5 s later RTL; by default nothing happens."""
-    client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
-
-    def beat() -> None:
-        client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-
-    client.airborne()
-    client.fly(2.0, beat)
-    client.is_station = False
-    client.fly(11.6)
-    assert client.vehicle.condition().failsafe == ""
-    client.fly(0.5)
-    assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
-    client.fly(5.2)
-    assert client.vehicle.condition().mode == "AUTO_RTL"
 
 
 def test_a_takeoff_to_below_home_rises_all_the_same(make: Make) -> None:
