@@ -164,7 +164,7 @@ class _Scene:
             if observation.x is None or observation.x >= 1.0:
                 continue
             for evidence in observation.evidence:
-                words = visible(f"{observation.observable} {observation.x:.2g}: {evidence.text}")
+                words = visible(f"{observation.observable} {observation.x:.3g}: {evidence.text}")
                 line = self._rerun.TextLog(words, level="WARN")
                 self._log(f"log/observables/{observation.observable}", line, evidence.time_s)
 

@@ -254,8 +254,11 @@ def test_words_reports_and_tracks_show_every_character(export: Export) -> None:
 @needs_rerun
 def test_moments_of_what_was_measured_below_one_stand_in_the_log(export: Export) -> None:
     assert export.times("/log/observables/OBS-1", "text") == [2.0, 7.5]
-    assert export.values("/log/observables/OBS-1", "text") == [["OBS-1 0.25: first\\x1b[2J"], ["OBS-1 0.25: then"]]
-    assert export.values("/log/observables/OBS-2", "text") == [["OBS-2 1: nearly"]]
+    assert export.values("/log/observables/OBS-1", "text") == [
+        ["OBS-1 0.25: first\\x1b[2J"],
+        ["OBS-1 0.25: then"],
+    ]
+    assert export.values("/log/observables/OBS-2", "text") == [["OBS-2 0.999: nearly"]]
     assert not {"/log/observables/OBS-3", "/log/observables/OBS-4"} & set(export.rows)
 
 
