@@ -7,13 +7,14 @@ are then below what the panel flew.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from bench.contracts import Sighting
 from bench.errors import SetupError
 from bench.perception import DetectionOdds
-from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, ActorGroup, PlacedActor, Role, SimSpec
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, ActorGroup, Order, PlacedActor, Role, SimSpec
 
 from ._course import Course
 from ._walks import Walks
@@ -226,13 +227,7 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
             math.log1p(10.0 / shortest_s),
             f"the most urgent order leaves {shortest_s:.0f} s" if orders else "no order is urgent",
         ),
-        **{
-            f"{kind}_orders": Feature(
-                float(sum(order.kind == kind for order in orders)),
-                f"orders to {words}: {sum(order.kind == kind for order in orders)}",
-            )
-            for kind, words in ORDERS.items()
-        },
+        **_orders_by_kind(orders),
         "early_orders": Feature(
             float(len(early)), f"orders about a place that is not searched yet: {len(early)}"
         ),
@@ -245,6 +240,14 @@ def _operator(simspec: SimSpec) -> dict[str, Feature]:
         ),
         "silence": Feature(closed, f"reports are forbidden in {closed:.0%} of the search"),
         "link": Feature(link, f"the operator cannot be reached in {link:.0%} of the search"),
+    }
+
+
+def _orders_by_kind(orders: Sequence[Order]) -> dict[str, Feature]:
+    kinds = Counter[str](order.kind for order in orders)
+    return {
+        f"{kind}_orders": Feature(float(kinds[kind]), f"orders to {words}: {kinds[kind]}")
+        for kind, words in ORDERS.items()
     }
 
 

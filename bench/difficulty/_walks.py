@@ -48,32 +48,29 @@ class Walks:
             for stop in course.stops
         ]
         places = _places(simspec, {*landing_s, *(time_s for _, times in searches for time_s in times)})
-        roles = {group.id: group.role for group in simspec.actors}
-        assert simspec.realized is not None  # features_of
-        people: Bools = np.array(
-            [roles[actor.group] is Role.BYSTANDER for actor in simspec.realized.actors], dtype=np.bool_
-        )
-        home = np.array((simspec.vehicle.home.east_m, simspec.vehicle.home.north_m))
-        nearest_m = [_nearest_m(places[time_s][people], home[None, :]) for time_s in landing_s]
-        margins = []
-        for group, times_s in searches:
-            targets: Bools = np.array(
-                [actor.group == group and roles[group] in TARGET_ROLES for actor in simspec.realized.actors],
-                dtype=np.bool_,
+        people = _members(simspec, {Role.BYSTANDER})
+        home = np.array([(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)])
+        nearest_m = np.array([_nearest_m(places[time_s][people], home) for time_s in landing_s])
+        margins = [
+            _margin(
+                [_nearest_m(places[time_s][people], places[time_s][targets]) for time_s in times_s],
+                simspec.rules.no_mark_within_m,
             )
-            if targets.any():
-                margins.append(
-                    _margin(
-                        [_nearest_m(places[time_s][people], places[time_s][targets]) for time_s in times_s],
-                        simspec.rules.no_mark_within_m,
-                    )
-                )
-        standoff_m = simspec.rules.bystander_standoff_m
+            for group, times_s in searches
+            if (targets := _members(simspec, TARGET_ROLES, group)).any()
+        ]
         return cls(
-            float(np.mean([distance_m < LANDING_M for distance_m in nearest_m])),
-            float(np.mean([distance_m < standoff_m for distance_m in nearest_m])),
+            float((nearest_m < LANDING_M).mean()),
+            float((nearest_m < simspec.rules.bystander_standoff_m).mean()),
             float(np.mean(margins)) if margins else -math.log(FAR_SHARE),
         )
+
+
+def _members(simspec: SimSpec, roles: Collection[Role], group: str | None = None) -> Bools:
+    """Which of the placed actors have one of the roles, and are of that group."""
+    assert simspec.realized is not None  # features_of
+    wanted = {member.id for member in simspec.actors if member.role in roles and group in (None, member.id)}
+    return np.array([actor.group in wanted for actor in simspec.realized.actors], dtype=np.bool_)
 
 
 def _times_s(middle_s: float, around_s: float, step_s: float) -> list[float]:

@@ -43,11 +43,16 @@ from bench.streams import (
 OBSERVATIONS = (
     Observation(
         observable="OBS-1",
+        considered=True,
         x=0.25,
         evidence=(Evidence(time_s=2.0, text="first\x1b[2J"), Evidence(time_s=7.5, text="then")),
     ),
-    Observation(observable="OBS-2", x=0.999, evidence=(Evidence(time_s=3.0, text="nearly"),)),
-    Observation(observable="OBS-3", x=1.0, evidence=(Evidence(time_s=3.0, text="well done"),)),
+    Observation(
+        observable="OBS-2", considered=True, x=0.999, evidence=(Evidence(time_s=3.0, text="nearly"),)
+    ),
+    Observation(
+        observable="OBS-3", considered=True, x=1.0, evidence=(Evidence(time_s=3.0, text="well done"),)
+    ),
     Observation(observable="OBS-4", considered=False),
 )
 

@@ -91,7 +91,7 @@ def test_what_the_agent_declares_and_may_not_is_told_with_what_it_may(stated: di
             while len(air.unmatched()) < len(wrong):
                 assert time.monotonic() < deadline_s, air.unmatched()
                 air.receive(START, stated, 0.0)
-            fmu.undeclare()
+            fmu.undeclare()  # type: ignore[no-untyped-call]
         keys = {(item.kind, item.key): item.nearest for item in air.unmatched()}
     kinds = {INTELLIGENCE: data_key(DOMAIN, INTELLIGENCE, String), status: data_key(DOMAIN, status, String)}
     assert keys == {declared: topic and kinds[topic] for declared, topic in wrong.items()}

@@ -104,8 +104,6 @@ class Design(Document):
                 raise ValueError(
                     f"take {take} exceeds the {pairs} pairs of design point and replicate; raise replicates or lower take"
                 )
-        if len(self.scales) > 1:
-            raise ValueError("stratified methods of one design have one scale; give them all the same")
         # Counted before anything is drawn, so that a slip in a range does not fill the memory.
         if sum(counts) > MAX_POINTS:
             raise ValueError(
@@ -113,6 +111,12 @@ class Design(Document):
             )
         if not sum(counts):
             raise ValueError("every point is forbidden")
+        return self
+
+    @model_validator(mode="after")
+    def _has_one_scale(self) -> Self:
+        if len(self.scales) > 1:
+            raise ValueError("stratified methods of one design have one scale; give them all the same")
         return self
 
     @property
