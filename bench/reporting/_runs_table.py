@@ -187,21 +187,21 @@ def failed_stages(table: pl.DataFrame, data: ReportData) -> dict[str, list[tuple
     and how far the agent came with them.
     """
     folders = {run.realization: run.recording.parent for run in data.runs if run.recording is not None}
-    failed = data.scores.filter(pl.col("achieved") < pl.col("considered")).select(
-        pl.col("realization").cast(pl.String), pl.col("node").cast(pl.String)
+    names = [name for name in table.head(LISTED_ROWS)["run"] if name in folders]
+    rows = data.scores.filter(
+        pl.col("achieved") < pl.col("considered"), pl.col("realization").cast(pl.String).is_in(names)
     )
+    failed = set(rows.select(pl.col("realization", "node").cast(pl.String)).iter_rows())
     lines = {}
-    for name in table.head(LISTED_ROWS)["run"]:
-        file = folders[name] / "result.json" if name in folders else None
-        result = parse_document(SessionResult, file.read_bytes()) if file and file.is_file() else None
-        nodes = set(failed.filter(realization=name)["node"])
-        observations = result.observations if result else ()
+    for name in names:
+        file = folders[name] / "result.json"
+        result = parse_document(SessionResult, file.read_bytes()) if file.is_file() else None
         lines[name] = [
-            (f"{observation.observable} {data.nodes[observation.observable].title}", observation.stages)
-            for observation in observations
-            if observation.stages and observation.observable in nodes & data.nodes.keys()
+            (f"{observation.observable} {data.title(observation.observable)}", observation.stages)
+            for observation in (result.observations if result else ())
+            if observation.stages and (name, observation.observable) in failed
         ]
-    return {name: rows for name, rows in lines.items() if rows}
+    return {name: stages for name, stages in lines.items() if stages}
 
 
 def runs_document(
