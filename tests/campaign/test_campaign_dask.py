@@ -105,7 +105,7 @@ def test_a_cluster_gives_what_local_processes_give(tmp_path: Path) -> None:
 # written meanwhile.
 RUNNER = """
 import sys; from contextlib import asynccontextmanager; from pathlib import Path
-from test_campaign_dask import DEADLY, WorkersUnusable, fly, open_dask
+from test_campaign_dask import DEADLY, fly, open_dask; from bench.campaign import WorkersUnusable
 
 @asynccontextmanager
 async def open_executor(*arguments, **options):
