@@ -48,7 +48,7 @@ quick: $(VENV)/.dev
 	$(BIN)/python .ci/quick.py $(if $(BASE),--base $(BASE))
 
 # What takes minutes, a million hostile datagrams for example; `test` has a short form of each.
-slow: $(VENV)/.dev $(VENV)/.docs
+slow: $(VENV)/.dev
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
