@@ -121,21 +121,24 @@ def _command_faults(manifest: AgentManifest, folder: Path, options: Options, fie
             return [Fault(where, f"{program} is not executable", f"chmod +x {shlex.quote(program)}")]
         remedy = _build_remedy(folder, program) or "install it, or correct the command in the manifest"
         return [Fault(where, f"there is no program {program!r}", remedy)]
-    if program != sys.executable:
-        # What an interpreter is to run, as dist/agent.js.
-        file = next(iter(command[1:]), "")
-        remedy = _build_remedy(folder, file) if not Path(file).exists() else ""
-        return [Fault(where, f"there is no file {file}", remedy)] if remedy else []
-    if len(command) == 1:
-        return []
-    if command[1] == "-m" and len(command) > 2:
+    if program == sys.executable and command[1:2] == ("-m",) and len(command) > 2:
         # With another search path this process cannot tell what that one would find.
         if "PYTHONPATH" not in manifest.environment and not _has_module(command[2]):
             return [Fault(where, f"there is no Python module {command[2]!r}", "install its package")]
-    elif (script := _script_place(command)) is not None and not Path(command[script]).exists():
-        remedy = _build_remedy(folder, command[script]) or "restore it, or correct the command"
-        return [Fault(where, f"there is no file {command[script]}", remedy)]
-    return []
+        return []
+    return _script_faults(command, folder, where)
+
+
+def _script_faults(command: Sequence[str], folder: Path, where: str) -> list[Fault]:
+    """A fault if what an interpreter is to run is missing: a script of the bench's Python, or what a folder could build, as
+    dist/agent.js.
+    """
+    is_python = command[0] == sys.executable
+    place = _script_place(command) if is_python else 1
+    if place is None or place >= len(command) or Path(command[place]).exists():
+        return []
+    remedy = _build_remedy(folder, command[place]) or is_python * "restore it, or correct the command"
+    return [Fault(where, f"there is no file {command[place]}", remedy)] if remedy else []
 
 
 def _build_remedy(folder: Path, program: str) -> str:

@@ -198,7 +198,7 @@ _LOSSES = {
 
 
 def _session_points(result: SessionResult) -> Iterator[_Point]:
-    from bench.contracts import UnmatchedDeclarations, UnreadTopics
+    from bench.contracts import UnreadTopics
 
     ended = result.outcome.value == "completed"
     # Indented: no line of what an agent printed is to be taken for one of ours.
@@ -211,10 +211,6 @@ def _session_points(result: SessionResult) -> Iterator[_Point]:
         yield _Point(
             None if has_mission else False, f"never subscribed to: {', '.join(unread.topics)} {text}"
         )
-    if unmatched := result.fact(UnmatchedDeclarations):
-        for declaration in unmatched.declarations:
-            # What is near to nothing may be meant for a tool of the agent's own.
-            yield _Point(False if declaration.nearest else None, f"declared, never matched: {declaration}")
     for name, text in _LOSSES.items():
         if count := result.counters.get(name, 0):
             yield _Point(False, f"{count} {text}")

@@ -100,7 +100,7 @@ def _print_result(
 def _fact_lines(result: SessionResult) -> Iterator[str]:
     """What a user must know of the session before its observations."""
     from bench.agents.confinement import wall_text
-    from bench.contracts import Confinement, ServicesLetIn, TruthGiven, UnmatchedDeclarations, UnreadTopics
+    from bench.contracts import Confinement, ServicesLetIn, TruthGiven, UnreadTopics
 
     if truth := result.fact(TruthGiven):
         yield f"the truth was given to {truth.agent}: its results are no agent's"
@@ -115,8 +115,6 @@ def _fact_lines(result: SessionResult) -> Iterator[str]:
     if unread := result.fact(UnreadTopics):
         topics = ", ".join(unread.topics)
         yield f"never subscribed to: {topics} (a wrong type or hash is no subscription: rebar schema --keys)"
-    if unmatched := result.fact(UnmatchedDeclarations):
-        yield from (f"declared, never matched: {declaration}" for declaration in unmatched.declarations)
     if services := result.fact(ServicesLetIn):
         yield from (f"let in from outside: {use}" for use in services.uses)
 

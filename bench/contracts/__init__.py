@@ -85,8 +85,6 @@ if TYPE_CHECKING:
     from ._facts import Texts as Texts
     from ._facts import TruthGiven as TruthGiven
     from ._facts import TruthSightings as TruthSightings
-    from ._facts import UnmatchedDeclarations as UnmatchedDeclarations
-    from ._facts import UnmatchedKey as UnmatchedKey
     from ._facts import UnreadTopics as UnreadTopics
     from ._facts import WarpLibrary as WarpLibrary
     from ._facts import fact_of as fact_of

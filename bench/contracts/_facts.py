@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, GetJsonSchemaHandler, SerializeAsAny, ValidationError
 from pydantic_core import CoreSchema
@@ -197,25 +197,6 @@ class UnreadTopics(Fact):
 
     key = "unread_topics"
     topics: tuple[Words, ...]
-
-
-class UnmatchedKey(Document):
-    """A key of the air network that the agent declared and may not use, and the one that it probably meant."""
-
-    kind: Literal["subscription", "publisher"]
-    key: Words
-    nearest: Words | None = None
-
-    def __str__(self) -> str:
-        nearest = f"nearest: {self.nearest}" if self.nearest else "there is no such topic"
-        return f"{self.kind} {self.key}; {nearest}"
-
-
-class UnmatchedDeclarations(Fact):
-    """What the agent subscribes to or publishes over Zenoh and may not: nothing ever comes of it."""
-
-    key = "unmatched_declarations"
-    declarations: tuple[UnmatchedKey, ...]
 
 
 class AgentExit(Fact):

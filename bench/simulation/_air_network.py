@@ -9,7 +9,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 from bench.contracts import (
     CLOCK,
@@ -20,14 +20,12 @@ from bench.contracts import (
     Record,
     SimTime,
     Tap,
-    UnmatchedKey,
     VehicleTopics,
 )
 from bench.simspec import SimSpec
 from bench.streams import (
     AirAccess,
     AirPlan,
-    Declaration,
     Router,
     Sample,
     String,
@@ -53,12 +51,8 @@ LARGE_SAMPLE_WAIT_S = 5.0
 MAX_DOCUMENT_BYTES = 256 * 1024
 # Beats of a pace that does not wait, between two looks for subscriptions: half a second. Chosen.
 LOOKS_FOR_READERS = 25
-# Of a topic in a reason, and of a key, which has a type and a hash besides. What an agent sends may be far longer.
-_SHOWN_CHARACTERS, _SHOWN_OF_KEY = 80, 300
-# Of what an agent declares and may not. Chosen: who reads twenty has found the mistake.
-MAX_UNMATCHED = 20
-# How much a declared topic is like the one that it is taken to mean: of PX4's names some share words with ours. Chosen.
-_ALIKE = 0.8
+# Of a topic in a reason; the line of a hello may be a thousand times as long.
+_SHOWN_CHARACTERS = 80
 
 
 class AirNetwork:
@@ -123,8 +117,6 @@ class AirNetwork:
             self.detections,
         )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
-        self._router = router
-        self._unmatched: dict[Declaration, None] = {}
         self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent)
@@ -198,12 +190,8 @@ class AirNetwork:
         has arrived. What is beyond the limits of its topic is dropped: neither recorded nor returned. Raises
         StopSession for an agent that states samples that do not come, or that floods.
         """
-        self._beats += 1
-        if stated is None and self._beats % LOOKS_FOR_READERS == 1:
+        if stated is None:
             self._look_for_readers()
-        # Rarely, and ever more rarely: agents declare when they start, and some later.
-        if self._beats & (self._beats - 1) == 0:
-            self._look_for_strangers()
         documents: dict[str, list[str | bytes]] = {}
         dropped = False
         for subscription in self._subscriptions:
@@ -261,38 +249,11 @@ class AirNetwork:
 
     def _look_for_readers(self) -> None:
         """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
-        for topic, recorded in list(self._unread.items()):
-            if recorded.publisher is not None and recorded.publisher.has_reader:
-                del self._unread[topic]
-
-    def _look_for_strangers(self) -> None:
-        """Note what the agent has declared and can have nothing of."""
-        if self._router is not None:
-            self._unmatched |= dict.fromkeys(self._router.unmatched()[:MAX_UNMATCHED])
-
-    def unmatched(self) -> tuple[UnmatchedKey, ...]:
-        """What the agent has declared under keys that it may not use, each with the nearest that it may."""
-        self._look_for_strangers()
-        keys = []
-        for declaration in [*self._unmatched][:MAX_UNMATCHED]:
-            assert self._router is not None
-            # Nodes of ROS 2 have these by themselves.
-            if {"rosout", "parameter_events"} & {*declaration.key.split("/")}:
-                continue
-            known = self._router.writes if declaration.is_publisher else self._router.reads
-            keys_by_topic = {_topic_of(key): key for key in known}
-            close = difflib.get_close_matches(_topic_of(declaration.key), keys_by_topic, n=1, cutoff=_ALIKE)
-            kind: Literal["publisher", "subscription"] = (
-                "publisher" if declaration.is_publisher else "subscription"
-            )
-            keys.append(
-                UnmatchedKey(
-                    kind=kind,
-                    key=declaration.key[:_SHOWN_OF_KEY],
-                    nearest=keys_by_topic[close[0]] if close else None,
-                )
-            )
-        return tuple(keys)
+        if self._beats % LOOKS_FOR_READERS == 0:
+            for topic, recorded in list(self._unread.items()):
+                if recorded.publisher is not None and recorded.publisher.has_reader:
+                    del self._unread[topic]
+        self._beats += 1
 
     def _await_stated(self, subscription: Subscription, count: int, budget_s: float) -> None:
         topic = subscription.topic
@@ -362,11 +323,6 @@ class AirNetwork:
             "air_dropped": self.dropped[0],
             "air_unstated": unstated,
         }
-
-
-def _topic_of(key: str) -> str:
-    """A key without type and hash, where it has them."""
-    return key.rsplit("/", 2)[0] if "::" in key else key
 
 
 @contextmanager

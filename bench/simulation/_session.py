@@ -21,7 +21,6 @@ from bench.contracts import (
     Outcome,
     SessionFailure,
     SessionResult,
-    UnmatchedDeclarations,
     UnreadTopics,
     VehicleTopics,
     load_plugin,
@@ -103,8 +102,6 @@ class Session:
             # An agent that never flew was told nothing.
             if (unread := self._parts.air.unread) and self._progress.now > START:
                 self._progress.add(UnreadTopics(topics=unread))
-            if unmatched := self._parts.air.unmatched():
-                self._progress.add(UnmatchedDeclarations(declarations=unmatched))
             self._progress.counters = {
                 **self._parts.vehicle.counters(),
                 **self._parts.air.counters(),

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from ._poses import encode_pose_array as encode_pose_array
     from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
     from ._router import AirPlan as AirPlan
-    from ._router import Declaration as Declaration
     from ._router import Router as Router
     from ._router import Topic as Topic
     from ._router import open_router as open_router

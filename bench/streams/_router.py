@@ -12,14 +12,13 @@ import itertools
 import json
 import secrets
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import zenoh
-import zenoh.handlers
 
 from bench.errors import Fault, SetupError
 from bench.temporary_folders import temporary_folder
@@ -33,8 +32,6 @@ MAX_DOCUMENT_BYTES = 64 * 1024
 _AGENT, _COMPANION = "agent", "companion"
 # Chosen: a race for a free port is rare, and 16 lost in a row mean something else.
 _ATTEMPTS = 16
-# Of what clients declare, kept in one look; chosen, nobody reads so many.
-_MAX_DECLARATIONS = 1000
 # Zenoh's own number of keep-alives within a lease.
 KEEP_ALIVES = 4
 # The fastest that an agent's clock is reckoned to run beside the host's; sessions in warp reach some tens.
@@ -68,21 +65,11 @@ class AirPlan:
     in_warp: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Declaration:
-    """What a client has declared on the air network; `key` is as it came."""
-
-    is_publisher: bool
-    key: str
-
-
 class Router:
-    """The bench's end of the air network. `reads` and `writes` are the keys of its plan."""
+    """The bench's end of the air network."""
 
-    def __init__(
-        self, session: zenoh.Session, access: AirAccess, reads: Sequence[str], writes: Sequence[str]
-    ) -> None:
-        self.access, self.reads, self.writes = access, reads, writes
+    def __init__(self, session: zenoh.Session, access: AirAccess) -> None:
+        self.access = access
         self._session = session
         self._ids = itertools.count()
         # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest.
@@ -93,37 +80,6 @@ class Router:
         node = RosNode(self._session, self.access.domain, self._ids, name, namespace)
         self._nodes.append(node)
         return node
-
-    def unmatched(self) -> list[Declaration]:
-        """Subscriptions and publishers of clients that can have nothing of this network, in the order of their keys."""
-        own = str(self._session.zid())
-        found = []
-        for is_publisher, kind in ((False, "subscriber"), (True, "publisher")):
-            known = [zenoh.KeyExpr(key) for key in (self.writes if is_publisher else self.reads)]
-            space = f"@/{own}/router/{kind}/"
-            for reply in self._asked(f"{space}**"):
-                if reply.ok is None:
-                    continue
-                key = zenoh.KeyExpr(str(reply.ok.key_expr).removeprefix(space))
-                holders = json.loads(reply.ok.payload.to_bytes())
-                # What the bench itself declares is there too.
-                if {own} >= {*holders["clients"], *holders["peers"]} or any(map(key.intersects, known)):
-                    continue
-                found.append(Declaration(is_publisher, str(key)))
-        return sorted(found, key=lambda declaration: declaration.key)
-
-    def _asked(self, selector: str) -> list[zenoh.Reply]:
-        """What the router says of itself. It answers within this call, so in a channel of Zenoh's, which holds 256 answers, an
-        agent that declares more would block the session for ever. Takes 0.1 ms, and 8 ms for 600 keys.
-        """
-        replies: list[zenoh.Reply] = []
-
-        def keep(reply: zenoh.Reply) -> None:
-            if len(replies) < _MAX_DECLARATIONS:
-                replies.append(reply)
-
-        self._session.get(selector, handler=zenoh.handlers.Callback(keep, indirect=False))
-        return replies
 
     def close(self) -> None:
         """Close all nodes. Before the session: what it still holds then is never freed."""
@@ -142,8 +98,7 @@ def open_router(plan: AirPlan) -> Iterator[Router]:
     password = secrets.token_urlsafe(24)
     session, port = _open(plan, password)
     with session:
-        access = AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain)
-        router = Router(session, access, _keys(plan, plan.agent_reads), _keys(plan, plan.agent_writes))
+        router = Router(session, AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain))
         try:
             yield router
         finally:
@@ -211,8 +166,6 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
         "usrpwd": {"user": "router", "password": secrets.token_urlsafe(24), "dictionary_file": str(users)}
     }
     settings["mode"] = "router"
-    # By which `Router.unmatched` sees declarations. An agent may ask nothing in there: the rules below.
-    settings["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
     settings["listen"] = {"endpoints": [f"tcp/{plan.host}:{port}"], "exit_on_failure": True}
     settings["access_control"] = _access_control(plan)
     sending = settings["transport"]["link"]["tx"]
@@ -264,9 +217,8 @@ def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
     # publishers.
     caches = [f"{key}/@adv/**" for key in reads]
     graph = [f"{GRAPH}/{plan.domain}/**"]
-    # Of any key, so that a wrong one can be told; what goes out to it is for the rule `read` alone to allow.
-    yield _rule("read-ask", "ingress", ["declare_subscriber"], ["**"])
     if reads:
+        yield _rule("read-ask", "ingress", ["declare_subscriber"], reads)
         yield _rule("read", "egress", ["put", "reply"], reads)
         yield _rule(
             "history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches

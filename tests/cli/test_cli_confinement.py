@@ -6,14 +6,7 @@ import pytest
 
 from bench.agents.confinement import Wall
 from bench.cli._sessions import _fact_lines
-from bench.contracts import (
-    Confinement,
-    Outcome,
-    SessionResult,
-    UnmatchedDeclarations,
-    UnmatchedKey,
-    facts_of,
-)
+from bench.contracts import Confinement, Outcome, SessionResult, facts_of
 
 
 def confinement_line(isolation: str, network: str = "own", open_walls: tuple[str, ...] | None = None) -> str:
@@ -40,19 +33,6 @@ def test_rung_and_network_are_named(isolation: str, network: str, words: str) ->
     line = confinement_line(isolation, network)
     assert words in line
     assert "\n" not in line
-
-
-def test_what_was_declared_and_never_matched_is_named() -> None:
-    declarations = (
-        UnmatchedKey(kind="subscription", key="1/a/mision", nearest="1/a/mission"),
-        UnmatchedKey(kind="publisher", key="1/fmu/in/\x1b"),
-    )
-    facts = facts_of(UnmatchedDeclarations(declarations=declarations))
-    lines = _fact_lines(SessionResult(realization="a", outcome=Outcome.COMPLETED, facts=facts))
-    assert list(lines) == [
-        "declared, never matched: subscription 1/a/mision; nearest: 1/a/mission",
-        r"declared, never matched: publisher 1/fmu/in/\x1b; there is no such topic",
-    ]
 
 
 def test_open_walls_are_named() -> None:

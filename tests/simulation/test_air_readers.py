@@ -7,9 +7,9 @@ import time
 import pytest
 from test_session import session_simspec
 
-from bench.contracts import START, VehicleTopics
+from bench.contracts import START
 from bench.simulation import HostClock
-from bench.simulation._air_network import MAX_UNMATCHED, AirNetwork, open_air_network
+from bench.simulation._air_network import AirNetwork, open_air_network
 from bench.simulation._air_topics import DOMAIN
 from bench.simulation._stop_session import StopSession
 from bench.streams import Detection2DArray, String, data_key, open_client
@@ -64,49 +64,3 @@ def test_an_agent_without_the_air_network_is_told_nothing_of_it() -> None:
     with open_air_network(session_simspec(), lambda record: None, zenoh=False) as air:
         air.open_for_all()
         assert air.unread == ()
-
-
-@pytest.mark.parametrize("stated", [None, {}])
-def test_what_the_agent_declares_and_may_not_is_told_with_what_it_may(stated: dict[str, int] | None) -> None:
-    """In every pace; a wrong type, a misspelt topic, a direction, and topics of PX4; what is right and what every node of
-    ROS 2 has are not. It is told when it is gone, too.
-    """
-    status = VehicleTopics("vehicle_1").status
-    wrong = {
-        ("subscription", data_key(DOMAIN, INTELLIGENCE, Detection2DArray)): INTELLIGENCE,
-        ("publisher", data_key(DOMAIN, f"{status}s", String)): status,
-        ("subscription", f"{DOMAIN}/fmu/out/x"): None,
-    }
-    with open_air_network(session_simspec(), lambda record: None, zenoh=True) as air:
-        air.open_for_all()
-        assert air.access is not None
-        with open_client(air.access, "agent") as node:
-            node.subscribe(INTELLIGENCE, Detection2DArray, latched=True)
-            node.publisher(f"{status}s", String)
-            node.publisher("/rosout", String)
-            node.publisher(status, String)
-            fmu = node._session.declare_subscriber(f"{DOMAIN}/fmu/out/x")
-            node.subscribe(MISSION, String, latched=True)
-            deadline_s = time.monotonic() + PATIENCE_S
-            while len(air.unmatched()) < len(wrong):
-                assert time.monotonic() < deadline_s, air.unmatched()
-                air.receive(START, stated, 0.0)
-            fmu.undeclare()  # type: ignore[no-untyped-call]
-        keys = {(item.kind, item.key): item.nearest for item in air.unmatched()}
-    kinds = {INTELLIGENCE: data_key(DOMAIN, INTELLIGENCE, String), status: data_key(DOMAIN, status, String)}
-    assert keys == {declared: topic and kinds[topic] for declared, topic in wrong.items()}
-
-
-def test_an_agent_that_declares_thousands_of_keys_fills_no_result() -> None:
-    with open_air_network(session_simspec(), lambda record: None, zenoh=True) as air:
-        assert air.access is not None
-        with open_client(air.access, "agent") as node:
-            held = [
-                node._session.declare_subscriber(f"{DOMAIN}/{'x' * 400}/{number}") for number in range(300)
-            ]
-            deadline_s = time.monotonic() + PATIENCE_S
-            while len(air.unmatched()) < MAX_UNMATCHED:
-                assert time.monotonic() < deadline_s
-            assert len(held) == 300
-            assert len(air.unmatched()) == MAX_UNMATCHED
-            assert max(len(item.key) for item in air.unmatched()) == 300

@@ -15,7 +15,7 @@ import socket
 import stat
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -202,35 +202,6 @@ def test_a_subscription_outside_the_allow_list_receives_nothing(
         bench.session.put(key, b"secret")
     agent.flush_received()
     assert b"secret" not in [sample.payload.to_bytes() for sample in drain(wide)]
-
-
-def test_a_wildcard_receives_what_may_be_read(bench: Bench, agent: Agent) -> None:
-    wide: Any = agent.session.declare_subscriber("**")
-    agent.flush_sent()
-    bench.session.put(SECRET, b"secret")
-    agent.flush_received()
-    assert {str(sample.key_expr) for sample in drain(wide)} == {READ, WRITE}
-
-
-def test_what_is_declared_under_other_keys_is_known(bench: Bench, agent: Agent) -> None:
-    """A wrong hash, topics that do not exist and a topic in the wrong direction; not what may be used, nor a pattern that
-    holds it, nor what the bench declares. What is taken back is forgotten.
-    """
-    wrong_hash = f"{READ[:-4]}beef"
-    subscribed = [wrong_hash, "fmu/out/vehicle_status", SECRET, WRITE]
-    published = ["7/d/agent/reprots/x/y", LATCHED]
-    with ExitStack() as stack:
-        for key in (*subscribed, READ, "7/**"):
-            stack.callback(agent.session.declare_subscriber(key).undeclare)
-        for key in (*published, WRITE):
-            stack.callback(agent.session.declare_publisher(key).undeclare)
-        agent.flush_sent()
-        unmatched = bench.router.unmatched()
-        assert {item.key for item in unmatched if not item.is_publisher} == set(subscribed)
-        assert {item.key for item in unmatched if item.is_publisher} == set(published)
-        assert [item.key for item in unmatched] == sorted((*subscribed, *published))
-    agent.flush_sent()
-    assert bench.router.unmatched() == []
 
 
 @pytest.mark.parametrize("pattern", ["7/**", "**", "7/*/**"])
