@@ -253,7 +253,7 @@ class _Source:
         """What was flown, as a scale states it: the digest is that of all scenes."""
         scenes = sorted(set(self.trials["scene"]))
         return FlownFolder(
-            name=", ".join(self.names),
+            name=", ".join(dict.fromkeys(self.names)),
             scenes=len(scenes),
             scenes_sha256=hashlib.sha256("\n".join(scenes).encode()).hexdigest(),
             runs=self.trials.select("folder", "realization").n_unique(),
