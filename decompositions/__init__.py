@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ._document import Vab as Vab
     from ._graph import Decomposition as Decomposition
     from ._graph import DecompositionNode as DecompositionNode
+    from ._graph import excerpt as excerpt
     from ._load import decomposition_of as decomposition_of
     from ._load import decomposition_schema as decomposition_schema
     from ._load import load_decomposition as load_decomposition

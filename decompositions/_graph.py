@@ -165,6 +165,30 @@ def graph_of(document: DecompositionDocument) -> Decomposition:
     )
 
 
+def excerpt(decomposition: Decomposition, node: str) -> Decomposition:
+    """The part about one node: what it serves, and all below it. Raises KeyError for an unknown node."""
+    below, above = {decomposition.nodes[node].id}, {node}
+    # Parents come before their children.
+    for name, item in decomposition.nodes.items():
+        below |= set(item.children) if name in below else set()
+    for name, item in reversed(decomposition.nodes.items()):
+        above |= {name} if above & set(item.children) else set()
+    kept = above | below
+    document = decomposition.document
+    parts: dict[str, object] = {
+        "observables": tuple(leaf for leaf in document.observables if leaf.id in kept)
+    }
+    for part in ("principles", "key_attributes", "vabs"):
+        nodes: Sequence[InnerNode] = getattr(document, part)
+        parts[part] = tuple(
+            inner.model_copy(update={"children": tuple(child for child in inner.children if child in kept)})
+            for inner in nodes
+            if inner.id in kept
+        )
+    parts["study"] = tuple(name for name in document.study if name in kept)
+    return graph_of(document.model_copy(update=parts))
+
+
 def _nodes(document: DecompositionDocument) -> Iterable[DecompositionNode]:
     levels: tuple[tuple[Level, Sequence[InnerNode | Observable]], ...] = (
         (Level.PRINCIPLE, document.principles),

@@ -173,6 +173,12 @@ def report(
             help="File for the report, from the scores in the folder, which is only read. It must not exist yet"
         ),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            help="New folder for the figures of pass rates, scores and confidences as SVG, in place of the report"
+        ),
+    ] = None,
     assurance: Annotated[
         Path | None,
         typer.Option(
@@ -190,8 +196,10 @@ def report(
     """
     from bench.campaign import finish_campaign
 
-    if out is not None and assurance is not None:
-        raise SetupError("--out", "and --assurance are two documents", "give one of them")
+    if sum(target is not None for target in (out, figures, assurance)) > 1:
+        raise SetupError(
+            "rebar report", "--out, --figures and --assurance are different documents", "give one of them"
+        )
     if out is not None:
         from bench.reporting import write_report
 
@@ -200,12 +208,25 @@ def report(
     if assurance is not None:
         _write_elsewhere(folder, assurance, lambda: _write_cases(folder, assurance))
         return
+    if figures is not None:
+        _write_elsewhere(folder, figures, lambda: _write_figures(folder, figures))
+        return
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
     print_rewritten(finished.rewritten)
     print(finished.report)
     if not finished.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
+
+
+def _write_figures(folder: Path, out: Path) -> None:
+    from bench.reporting import figure_files, load_report_data
+
+    files = list(figure_files(load_report_data(folder)))
+    out.mkdir(parents=True)
+    for name, text in files:
+        (out / name).write_text(text, encoding="utf-8")
+        print(out / name)
 
 
 def _write_cases(folder: Path, out: Path) -> None:

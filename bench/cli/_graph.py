@@ -21,6 +21,9 @@ def graph(
         str | None,
         typer.Option(help="Agent whose results are shown. Default: the first agent of the campaign"),
     ] = None,
+    node: Annotated[
+        str | None, typer.Option(help="Draw this node alone, with what it serves and what is below it")
+    ] = None,
     by: Annotated[
         Literal["confidence", "score", "competence"],
         typer.Option(help="The number that colours the nodes. The page can switch it"),
@@ -37,13 +40,20 @@ def graph(
     Example: rebar graph search-and-report --out out/graph.html
 
     Example: rebar graph search-and-report --campaign out/demo --by score
+
+    Example: rebar graph search-and-report --node KA-18 --out ka-18.svg
     """
     from bench.reporting import graph_page, graph_svg, load_report_data
-    from decompositions import load_decomposition
+    from decompositions import excerpt, load_decomposition
+
+    from ._scores import check_node
 
     if campaign is None and agent is not None:
         raise SetupError("--agent", "there is no campaign to take results from", "give --campaign as well")
     drawn = load_decomposition(decomposition)
+    if node is not None:
+        check_node("--node", drawn, node)
+        drawn = excerpt(drawn, node)
     data = load_report_data(campaign) if campaign is not None else None
     makers = {PAGE: graph_page, DRAWING: graph_svg}
     for path in _files(out or Path(drawn.name)):

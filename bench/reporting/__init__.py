@@ -28,6 +28,7 @@ from .assurance._case import assurance_case as assurance_case
 from .assurance._drawing import assurance_svg as assurance_svg
 from .figures._configuration import configuration_figure as configuration_figure
 from .figures._factor_effects import factor_effects_figure as factor_effects_figure
+from .figures._files import figure_files as figure_files
 from .figures._map import map_figure as map_figure
 from .figures._pairings import pairings_figure as pairings_figure
 from .figures._run_drawing import run_drawing as run_drawing

@@ -98,7 +98,7 @@ def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTria
                 "agents": agents,
                 "figure": curve_figure(
                     shown, flown, tallies, f"Pass rate of {node} over difficulty. {'; '.join(passed)}"
-                )
+                ).markup()
                 if flown
                 else "",
             }
@@ -191,7 +191,7 @@ def configuration_panels(data: ReportData, shown: Sequence[AgentStyle]) -> list[
                 "rows": rows,
                 "figure": configuration_figure(
                     data, configuration, _panel_label(configuration.label, [tally for _, tally in rows])
-                ),
+                ).markup(),
             }
         )
     return panels

@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 from bench.cli._app import run
+from decompositions import excerpt, load_decomposition
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import AGENTS, Made, make_campaign
@@ -48,6 +50,7 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
     [
         (["--out", "graph.pdf"], "has an unknown suffix"),
         (["--agent", "mine"], "there is no campaign to take results from"),
+        (["--node", "KA-99"], "KA-99"),
         (["--campaign", "nowhere"], "holds no campaign.yaml"),
     ],
 )
@@ -63,3 +66,19 @@ def test_what_cannot_be_drawn_is_refused(
     assert run(["graph", "search-and-report", *line]) == 2
     assert expected in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["KA-18", "OBS-181", "responsible"])
+def test_an_excerpt_holds_what_a_node_serves_and_what_is_below_it(name: str, tmp_path: Path) -> None:
+    """By the ancestors and descendants of its graph, with their edges and no others; as a drawing too."""
+    whole = load_decomposition("search-and-report")
+    graph = whole.graph()
+    part = excerpt(whole, name)
+    kept = {name, *nx.ancestors(graph, name), *nx.descendants(graph, name)}
+    assert set(part.nodes) == kept
+    assert set(part.graph().edges) == {edge for edge in graph.edges if kept.issuperset(edge)}
+    assert list(part.nodes) == [node for node in whole.nodes if node in kept]
+    out = tmp_path / "part.svg"
+    assert run(["graph", "search-and-report", "--node", name, "--out", str(out)]) == 0
+    text = out.read_text()
+    assert all((node in text) == (node in kept) for node in whole.key_attributes)

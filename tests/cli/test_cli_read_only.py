@@ -18,13 +18,14 @@ from bench.campaign import open_journal
 from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
 from bench.documents import load_document
-from bench.reporting import AssuranceCase, assurance_svg
+from bench.reporting import AssuranceCase, assurance_svg, figure_files, load_report_data
 
 READING = [
     ["status", "{folder}"],
     ["verify", "{folder}"],
     ["report", "{folder}", "--out", "{elsewhere}/report.html"],
     ["report", "{folder}", "--assurance", "{elsewhere}/case"],
+    ["report", "{folder}", "--figures", "{elsewhere}/figures"],
     ["score", "{folder}", "--explain", "KA-03"],
     ["compare", "{folder}"],
     ["calibrate", "{folder}"],
@@ -141,6 +142,18 @@ def test_the_case_of_each_agent_is_one_document_and_one_drawing(
     assert "case: already exists and is not overwritten" in capsys.readouterr().err
     assert run([*line, "--out", str(tmp_path / "report.html")]) == 2
     assert "give one of them" in capsys.readouterr().err
+
+
+def test_the_figures_are_those_of_the_campaign(
+    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "figures"
+    assert run(["report", str(flown), "--figures", str(out)]) == 0
+    files = dict(figure_files(load_report_data(flown)))
+    assert {path.name: path.read_text() for path in out.iterdir()} == files
+    assert capsys.readouterr().out.split() == [str(out / name) for name in files]
+    assert run(["report", str(flown), "--figures", str(out)]) == 2
+    assert "figures: already exists" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["report"], ["score"], ["retry"]])

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -23,6 +24,7 @@ from bench.reporting import (
     choose_runs,
     compare_agents,
     configuration_figure,
+    figure_files,
     finding,
     load_report_data,
     map_figure,
@@ -55,7 +57,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
     """Red dots at the difficulty, bars at the confidence in per cent, a violin or a disc for every score."""
     configuration = data.configurations[0]
-    figure = configuration_figure(data, configuration)
+    figure = configuration_figure(data, configuration).markup()
     titles = titles_of(figure)
     rows = data.scores.filter(pl.col("configuration") == configuration.key)
     for style in agent_styles(AGENTS):
@@ -81,9 +83,9 @@ def test_a_panel_says_where_nothing_was_achieved(data: ReportData) -> None:
     configuration = data.configurations[0]
     key = (AGENTS[0], configuration.key, "KA-09")
     failed = replace(data.tallies[key], scored=0, score=None)
-    assert "none</text>" not in configuration_figure(data, configuration)
+    assert "none</text>" not in configuration_figure(data, configuration).markup()
     changed = replace(data, tallies={**data.tallies, key: failed})
-    assert configuration_figure(changed, configuration).count("none</text>") == 1
+    assert configuration_figure(changed, configuration).markup().count("none</text>") == 1
 
 
 def test_configurations_are_the_distinct_difficulties_easiest_first(data: ReportData) -> None:
@@ -369,7 +371,7 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
         "90": ReportedCompetence(0.0, 0.0, at_least=False),
     }
     tallies = {agent: replace(data.tallies[agent, "all", "KA-03"], competence=competence) for agent in AGENTS}
-    figure = curve_figure(agent_styles(AGENTS), flown, tallies)
+    figure = curve_figure(agent_styles(AGENTS), flown, tallies).markup()
     titles = titles_of(figure)
     rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
     rates = rows.group_by("difficulty").agg(pl.len(), (pl.col("confidence") >= 1.0).sum().alias("passed"))
@@ -467,3 +469,17 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
         "fitted so that it never rises with difficulty, never reaches nine tenths" in sentence
         for sentence in sentences
     )
+
+
+def test_figures_are_files_with_a_key_of_their_own(data: ReportData) -> None:
+    """One for each node under study that was flown and for each configuration: the report's drawing, whole without its page."""
+    files = dict(figure_files(data))
+    flown = {f"pass-rates-{node}.svg" for node in data.study if any(data.tally(a, node) for a in AGENTS)}
+    assert files.keys() == {f"configuration-{it.label}.svg" for it in data.configurations} | flown
+    for configuration in data.configurations[:2]:
+        text = files[f"configuration-{configuration.label}.svg"]
+        assert all(part in text for part in configuration_figure(data, configuration).parts)
+    for text in files.values():
+        ElementTree.fromstring(text)
+        assert all(f"{style.letter} {style.name}" in text for style in agent_styles(AGENTS))
+        assert set(re.findall(r"var\((--[\w-]+)\)", text)) <= set(re.findall(r"(--[\w-]+):", text))

@@ -9,7 +9,6 @@ from statistics import stdev
 
 import numpy as np
 import polars as pl
-from markupsafe import Markup
 
 from .._campaign_data import Configuration, ReportData
 from ._style import AgentStyle, agent_styles
@@ -25,7 +24,7 @@ MIN_VIOLIN_SPREAD = 2.0
 Values = dict[tuple[str, str], list[float]]
 
 
-def configuration_figure(data: ReportData, configuration: Configuration, label: str = "") -> Markup:
+def configuration_figure(data: ReportData, configuration: Configuration, label: str = "") -> Plot:
     """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars
     (right axis), and words where nothing was achieved.
     """
@@ -60,7 +59,7 @@ def configuration_figure(data: ReportData, configuration: Configuration, label: 
             plot.mark(
                 "circle", (place, level), 11, "var(--paper)", title, fill="var(--difficulty)", width=1.6
             )
-    return plot.markup()
+    return plot
 
 
 def _scores_of(scores: pl.DataFrame, configuration: Configuration) -> Values:

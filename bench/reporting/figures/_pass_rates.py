@@ -6,8 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from markupsafe import Markup
-
 from bench.statistics import Curve, CurveState
 
 from .._campaign_data import Tally
@@ -21,7 +19,7 @@ def curve_figure(
     trials: Mapping[str, NodeTrials],
     tallies: Mapping[str, Tally],
     label: str = "",
-) -> Markup:
+) -> Plot:
     """One node's pass rate over difficulty: a disc for each difficulty flown, the logistic curve with its
     band where there is one.
 
@@ -44,7 +42,7 @@ def curve_figure(
         if style in flown:
             _pass_rates(plot, style, trials[style.name], aside)
             _competences(plot, style, tallies.get(style.name), 4.0 * (place - (len(shown) - 1) / 2))
-    return plot.markup()
+    return plot
 
 
 def _curve(plot: Plot, style: AgentStyle, curve: Curve) -> None:

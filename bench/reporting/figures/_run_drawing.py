@@ -12,9 +12,9 @@ from bench.arrays import Floats
 from bench.contracts import Tape
 from bench.errors import SetupError
 
-from .._html import template_text
 from ..map._run_map import RunMap
 from ._map import draw_ground, draw_reports, draw_targets, empty_map
+from ._style import file_style
 from ._svg import Plot
 
 # Chosen: a film is short enough to be watched to its end, whatever the flight took.
@@ -60,7 +60,7 @@ def run_drawing(runs: Sequence[tuple[RunMap, Tape]], *, film: bool = False) -> s
         _draw_walkers(plot, scene, scene_tape, moments_s)
         corner = (plot.x_range[1], plot.y_range[1])
         plot.text(*corner, f"{end_s / FILM_S:.0f} times as fast", anchor="end", dx_px=-4, dy_px=14)
-    return plot.file(_style())
+    return plot.file(file_style())
 
 
 def _draw_walkers(plot: Plot, scene: RunMap, tape: Tape, moments_s: Floats) -> None:
@@ -109,15 +109,4 @@ def _draw_moving(
         f'<circle r="{size / 2:g}" fill="{colour}" stroke="var(--paper)" stroke-width="1.5">'
         f'<animateTransform attributeName="transform" type="translate" values="{values}" dur="{FILM_S:g}s" '
         'repeatCount="indefinite"/></circle>'
-    )
-
-
-def _style() -> str:
-    """The colours of the report's page, light and dark."""
-    page = template_text("report.css")
-    light = page[page.index("{") + 1 : page.index("}")]
-    dark = page[page.index("{", page.index("}")) + 1 : page.index("}", page.index("}") + 1)]
-    return (
-        f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}"
-        'text{font:11px system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}'
     )

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .._html import template_text
+
 # As many markers as colours, so that an agent keeps one combination.
 MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
 
@@ -41,4 +43,15 @@ def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
             marker=MARKERS[place % len(MARKERS)],
         )
         for place, name in enumerate(agents)
+    )
+
+
+def file_style() -> str:
+    """The CSS of a drawing without a page: the colours of the report, light and dark."""
+    page = template_text("report.css")
+    light = page[page.index("{") + 1 : page.index("}")]
+    dark = page[page.index("{", page.index("}")) + 1 : page.index("}", page.index("}") + 1)]
+    return (
+        f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}"
+        'text{font:11px system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}'
     )
