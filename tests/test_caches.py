@@ -15,7 +15,7 @@ import shapely
 from agent_adapters.reference.flight._airspace import Airspace, block_round
 from bench.contracts import Lens
 from bench.scoring._arrays import _DocumentKey
-from bench.simspec import ASSETS, Polygon
+from bench.simspec import ASSETS, Polygon, load_simspec
 from decompositions import Decomposition, decomposition_of, load_decomposition
 
 ROOT = Path(__file__).parents[1]
@@ -86,6 +86,10 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (square(9.0), 1.0),
         (square(8.0), 1.0),
         (square(9.0), 2.0),
+    ),
+    "bench.reporting.statistics._design_quality._placed_features": tuple(
+        (load_simspec(ROOT / "campaigns" / "standard" / name).model_dump_json(),)
+        for name in ("search-1.yaml", "search-2.yaml")
     ),
     "bench.scoring._arrays._arrays": (
         (_DocumentKey(DECOMPOSITION),),
