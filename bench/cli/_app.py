@@ -7,7 +7,7 @@ import os
 import signal
 import sqlite3
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
@@ -112,12 +112,18 @@ for command in (
     *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
 ):
     app.command("next" if command is _next.propose else None)(command)
-for name, summary, command in (
-    ("decomposition", "Check decompositions.", _decomposition.check),
-    ("camera", "Draw what the rendered camera can show.", _camera.sheet),
-):
+_GROUPS: tuple[tuple[str, str, tuple[Callable[..., None], ...]], ...] = (
+    ("decomposition", "Check decompositions.", (_decomposition.check,)),
+    (
+        "camera",
+        "Draw what the rendered camera can show, and what it showed.",
+        (_camera.sheet, _camera.frames),
+    ),
+)
+for name, summary, members in _GROUPS:
     group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-    group.command()(command)
+    for member in members:
+        group.command()(member)
     # Without a second command the group would vanish, and its command with it.
     group.callback(help=summary)(lambda: None)
     app.add_typer(group, name=name)

@@ -37,6 +37,7 @@ from .graph._drawing import graph_svg as graph_svg
 from .map._run_choice import choose_runs as choose_runs
 from .map._run_map import RunMap as RunMap
 from .map._run_map import build_run_map as build_run_map
+from .pictures._boxed_frames import boxed_frames as boxed_frames
 from .statistics._agent_comparison import Comparison as Comparison
 from .statistics._agent_comparison import compare_agents as compare_agents
 from .statistics._agent_comparison import compare_campaigns as compare_campaigns

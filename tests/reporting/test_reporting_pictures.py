@@ -17,6 +17,7 @@ from made_run import at_s
 
 from bench.agents import open_agent
 from bench.camera import decode_jpeg
+from bench.cli._app import run
 from bench.contracts import (
     TF,
     TRUTH_ODOMETRY,
@@ -32,10 +33,12 @@ from bench.contracts import (
     SimTime,
     VehicleState,
 )
-from bench.recording import open_recording, read_records
+from bench.errors import SetupError
+from bench.recording import open_recording, read_records, read_tape
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting._campaign_folder import load_report_data
 from bench.reporting._page import render_report
+from bench.reporting.pictures._boxed_frames import CAPTION_PX, COLOURS, GAP_PX, _at, boxed_frames
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, RECORDED, frame_pixels
 from bench.reporting.pictures._recorded_state import RecordedStates
 from bench.reporting.pictures._verdicts import Verdict, judge, worst_frame
@@ -423,3 +426,46 @@ def test_few_runs_are_shown_and_a_damaged_recording_is_named(
     assert pictures[0].failed == "OBS-9"
     assert len(notes) == 1
     assert notes[0].startswith(f"No picture of {runs[0].realization}: ")
+
+
+def test_frames_of_two_runs_stand_in_rows_with_their_boxes(
+    recordings: dict[str, tuple[SimSpec, Path]], tmp_path: Path
+) -> None:
+    """The pixels are those of the frame; the crate that is nowhere is drawn in its colour, and on top stands what is what."""
+    files = [recordings[name][1] for name in ("gimbal", "kept")]
+    sheet = boxed_frames(files, (0.6, 1.2))
+    assert sheet.shape == (2 * (400 + CAPTION_PX) + GAP_PX, 2 * 1200 + GAP_PX, 3)
+    tops = {"gimbal": CAPTION_PX, "kept": 400 + 2 * CAPTION_PX + GAP_PX}
+    for name, top in tops.items():
+        spec, recording = recordings[name]
+        frames = [frame for frame in read_tape(recording, spec).frames if frame.exposed.s <= 0.6]
+        pixels = frame_pixels(recording, spec, spec.vehicle.camera, frames[-1].number, frames[-1].exposed)
+        assert pixels is not None
+        height_px, width_px = pixels.bgr.shape[:2]
+        shown = sheet[top : top + height_px, :width_px]
+        assert (shown[5:36, 5] == COLOURS[Verdict.FALSE]).all()
+        # Below the crate, where people and their labels are not.
+        assert (
+            shown[60 : height_px // 3, : width_px // 3] == pixels.bgr[60 : height_px // 3, : width_px // 3]
+        ).all()
+    # Without a time the frame with the most errors.
+    assert boxed_frames(files[:1]).shape == (300 + CAPTION_PX, 400, 3)
+    out = tmp_path / "new" / "frames.png"
+    folders = [str(file.parent) for file in files]
+    assert run(["camera", "frames", *folders, "--at", "0.6", "--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SetupError, match="has no such frame"):
+        boxed_frames(files, (-1.0,))
+
+
+def test_an_agent_that_looks_for_itself_is_told_no_errors(
+    recordings: dict[str, tuple[SimSpec, Path]],
+) -> None:
+    spec, recording = recordings["gimbal"]
+    own = spec.model_copy(update={"perception": Perception(source="agent")})
+    frame = _at(own, read_tape(recording, spec), 1.2)
+    assert frame is not None
+    assert {item.verdict for item in frame.boxes} <= {Verdict.TRUTH}
+    judged = _at(spec, read_tape(recording, spec), 1.2)
+    assert judged is not None
+    assert judged.errors >= 1
