@@ -191,22 +191,29 @@ def _scale_of(decomposition: Decomposition, path: Path | None) -> DifficultyScal
 
 def _measure(
     situation: SimSpec, published: Difficulty, scale: DifficultyScale | None
-) -> tuple[Mapping[str, MeasuredDifficulty], str]:
-    """The measured difficulty of every node that the situation exercises and that has a scale, or why there is none.
+) -> tuple[Mapping[str, MeasuredDifficulty], str, Mapping[str, Mapping[str, MeasuredDifficulty]]]:
+    """The measured difficulty of every node that the situation exercises and that has a scale, or why there is none; and what
+    they would be with one thing changed, by what that is.
 
     A situation without places gets those of its seed.
     """
-    from bench.difficulty import features_of
+    from bench.difficulty import changed_situations, features_of
     from bench.realization import PlacementInfeasible, place
 
     if scale is None:
-        return {}, "there is no scale for this decomposition (`rebar calibrate --fit`)"
+        return {}, "there is no scale for this decomposition (`rebar calibrate --fit`)", {}
     try:
-        features = features_of(situation if situation.realized else place(situation))
+        placed = situation if situation.realized else place(situation)
     except PlacementInfeasible:
-        return {}, "the actors find no room; the published rating needs no places"
-    measured = {node: scale.measure(node, features) for node in scale.nodes if published.of(node) is not None}
-    return measured, "" if measured else "this situation exercises no node that has a scale"
+        return {}, "the actors find no room; the published rating needs no places", {}
+    nodes = [node for node in scale.nodes if published.of(node) is not None]
+
+    def measured(simspec: SimSpec) -> dict[str, MeasuredDifficulty]:
+        features = features_of(simspec)
+        return {node: scale.measure(node, features) for node in nodes}
+
+    changes = {words: measured(changed) for words, changed in changed_situations(placed)}
+    return measured(placed), "" if nodes else "this situation exercises no node that has a scale", changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +226,8 @@ class _RatedSituation:
     measured: Mapping[str, MeasuredDifficulty]
     unmeasured: str
     """Why there is no measured difficulty; empty where there is one."""
+    changes: Mapping[str, Mapping[str, MeasuredDifficulty]]
+    """The measured difficulties with one thing changed."""
 
     def explanations(self) -> list[str]:
         """Sentences about the hardest nodes on the measured scale; those that it was shown to hold for, if any."""
@@ -226,7 +235,14 @@ class _RatedSituation:
             return [f"No measured difficulty: {self.unmeasured}"]
         proved = [measured for measured in self.measured.values() if not measured.unproved]
         hardest = sorted(proved or self.measured.values(), key=lambda measured: -measured.difficulty)
-        return [measured.sentence() for measured in hardest[:EXPLAINED_NODES]]
+        return [self._explanation(measured) for measured in hardest[:EXPLAINED_NODES]]
+
+    def _explanation(self, measured: MeasuredDifficulty, count: int = 4) -> str:
+        """With what would change its tension."""
+        others = {words: nodes[measured.node].tension for words, nodes in self.changes.items()}
+        parts = [f"{tension} {words}" for words, tension in others.items() if tension != measured.tension]
+        changed = f" It would be tension {', '.join(parts)}." if parts else ""
+        return measured.sentence(count) + changed
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
         """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
@@ -315,7 +331,7 @@ class _RatedSituation:
                 f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension
             )
         if node in self.measured:
-            yield self.measured[node].sentence(len(self.measured[node].contributions))
+            yield self._explanation(self.measured[node], len(self.measured[node].contributions))
         yield "Its observables:"
         for leaf in self.decomposition.observables_under(node):
             rated = self.difficulty.observables[leaf]

@@ -15,6 +15,7 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._features import Feature as Feature
+    from ._features import changed_situations as changed_situations
     from ._features import features_of as features_of
     from ._fit import MIN_OUTCOMES as MIN_OUTCOMES
     from ._fit import ScaleTrials as ScaleTrials

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from bench.contracts import Sighting
@@ -43,6 +43,19 @@ def features_of(simspec: SimSpec) -> dict[str, Feature]:
             simspec.name, "has no places yet, which measured difficulty is computed from", "realize it first"
         )
     return {**_time(simspec), **_sight(simspec), **_people(simspec), **_operator(simspec), **_faults(simspec)}
+
+
+def changed_situations(simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:
+    """Situations that differ in one thing that somebody may change or wait for, and what that is."""
+    clear = simspec.environment.model_copy(
+        update={"fog_level": 0.0, "rain_level": 0.0, "dust_level": 0.0, "visibility_m": None}
+    )
+    longer = simspec.mission.model_copy(update={"time_limit_s": 1.5 * simspec.mission.time_limit_s})
+    sound = simspec.vehicle.model_copy(update={"failures": ()})
+    yield "in clear air", simspec.model_copy(update={"environment": clear})
+    yield "with half as much time again", simspec.model_copy(update={"mission": longer})
+    yield "without orders", simspec.model_copy(update={"orders": ()})
+    yield "without failures and outages", simspec.model_copy(update={"vehicle": sound, "outages": ()})
 
 
 def _time(simspec: SimSpec) -> dict[str, Feature]:

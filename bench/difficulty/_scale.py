@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from bench.documents import Document, load_document, read_document
 from bench.errors import SetupError
+from bench.scoring import tension_of
 from decompositions import Decomposition
 
 from ._features import Feature
@@ -145,6 +146,11 @@ class MeasuredDifficulty:
     contributions: tuple[Contribution, ...]
     unproved: str
 
+    @property
+    def tension(self) -> int:
+        """1 to 5, as of a published rating."""
+        return tension_of(self.difficulty)
+
     def sentence(self, count: int = 4) -> str:
         """The difficulty and the contributions behind it, the largest first."""
         named = [part for part in self.contributions[:count] if abs(part.points) >= MIN_POINTS]
@@ -154,7 +160,7 @@ class MeasuredDifficulty:
             parts.append(f"all else ({rest:+.0f})")
         doubt = f" No scale here: {self.unproved}." if self.unproved else ""
         return (
-            f"{self.node}: measured {self.difficulty:.0f}. The panel fails it in {self.failure_share:.0%} of such runs, and is at "
+            f"{self.node}: tension {self.tension}, measured {self.difficulty:.0f}. The panel fails it in {self.failure_share:.0%} of such runs, and is at "
             f"{self.average:.0f} in its average situation{'; here ' if parts else ''}{', '.join(parts)}.{doubt}"
         )
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from command_line import EXAMPLE, fly_short, json_of
 
 from bench.campaign import digest_of, rescore_campaign
@@ -438,6 +440,36 @@ def test_an_interrupted_score_leaves_the_folder_as_it_was(campaign: Path, tmp_pa
     assert files_of(folder) != before
 
 
+def test_difficulty_tells_what_one_change_would_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The tension that is told for clear air and for more time is that of a file with them."""
+    base = yaml.safe_load((Path(__file__).parents[2] / "campaigns" / "panel" / "situation.yaml").read_text())
+    base["environment"]["fog_level"], base["mission"]["time_limit_s"] = 9.0, 200.0
+
+    def tensions(**changes: object) -> dict[str, int]:
+        path = tmp_path / "situation.yaml"
+        path.write_text(yaml.safe_dump(base | changes))
+        line = ["difficulty", str(path), "--decomposition", "search-and-report-full"]
+        document = json_of([*line, "--json"], capsys)
+        assert run(line) == 0
+        return {row["node"]: max(1, math.ceil(row["difficulty"] / 20.0)) for row in document["measured"]}
+
+    clear = tensions(environment=base["environment"] | {"fog_level": 0.0, "rain_level": 0.0})
+    longer = tensions(mission=base["mission"] | {"time_limit_s": 300.0})
+    capsys.readouterr()
+    here = tensions()
+    text = " ".join(capsys.readouterr().out.split())
+    told = re.findall(r"(KA-\d\d): tension (\d), measured \d+\.(.*?)(?=KA-\d\d: tension|$)", text)
+    assert len(told) == 5
+    for node, tension, words in told:
+        assert int(tension) == here[node]
+        for change, changed in (("in clear air", clear), ("with half as much time again", longer)):
+            found = re.search(rf"(\d) {change}", words)
+            assert (int(found[1]) if found else here[node]) == changed[node]
+    assert any(longer[node] != here[node] for node, *_ in told)
+
+
 def test_difficulty_shows_both_numbers_and_sentences(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -456,10 +488,15 @@ def test_difficulty_shows_both_numbers_and_sentences(
     assert run(line) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "Node Published Tension Measured Ruled by" in shown
-    assert len(re.findall(r"KA-\d\d: measured \d+\. The panel fails it in \d+% of such runs", shown)) == 5
+    assert (
+        len(re.findall(r"KA-\d\d: tension \d, measured \d+\. The panel fails it in \d+% of such runs", shown))
+        == 5
+    )
     assert run([*line, "--node", "KA-20"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert f"KA-20: measured {measured['KA-20']['difficulty']:.0f}. The panel fails it" in shown
+    tension = max(1, math.ceil(measured["KA-20"]["difficulty"] / 20.0))
+    number = measured["KA-20"]["difficulty"]
+    assert f"KA-20: tension {tension}, measured {number:.0f}. The panel fails it" in shown
     assert "of the 360 s allowed" in shown
     assert run(["difficulty", situation]) == 0
     assert "No measured difficulty: there is no scale for this decomposition" in " ".join(

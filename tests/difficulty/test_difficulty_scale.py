@@ -86,7 +86,8 @@ def test_the_sentence_has_numbers_words_and_doubt() -> None:
     values = at(a=5.0, b=-3.0, c=2.0, d=1.5)
     measured = scale({"a": 0.8, "b": 0.3, "c": 0.6, "d": 0.6}).measure("KA-03", values)
     sentence = measured.sentence(count=2)
-    assert sentence.startswith(f"KA-03: measured {measured.difficulty:.0f}. ")
+    tension = max(1, math.ceil(measured.difficulty / 20.0))
+    assert sentence.startswith(f"KA-03: tension {tension}, measured {measured.difficulty:.0f}. ")
     assert sentence.index("a is 5 (+") < sentence.index("b is -3 (-") < sentence.index("all else (+")
     assert "No scale here" not in sentence
     numbers = [float(number) for number in re.findall(r"\(([+-]\d+)\)", sentence)]
