@@ -48,7 +48,7 @@ def frames(
         "frames.webp"
     ),
 ) -> None:
-    """Draw frames of runs with true and detected boxes: a row for each run.
+    """Draw frames of runs with true and detected boxes: a row for each run, or single frames side by side.
 
     Example: rebar camera frames out/demo/runs/p001-r1-* --at 30 --at 60 --out frames.png
     """

@@ -25,11 +25,14 @@ COLOURS = {
     Verdict.FALSE: (0, 176, 255),
 }
 CAPTION_PX, GAP_PX = 26, 6
+COLUMNS = 3
+FONT = 0  # cv2.FONT_HERSHEY_SIMPLEX
 PAPER = 255
 
 
 def boxed_frames(recordings: Sequence[Path], times_s: Sequence[float] = ()) -> Pixels:
-    """One picture: a row for each recording of the frames at these times, or of the frame with the most errors.
+    """One picture: a row for each recording of the frames at these times, or of the frame with the most errors; single frames
+    stand side by side.
 
     Frames are as recorded, or drawn again from the recorded states. Raises SetupError where there is no such frame, or what
     draws it is not installed.
@@ -42,6 +45,9 @@ def boxed_frames(recordings: Sequence[Path], times_s: Sequence[float] = ()) -> P
             [_at(simspec, tape, time_s) for time_s in times_s] if times_s else [worst_frame(simspec, tape)]
         )
         rows.append([_drawn(recording, simspec, frame) for frame in frames])
+    if max(map(len, rows)) == 1:
+        singles = [picture for row in rows for picture in row]
+        rows = [singles[first : first + COLUMNS] for first in range(0, len(singles), COLUMNS)]
     return _laid_out(rows)
 
 
@@ -86,15 +92,16 @@ def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None) -> Pixe
         colour, width = COLOURS[item.verdict], 1 + (item.verdict in ERRORS)
         cv2.rectangle(picture, (left, top), (right, bottom), colour, width)
         if item.verdict in ERRORS | {Verdict.HIT}:
-            place = (left, top - 4 if top > 16 else bottom + 13)
-            for ink, stroke in (((0, 0, 0), 3), (colour, 1)):
-                cv2.putText(
-                    picture, item.text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, ink, stroke, cv2.LINE_AA
-                )
+            (width_px, height_px), below_px = cv2.getTextSize(item.text, FONT, 0.4, 1)
+            foot = top - below_px if top > 2 * height_px else bottom + height_px + below_px
+            # Grass is as green as a hit: words stand on black.
+            corner = (left + width_px, foot + below_px)
+            cv2.rectangle(picture, (left, foot - height_px - 2), corner, (0, 0, 0), cv2.FILLED)
+            cv2.putText(picture, item.text, (left, foot), FONT, 0.4, colour, 1, cv2.LINE_AA)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(frame.counts.items()))
     caption = np.full((CAPTION_PX, picture.shape[1], 3), PAPER, dtype=np.uint8)
     words = f"{simspec.name}, {frame.exposed.s:.1f} s: {counts or 'nothing in view'}"
-    cv2.putText(caption, words, (4, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
+    cv2.putText(caption, words, (4, 18), FONT, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
     return np.vstack([caption, picture])
 
 
