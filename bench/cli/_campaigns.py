@@ -280,7 +280,7 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
         what = "and keep in the campaign file both say what becomes of recordings"
         raise SetupError("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
-    folder = request.folder(campaign.name)
+    folder = request.folder(campaign)
     end = CampaignEnd()
     with (
         open_laboratory(request.laboratory, campaign.name) as bus,
