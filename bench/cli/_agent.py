@@ -25,35 +25,56 @@ if TYPE_CHECKING:
 
 
 class Language(StrEnum):
-    """What a new agent is written in. Each needs nothing but the language itself."""
+    """What a new agent is written in. Each but `ros2` needs nothing but the language itself."""
 
     PYTHON = "python"
     NODE = "node"
     C = "c"
     RUST = "rust"
+    ROS2 = "ros2"
 
 
 @dataclass(frozen=True, slots=True)
 class _Kit:
-    """The files of examples/tick for a language; `build` is given in the folder before the first flight."""
+    """The files of a folder of examples for a language; `build` is given in the new folder before the first flight."""
 
     manifest: str
     program: str
-    client: str
-    build_file: str = ""
+    helpers: Mapping[str, str]
+    """What each further file does."""
     build: tuple[str, ...] = ()
+    folder: str = "tick"
+    pace: str = "lockstep"
 
 
+_CLIENT = "is its client: the bench's ticks and messages, MAVLink, pixels to ground."
+_BUILD = "says how it is built: build it after each change."
 _KITS = {
-    Language.PYTHON: _Kit("search.yaml", "search.py", "rebar_air.py"),
-    Language.NODE: _Kit("search-node.yaml", "search.js", "rebar_air.js"),
-    Language.C: _Kit("search-c.yaml", "search.c", "rebar_air.h", "Makefile", ("make", "-C", "{folder}")),
+    Language.PYTHON: _Kit("search.yaml", "search.py", {"rebar_air.py": _CLIENT}),
+    Language.NODE: _Kit("search-node.yaml", "search.js", {"rebar_air.js": _CLIENT}),
+    Language.C: _Kit(
+        "search-c.yaml",
+        "search.c",
+        {"rebar_air.h": _CLIENT, "Makefile": _BUILD},
+        ("make", "-C", "{folder}"),
+    ),
     Language.RUST: _Kit(
         "search-rust.yaml",
         "search.rs",
-        "rebar_air.rs",
-        "Cargo.toml",
+        {"rebar_air.rs": _CLIENT, "Cargo.toml": _BUILD},
         ("cargo", "build", "--release", "--manifest-path", "{folder}/Cargo.toml"),
+    ),
+    Language.ROS2: _Kit(
+        "search-ros2.yaml",
+        "search_node.py",
+        {
+            "drone.py": "is what it flies and sees with: pymavlink, pixels to ground.",
+            "on_pyzeros.py": "runs it without ROS; examples/ros2/README.md (`rebar examples`) says how to use rclpy.",
+        },
+        # The version that the tests fly.
+        ("pip", "install", "pyzeros==0.1.0"),
+        "ros2",
+        "warp",
     ),
 }
 _README = """\
@@ -63,8 +84,7 @@ _README = """\
 - `rebar simulate scene.yaml --out out/scene` flies one session and says what was not achieved.
 - `rebar run campaign.yaml --out out/campaign` flies the campaign and writes out/campaign/report.html.
 - `{program}` is the agent: it searches, reports, publishes tracks and lands. Change it.
-- `{client}` is its client: the bench's ticks and messages, MAVLink, pixels to ground.
-- `{name}.yaml` is what the bench reads: command, pace, limits (`rebar schema agent`).
+{helpers}- `{name}.yaml` is what the bench reads: command, pace, limits (`rebar schema agent`).
 - The messages: `rebar schema --keys scene.yaml`, and `rebar schema target-report` for one of them.
 """
 
@@ -100,9 +120,10 @@ def new(
     if os.path.lexists(folder):
         raise SetupError(folder, "this path exists", "give a folder that is to be made")
     kit = _KITS[language]
-    files = filter(None, (kit.program, kit.client, kit.build_file))
-    texts = {file: shipped(f"examples/tick/{file}").read_text(encoding="utf-8") for file in files}
-    text = shipped(f"examples/tick/{kit.manifest}").read_text(encoding="utf-8")
+    source = f"examples/{kit.folder}"
+    files = (kit.program, *kit.helpers)
+    texts = {file: shipped(f"{source}/{file}").read_text(encoding="utf-8") for file in files}
+    text = shipped(f"{source}/{kit.manifest}").read_text(encoding="utf-8")
     text = re.sub(r"^name: .*$", f"name: {name}", text, flags=re.MULTILINE)
     # Results name an agent by its manifest's file.
     texts[f"{name}.yaml"] = re.sub(r"^description: .*\n", "", text, flags=re.MULTILINE)
@@ -110,6 +131,8 @@ def new(
     texts["scene.yaml"] = re.sub(
         r"^agent: .*$", f"agent: {{manifest: {name}.yaml}}", scene, flags=re.MULTILINE
     ).replace("rebar simulate examples/search.yaml", "rebar simulate scene.yaml")
+    if kit.pace != "lockstep":
+        texts["scene.yaml"] += f"pace: {{mode: {kit.pace}}}\n"
     if speaks != "px4":
         model = f"model: {DEFAULT_VEHICLE}"
         texts["scene.yaml"] = texts["scene.yaml"].replace(model, f"{model}\n  autopilot: {speaks}")
@@ -125,8 +148,8 @@ def new(
     texts["README.md"] = _README.format(
         name=name,
         program=kit.program,
-        client=kit.client,
-        build=f"- `{build}` comes first, and after each change ({kit.build_file}).\n" if build else "",
+        helpers="".join(f"- `{file}` {words}\n" for file, words in kit.helpers.items()),
+        build=f"- `{build}` comes first.\n" if build else "",
     )
     folder.mkdir(parents=True)
     for file, content in texts.items():

@@ -75,7 +75,8 @@ def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
         x, y, height = random.uniform((0, 0, 1), (1000, 1000, 50)).tolist()
         score = float(random.uniform(0.1, 1.0))
         found = detection(f"class-{number % 3}", score, x, y, height)
-        messages.append(("/v/detections", Detection2DArray(detections=(found,))))
+        header = Header(frame_id="v/optical")
+        messages.append(("/v/detections", Detection2DArray(header=header, detections=(found,))))
         camera = np.array([(x - centre[0]) / focal[0], (y + height / 2 - centre[1]) / focal[1], 1.0])
         ray = (body * mount).apply(camera)
         if ray[2] <= -0.05:
@@ -165,14 +166,33 @@ for line in sys.stdin:
         print(json.dumps(seen))
 """
 
+ROS2_PROGRAM = """
+import json, sys
+from types import SimpleNamespace
+sys.path.insert(0, sys.argv[1])
+from drone import Eye
+eye = Eye()
+for line in sys.stdin:
+    item = json.loads(line, object_hook=lambda fields: SimpleNamespace(**fields))
+    if item.topic in ("/tf", "/tf_static"):
+        eye.take_frames(item.message)
+    elif item.topic.endswith("/camera_info"):
+        eye.take_camera(item.message)
+    elif item.topic.endswith("/detections"):
+        for seen in eye.see(item.message):
+            print(json.dumps(seen))
+"""
+
 
 def command_of(language: str, folder: Path) -> list[str]:
     """A program that reads messages as lines of JSON and writes what they show; skips without its language."""
-    tools = {"python": sys.executable, "node": "node", "c": "cc", "rust": "rustc"}
+    tools = {"python": sys.executable, "ros2": sys.executable, "node": "node", "c": "cc", "rust": "rustc"}
     if shutil.which(tools[language]) is None:
         pytest.skip(f"{tools[language]} is not installed")
     if language == "python":
         return [sys.executable, "-I", "-c", PYTHON_PROGRAM, str(TICK)]
+    if language == "ros2":
+        return [sys.executable, "-I", "-c", ROS2_PROGRAM, str(TICK.parent / "ros2")]
     if language == "node":
         (folder / "see.js").write_text(NODE_PROGRAM)
         return ["node", str(folder / "see.js"), str(TICK / "rebar_air.js")]
@@ -188,7 +208,7 @@ def command_of(language: str, folder: Path) -> list[str]:
     return [program]
 
 
-@pytest.mark.parametrize("language", ["python", "node", "c", "rust"])
+@pytest.mark.parametrize("language", ["python", "node", "c", "rust", "ros2"])
 def test_in_the_clients_for_agents_without_a_library(language: str, tmp_path: Path) -> None:
     """As JSON, with white space, escapes and letters of other alphabets in what they need not understand."""
     messages, expected = scene(3)

@@ -24,8 +24,9 @@ PROGRAMS = {
     "node": ("search.js", "rebar_air.js"),
     "c": ("search.c", "rebar_air.h", "Makefile"),
     "rust": ("search.rs", "rebar_air.rs", "Cargo.toml"),
+    "ros2": ("search_node.py", "drone.py", "on_pyzeros.py"),
 }
-TOOLS = {"python": (), "node": ("node",), "c": ("make", "cc"), "rust": ("cargo",)}
+TOOLS = {"python": (), "node": ("node",), "c": ("make", "cc"), "rust": ("cargo",), "ros2": ()}
 BUILDS = {"c": ["make", "-s"], "rust": ["cargo", "build", "-q", "--release", "--offline"]}
 
 
@@ -34,6 +35,8 @@ def scaffold(folder: Path, language: str, *options: str) -> None:
     for tool in TOOLS[language]:
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
+    if language == "ros2":
+        pytest.importorskip("pyzeros", reason="pyzeros is not installed: pip install pyzeros==0.1.0")
     assert run(["agent", "new", str(folder), "--language", language, *options]) == 0
     if language in BUILDS:
         subprocess.run(BUILDS[language], cwd=folder, check=True)
@@ -49,8 +52,10 @@ def test_the_folder_holds_an_agent_a_scene_and_a_campaign_of_two(
     files = {path.name for path in folder.iterdir()}
     assert files == {"scout-2.yaml", "campaign.yaml", "scene.yaml", "README.md", *PROGRAMS[language]}
     manifest, _ = load_manifest(str(folder / "scout-2.yaml"))
-    assert (manifest.name, manifest.air) == ("scout-2", "tick")
-    assert manifest.pace == ("lockstep", "realtime", "warp")
+    ros2 = language == "ros2"
+    assert (manifest.name, manifest.air) == ("scout-2", "zenoh" if ros2 else "tick")
+    assert manifest.pace == (("warp", "realtime") if ros2 else ("lockstep", "realtime", "warp"))
+    assert load_simspec(folder / "scene.yaml").pace.mode == manifest.pace[0]
     campaign = load_campaign(folder / "campaign.yaml")
     assert [Path(agent.manifest).name for agent in campaign.agents] == [
         "scout-2.yaml",
@@ -104,8 +109,8 @@ def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("language", "speaks"),
-    # Each client once and each autopilot twice; all eight pairs held when they were flown.
-    [("python", "ardupilot"), ("node", "px4"), ("c", "ardupilot"), ("rust", "px4")],
+    # Each client once and each autopilot twice or more; all ten pairs held when they were flown.
+    [("python", "ardupilot"), ("node", "px4"), ("c", "ardupilot"), ("rust", "px4"), ("ros2", "px4")],
 )
 def test_the_new_agent_holds_its_check_and_scores_twice_alike(
     language: str, speaks: str, tmp_path: Path
