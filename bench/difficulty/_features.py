@@ -20,6 +20,9 @@ from ._course import Course
 from ._walks import Walks
 
 MIN_CHANCE = 0.01  # of a detection: below, nothing changes any more for an agent
+MIN_CONTRAST = (
+    1e-9  # that air and light leave: far below what anything can be seen at, and a logarithm still exists
+)
 CLEAR_CHANCE = 0.98  # where there is nobody to see; chosen
 NO_DEADLINE_SHARE = 0.1  # of a deadline that no report has: far below the panel's; chosen
 REACH_S = 60.0  # for which people walk between a look and the mark; chosen
@@ -138,7 +141,8 @@ def _sight(simspec: SimSpec) -> dict[str, Feature]:
             else "there is no target",
         ),
         "haze": Feature(
-            -math.log(air), f"air and light leave {air:.0%} of the contrast at {course.slant_m:.0f} m"
+            -math.log(max(MIN_CONTRAST, air)),
+            f"air and light leave {air:.0%} of the contrast at {course.slant_m:.0f} m",
         ),
         "blind": Feature(blind, f"the detector loses {blind:.0%} of what the search would show"),
     }
@@ -270,7 +274,7 @@ def _faults(simspec: SimSpec) -> dict[str, Feature]:
     drift_m = sum(
         (failure.drift_mps or 0.0) * (min(failure.until_s, limit_s) - failure.at_s)
         for failure in failures
-        if failure.kind == "gps_drift" and failure.at_s < course.home_s
+        if failure.kind == "gps_drift" and failure.at_s < min(course.home_s, limit_s)
     )
     lost_s = {
         kind: sum(

@@ -171,7 +171,8 @@ def _fault_of(
         case _:
             given = detail["input"]
             text = repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
-            return Fault(where, f"{text[:80]} is not valid", message)
+            # Of a mapping pydantic tells the class in Python as well, which no file can hold.
+            return Fault(where, f"{text[:80]} is not valid", message.partition(" or instance of ")[0])
 
 
 def _remedy_of_unknown(kind: type[BaseModel], location: DocumentPath) -> str:

@@ -131,7 +131,9 @@ def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 yield from _reference_inconsistencies(
                     ("actors", index, "placement", name, "of"), group.id, relation.of, group_ids
                 )
-        if not group.has_role:
+        if fault := None if group.has_role else group.asset_fault(""):
+            yield ("actors", index, "asset"), f"{fault.what} ({fault.remedy})"
+        elif not group.has_role:
             what = f"is missing, and asset {group.asset!r} states none: add it"
             yield ("actors", index, "role"), what
         yield from _distance_inconsistencies(simspec, index)

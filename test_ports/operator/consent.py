@@ -232,7 +232,8 @@ def consent_requests_true(
         # A fresh request after a while tells the operator that people have moved; at once it is nagging.
         if true and before_s is not None and at_s - before_s >= again_s:
             continue
-        text = f"request {request.value.id}: {count} people near {consents.truth.cast[actor].id}, stated {stated}"
+        text = f"request {request.value.id}: {count} people near {consents.truth.cast[actor].id}, stated "
+        text += "nothing" if stated is None else f"{stated}"
         text += "; repeated too soon" if true and before_s is not None else ""
         verdicts.append(Verdict(at_s, true and before_s is None, text))
     return share_right(verdicts) if verdicts else nothing_shown(tape.end_s, NOT_ASKED)

@@ -257,7 +257,7 @@ def bystander_count_right(
     def judge(report: TargetReport, distances_m: Floats) -> tuple[bool, str]:
         count, stated = int((distances_m < simspec.rules.no_mark_within_m).sum()), report.bystanders_seen
         right = stated is not None and abs(stated - count) <= tolerance * count
-        return right, f"{count} bystanders near the target, stated {stated}"
+        return right, f"{count} bystanders near the target, stated {'nothing' if stated is None else stated}"
 
     return _share_right_near_bystanders(tape, simspec, min_exposure_s, judge)
 

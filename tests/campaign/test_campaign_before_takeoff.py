@@ -24,7 +24,7 @@ from bench.cli._run_request import CampaignChanges
 from bench.documents import dump_yaml
 from bench.errors import SetupError
 from bench.realization import DesignFactor
-from bench.simspec import Pace, SimSpec, VehicleSpec
+from bench.simspec import ActorGroup, Pace, SimSpec, VehicleSpec
 
 MANIFEST = """
 format: rebar.agent/1
@@ -89,6 +89,20 @@ def test_every_level_of_a_factor_is_looked_at(tmp_path: Path) -> None:
     )
     faults = takeoff_faults(plan.simspec for plan in realizations(document))
     assert [fault.what.split(" s ")[0] for fault in faults] == ["0.103", "0.11"]
+
+
+def test_levels_that_nobody_defines_as_assets_are_faults(tmp_path: Path) -> None:
+    """Two of three: they were found only when the scenes were placed."""
+    group = ActorGroup.model_validate({"id": "cars", "asset": "van", "role": "bystander", "count": 1})
+    document = campaign(manifest(tmp_path, "agent"), actors=(group,))
+    assets = DesignFactor(name="kind", levels=("van", "submarine", "zeppelin"), sets=("actors[cars].asset",))
+    document = document.model_copy(
+        update={"design": document.design.model_copy(update={"factors": (assets,), "replicates": 1})}
+    )
+    faults = takeoff_faults(plan.simspec for plan in realizations(document))
+    assert [f"{fault.where}: {fault.what}" for fault in faults] == [
+        f"actors[0].asset: there is no asset '{name}'" for name in ("submarine", "zeppelin")
+    ]
 
 
 @pytest.mark.parametrize(

@@ -266,6 +266,29 @@ def test_what_makes_a_situation_hard_raises_its_features(
     assert [name for name in features if harder[name].value <= plain[name].value] == []
 
 
+@pytest.mark.parametrize("hour", ["11", "23"])
+def test_air_through_which_nothing_is_seen_has_features(hour: str) -> None:
+    """What is left of the contrast is too small for a number."""
+    thick = {"start_utc": f"2026-06-21T{hour}:00:00Z", "visibility_m": 0.1}
+    features = features_of(situation(environment=thick))
+    assert all(math.isfinite(feature.value) for feature in features.values())
+    assert features["haze"].value > value("haze", situation(environment=thick | {"visibility_m": 50.0}))
+
+
+def test_a_drift_after_the_time_limit_takes_nothing_from_an_earlier_one() -> None:
+    """The vehicle would be home later than it is allowed to be."""
+
+    def drift(*times_s: float) -> float:
+        failures = [
+            {"at_s": at_s, "kind": "gps_drift", "drift_mps": 0.5, "duration_s": 9.0} for at_s in times_s
+        ]
+        mission = {"altitude_m": 60.0, "speed_mps": 10.0, "time_limit_s": 50.0}
+        return value("drift", situation(mission=mission, vehicle={"home": HOME, "failures": failures}))
+
+    assert drift(60.0) == 0.0
+    assert drift(20.0, 60.0) == drift(20.0) == pytest.approx(math.log1p(4.5))
+
+
 def test_a_degraded_detector_counts_by_what_it_loses() -> None:
     """Half of a silent one, over the same time."""
     silent = {"kind": "detections", "at_s": 30.0, "duration_s": 20.0}

@@ -237,9 +237,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
 def test_unknown_asset_lists_the_catalogue(tmp_path: Path) -> None:
     """Assets are checked against the catalogue when a file is loaded."""
     path = tmp_path / "s.yaml"
-    path.write_text("name: x\n" + SQUARE + "actors: [{id: a, asset: dragon, role: clutter, count: 1}]\n")
-    with pytest.raises(SetupError, match=r"no asset 'dragon'.*civilian"):
-        load_simspec(path)
+    for role in ("role: clutter, ", ""):
+        path.write_text("name: x\n" + SQUARE + f"actors: [{{id: a, asset: dragon, {role}count: 1}}]\n")
+        with pytest.raises(SetupError, match=r"asset: there is no asset 'dragon'.*civilian"):
+            load_simspec(path)
 
 
 def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:

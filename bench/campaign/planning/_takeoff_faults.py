@@ -17,7 +17,7 @@ _VARIED_VEHICLE_FIELDS = frozenset({"home", "gps", "camera", "more_cameras", "ba
 
 def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     """Why sessions with these SimSpecs would end before they fly: agents without manifest, program, options
-    or the pace; vehicles, scenes, parameters, failures and detectors that do not exist.
+    or the pace; vehicles, scenes, assets, parameters, failures and detectors that do not exist.
 
     Looks once at everything that several SimSpecs have in common. Places are not looked at.
     """
@@ -25,6 +25,7 @@ def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     keys: set[str] = set()
     cameras: set[tuple[Camera, ...]] = set()
     for simspec in simspecs:
+        faults |= {str(fault): fault for fault in simspec.asset_faults()}
         if simspec.vehicle.cameras not in cameras:
             cameras.add(simspec.vehicle.cameras)
             faults |= {str(fault): fault for fault in camera_faults(simspec)}

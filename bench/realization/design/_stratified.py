@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.documents import Document
 
@@ -54,6 +54,14 @@ class Stratified(Document):
     up_to: float | None = Field(
         None, gt=0.0, le=100.0, description="Only what is at most so hard for every studied node."
     )
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> Self:
+        if self.above is not None and self.up_to is not None and self.above >= self.up_to:
+            raise ValueError(
+                f"nothing is above {self.above:g} and up to {self.up_to:g}; give above the smaller number"
+            )
+        return self
 
     def chosen(self, space: FactorSpace, seed: int, difficulties: Difficulties) -> list[FactorLevels]:
         """The points.

@@ -91,6 +91,9 @@ def test_stratified_designs_keep_to_a_range_of_difficulty() -> None:
     assert drawn(lambda fog: fog if fog > 40 else None, above=0, points=2) == {60.0, 80.0}
     with pytest.raises(ValueError, match="only 2 different points above 20 up to 60 are among"):
         drawn(lambda fog: fog, above=20, up_to=60)
+    for above, up_to in ((60, 20), (60, 60)):
+        with pytest.raises(ValueError, match=f"nothing is above {above} and up to {up_to}"):
+            drawn(lambda fog: fog, above=above, up_to=up_to)
 
 
 def test_a_design_is_drawn_by_one_scale() -> None:
