@@ -38,10 +38,11 @@ def boxed_frames(recordings: Sequence[Path], times_s: Sequence[float] = ()) -> P
     for recording in recordings:
         simspec = read_simspec(recording)
         tape = read_tape(recording, simspec)
-        frames = (
-            [_at(simspec, tape, time_s) for time_s in times_s] if times_s else [worst_frame(simspec, tape)]
-        )
-        rows.append([_drawn(recording, simspec, frame) for frame in frames])
+        given = " with a result of the detector" if simspec.perception.by_bench else ""
+        frames = [(f"{given} up to {time_s:g} s", _at(simspec, tape, time_s)) for time_s in times_s] or [
+            (" in which the detector of the bench erred", worst_frame(simspec, tape))
+        ]
+        rows.append([_drawn(recording, simspec, frame, which) for which, frame in frames])
     return _laid_out(rows)
 
 
@@ -67,13 +68,13 @@ def _at(simspec: SimSpec, tape: Tape, time_s: float) -> JudgedFrame | None:
     return JudgedFrame(judged.camera, judged.number, judged.exposed, boxes)
 
 
-def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None) -> Pixels:
+def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None, which: str) -> Pixels:
     # Other commands start without OpenCV.
     import cv2
 
     where = str(recording)
     if frame is None:
-        raise SetupError(where, "has no such frame", "give another time with --at")
+        raise SetupError(where, f"has no frame{which}", "give another time with --at")
     (camera,) = (camera for camera in simspec.vehicle.cameras if camera.name == frame.camera)
     pixels = frame_pixels(recording, simspec, camera, frame.number, frame.exposed)
     if pixels is None:
@@ -86,11 +87,16 @@ def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None) -> Pixe
         colour, width = COLOURS[item.verdict], 1 + (item.verdict in ERRORS)
         cv2.rectangle(picture, (left, top), (right, bottom), colour, width)
         if item.verdict in ERRORS | {Verdict.HIT}:
-            place = (left, top - 4 if top > 16 else bottom + 13)
-            for ink, stroke in (((0, 0, 0), 3), (colour, 1)):
-                cv2.putText(
-                    picture, item.text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, ink, stroke, cv2.LINE_AA
-                )
+            # A label whose box leaves the frame stays inside.
+            width_px = cv2.getTextSize(item.text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0][0]
+            x, y = (
+                max(0, min(left, picture.shape[1] - width_px)),
+                top - 4 if top > 16 else min(bottom, picture.shape[0] - 17) + 13,
+            )
+            # An outline of shifted letters: thicker ones are also wider in OpenCV 5.
+            shifts = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+            for place, ink in (*(((x + dx, y + dy), (0, 0, 0)) for dx, dy in shifts), ((x, y), colour)):
+                cv2.putText(picture, item.text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, ink, 1, cv2.LINE_AA)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(frame.counts.items()))
     caption = np.full((CAPTION_PX, picture.shape[1], 3), PAPER, dtype=np.uint8)
     words = f"{simspec.name}, {frame.exposed.s:.1f} s: {counts or 'nothing in view'}"
