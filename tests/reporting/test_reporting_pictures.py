@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import made_run
 import numpy as np
 import polars as pl
@@ -16,6 +17,7 @@ from made_campaign import Made, make_campaign
 from made_run import at_s
 
 from bench.agents import open_agent
+from bench.arrays import Bools
 from bench.camera import decode_jpeg
 from bench.cli._app import run
 from bench.contracts import (
@@ -38,10 +40,10 @@ from bench.recording import open_recording, read_records, read_tape
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting._campaign_folder import load_report_data
 from bench.reporting._page import render_report
-from bench.reporting.pictures._boxed_frames import CAPTION_PX, COLOURS, GAP_PX, _at, boxed_frames
+from bench.reporting.pictures._boxed_frames import CAPTION_PX, COLOURS, GAP_PX, _at, _drawn, boxed_frames
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, RECORDED, frame_pixels
 from bench.reporting.pictures._recorded_state import RecordedStates
-from bench.reporting.pictures._verdicts import Verdict, judge, worst_frame
+from bench.reporting.pictures._verdicts import JudgedBox, JudgedFrame, Verdict, judge, worst_frame
 from bench.reporting.pictures._worst_pictures import MAX_PICTURES, WorstPicture, worst_pictures
 from bench.simspec import (
     ActorGroup,
@@ -455,8 +457,43 @@ def test_frames_of_two_runs_stand_in_rows_with_their_boxes(
     folders = [str(file.parent) for file in files]
     assert run(["camera", "frames", *folders, "--at", "0.6", "--out", str(out)]) == 0
     assert out.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(SetupError, match="has no such frame"):
-        boxed_frames(files, (-1.0,))
+    with pytest.raises(SetupError, match="has no frame with a result of the detector up to -1 s"):
+        boxed_frames(files, (0.6, -1.0))
+
+
+def test_a_label_stays_in_the_frame(
+    recordings: dict[str, tuple[SimSpec, Path]],
+) -> None:
+    """Of a box that leaves the frame it is as large as of any other; and its outline is no wider than its letters."""
+    spec, recording = recordings["gimbal"]
+    frame = _at(spec, read_tape(recording, spec), 0.6)
+    assert frame is not None
+    width_px, height_px = spec.vehicle.camera.width_px, spec.vehicle.camera.height_px
+
+    def ink(box: tuple[float, float, float, float]) -> Bools:
+        drawn, bare = (
+            _drawn(
+                recording,
+                spec,
+                JudgedFrame(frame.camera, frame.number, frame.exposed, (JudgedBox(box, Verdict.HIT, text),)),
+                "",
+            )[CAPTION_PX:]
+            for text in ("van 1", "")
+        )
+        changed: Bools = (drawn != bare).any(axis=2)
+        return changed
+
+    inside = ink((150.0, 150.0, 180.0, 180.0))
+    ((text_width_px, _), _) = cv2.getTextSize("van 1", cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
+    columns = np.flatnonzero(inside.any(axis=0))
+    assert columns.min() >= 148
+    assert columns.max() <= 150 + text_width_px + 1
+    for box in (
+        (-40.0, 100.0, 20.0, 150.0),
+        (width_px - 5.0, 100.0, width_px + 30.0, 150.0),
+        (100.0, -20.0, 150.0, height_px + 9.0),
+    ):
+        assert ink(box).sum() > 0.8 * inside.sum() > 40
 
 
 def test_an_agent_that_looks_for_itself_is_told_no_errors(

@@ -41,10 +41,11 @@ def boxed_frames(recordings: Sequence[Path], times_s: Sequence[float] = ()) -> P
     for recording in recordings:
         simspec = read_simspec(recording)
         tape = read_tape(recording, simspec)
-        frames = (
-            [_at(simspec, tape, time_s) for time_s in times_s] if times_s else [worst_frame(simspec, tape)]
-        )
-        rows.append([_drawn(recording, simspec, frame) for frame in frames])
+        given = " with a result of the detector" if simspec.perception.by_bench else ""
+        frames = [(f"{given} up to {time_s:g} s", _at(simspec, tape, time_s)) for time_s in times_s] or [
+            (" in which the detector of the bench erred", worst_frame(simspec, tape))
+        ]
+        rows.append([_drawn(recording, simspec, frame, which) for which, frame in frames])
     if max(map(len, rows)) == 1:
         singles = [picture for row in rows for picture in row]
         rows = [singles[first : first + COLUMNS] for first in range(0, len(singles), COLUMNS)]
@@ -73,13 +74,13 @@ def _at(simspec: SimSpec, tape: Tape, time_s: float) -> JudgedFrame | None:
     return JudgedFrame(judged.camera, judged.number, judged.exposed, boxes)
 
 
-def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None) -> Pixels:
+def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None, which: str) -> Pixels:
     # Other commands start without OpenCV.
     import cv2
 
     where = str(recording)
     if frame is None:
-        raise SetupError(where, "has no such frame", "give another time with --at")
+        raise SetupError(where, f"has no frame{which}", "give another time with --at")
     (camera,) = (camera for camera in simspec.vehicle.cameras if camera.name == frame.camera)
     pixels = frame_pixels(recording, simspec, camera, frame.number, frame.exposed)
     if pixels is None:
@@ -93,11 +94,14 @@ def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None) -> Pixe
         cv2.rectangle(picture, (left, top), (right, bottom), colour, width)
         if item.verdict in ERRORS | {Verdict.HIT}:
             (width_px, height_px), below_px = cv2.getTextSize(item.text, FONT, 0.4, 1)
-            foot = top - below_px if top > 2 * height_px else bottom + height_px + below_px
+            # A label whose box leaves the frame stays inside.
+            x = max(0, min(left, picture.shape[1] - width_px))
+            lowest = picture.shape[0] - below_px
+            y = top - below_px if top > 2 * height_px else min(lowest, bottom + height_px + below_px)
             # Grass is as green as a hit: words stand on black.
-            corner = (left + width_px, foot + below_px)
-            cv2.rectangle(picture, (left, foot - height_px - 2), corner, (0, 0, 0), cv2.FILLED)
-            cv2.putText(picture, item.text, (left, foot), FONT, 0.4, colour, 1, cv2.LINE_AA)
+            corner = (x + width_px, y + below_px)
+            cv2.rectangle(picture, (x, y - height_px - 2), corner, (0, 0, 0), cv2.FILLED)
+            cv2.putText(picture, item.text, (x, y), FONT, 0.4, colour, 1, cv2.LINE_AA)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(frame.counts.items()))
     caption = np.full((CAPTION_PX, picture.shape[1], 3), PAPER, dtype=np.uint8)
     words = f"{simspec.name}, {frame.exposed.s:.1f} s: {counts or 'nothing in view'}"
