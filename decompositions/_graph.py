@@ -171,7 +171,7 @@ def excerpt(decomposition: Decomposition, node: str) -> Decomposition:
     # Parents come before their children.
     for name, item in decomposition.nodes.items():
         below |= set(item.children) if name in below else set()
-    for name, item in reversed([*decomposition.nodes.items()]):
+    for name, item in reversed(tuple(decomposition.nodes.items())):
         above |= {name} if above & set(item.children) else set()
     kept = above | below
     document = decomposition.document

@@ -469,6 +469,7 @@ def test_a_label_stays_in_the_frame(
     frame = _at(spec, read_tape(recording, spec), 0.6)
     assert frame is not None
     width_px, height_px = spec.vehicle.camera.width_px, spec.vehicle.camera.height_px
+    label = "mobile_radar 0.84"
 
     def ink(box: tuple[float, float, float, float]) -> Bools:
         drawn, bare = (
@@ -478,13 +479,13 @@ def test_a_label_stays_in_the_frame(
                 JudgedFrame(frame.camera, frame.number, frame.exposed, (JudgedBox(box, Verdict.HIT, text),)),
                 "",
             )[CAPTION_PX:]
-            for text in ("van 1", "")
+            for text in (label, "")
         )
         changed: Bools = (drawn != bare).any(axis=2)
         return changed
 
     inside = ink((150.0, 150.0, 180.0, 180.0))
-    ((text_width_px, _), _) = cv2.getTextSize("van 1", cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
+    ((text_width_px, _), _) = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
     columns = np.flatnonzero(inside.any(axis=0))
     assert columns.min() >= 148
     assert columns.max() <= 150 + text_width_px + 1

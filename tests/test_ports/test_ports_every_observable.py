@@ -54,6 +54,7 @@ def test_every_observable_can_be_achieved_failed_and_not_considered(observable: 
     assert failed.x < node.threshold
     assert failed.x <= 0.2
     assert failed.evidence, "a failure says where to look"
+    assert not [moment for moment in failed.evidence if "None" in moment.text.split()], "no word of Python"
 
     assert (cases_of_node.not_considered is None) == node.always_considered
     if cases_of_node.not_considered is not None:
