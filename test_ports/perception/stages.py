@@ -60,7 +60,13 @@ def _line(truth: GroundTruth, tape: Tape, actors: Collection[int], until_s: Mapp
     # Of those whom a deed concerned the one of whom most was known, of others the one of whom least was.
     ends = [place for place in breaks.values() if place < math.inf] or [math.inf]
     end = max(ends) if until_s else min(ends)
-    worst = next(actor for actor, place in breaks.items() if place == end)
+    worst = max(
+        (actor for actor, place in breaks.items() if place == end),
+        # Of equals the one who came last.
+        key=lambda actor: max(
+            (first_s[actor] for first_s in firsts.values() if math.isfinite(first_s[actor])), default=0.0
+        ),
+    )
     steps = [
         f"{stage} at {firsts[stage][worst]:.1f} s" if of_actor[worst] else f"never {stage}"
         for stage, of_actor in reached.items()

@@ -102,9 +102,14 @@ def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None, which: 
             corner = (x + width_px, y + below_px)
             cv2.rectangle(picture, (x, y - height_px - 2), corner, (0, 0, 0), cv2.FILLED)
             cv2.putText(picture, item.text, (x, y), FONT, 0.4, colour, 1, cv2.LINE_AA)
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(frame.counts.items()))
+    # A detected actor has two boxes, of which the detection's counts.
+    counts = ", ".join(
+        f"{count} {verdict}"
+        for verdict, count in sorted(frame.counts.items())
+        if verdict is not Verdict.TRUTH
+    )
     caption = np.full((CAPTION_PX, picture.shape[1], 3), PAPER, dtype=np.uint8)
-    words = f"{simspec.name}, {frame.exposed.s:.1f} s: {counts or 'nothing in view'}"
+    words = f"{simspec.name}, {frame.exposed.s:.1f} s: {counts or f'{len(frame.boxes)} in view'}"
     cv2.putText(caption, words, (4, 18), FONT, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
     return np.vstack([caption, picture])
 
