@@ -75,6 +75,18 @@ def test_of_two_targets_the_line_counts_both_and_tells_the_worse(reached: int) -
     assert stages_of(run, "targets_reported", within_m=20.0) == f"{counts}; truck-1: {steps(reached)}"
 
 
+@pytest.mark.parametrize("last", [RADAR, TRUCK])
+def test_of_two_that_came_through_the_later_is_told(last: int) -> None:
+    """Both were reported and acted on; the value is below 1 because the one came late."""
+    times = {RADAR: 30.0, TRUCK: 30.0} | {last: 95.0}
+    run = flown(
+        {RADAR: 3, TRUCK: 3}, *(report(at_s, *PLACES[actor], mark=True) for actor, at_s in times.items())
+    )
+    line = stages_of(run, "report_after_sight", limit_s=60.0)
+    name = run.simspec.realized.actors[last].id if run.simspec.realized else ""
+    assert line.endswith(f"; {name}: {steps(3).split(', never')[0]}, reported at 95.0 s, acted on at 95.0 s")
+
+
 def test_beside_a_mark_the_person_is_told_of_whom_most_was_known() -> None:
     """Both share one box, and one is held: that the agent marked all the same is no fault of its perception."""
     places = tape(SPEC).actor_position_enu_m.copy()
