@@ -198,9 +198,14 @@ def test_a_campaign_keeps_the_assets_of_its_base(tmp_path: Path) -> None:
             r"boat\.yaml: there is no such file \(did you mean boats",
         ),
         (
+            BOATS.replace("    role: bystander\n", ""),
+            HARBOUR,
+            r"actors\[1\]\.role: is missing, and asset 'trawler' states none: add it",
+        ),
+        (
             BOATS,
             HARBOUR.replace("asset: trawler", "asset: barge"),
-            r"actors\[1\]\.role: is missing, and asset 'barge'",
+            r"actors\[1\]\.asset: there is no asset 'barge' \(the catalogue has",
         ),
         (
             BOATS,

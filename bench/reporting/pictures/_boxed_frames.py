@@ -12,7 +12,6 @@ from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.simspec import SimSpec
 
-from ._frame_pixels import frame_pixels
 from ._verdicts import ERRORS, JudgedBox, JudgedFrame, Verdict, judge, worst_frame
 
 # Blue, green, red; as in the report.
@@ -75,8 +74,10 @@ def _at(simspec: SimSpec, tape: Tape, time_s: float) -> JudgedFrame | None:
 
 
 def _drawn(recording: Path, simspec: SimSpec, frame: JudgedFrame | None, which: str) -> Pixels:
-    # Other commands start without OpenCV.
+    # Imported here: other commands start without OpenCV.
     import cv2
+
+    from ._frame_pixels import frame_pixels
 
     where = str(recording)
     if frame is None:
