@@ -18,6 +18,7 @@ from bench.reporting._campaign_folder import load_report_data
 from bench.reporting._companions import requirements_table, scores_table
 from bench.reporting._page import render_report
 from bench.reporting.statistics import _measured
+from bench.simspec import AgentSpec, SimSpec
 
 sys.path.insert(0, str(Path(__file__).parent))
 from made_campaign import made_simspec, make_campaign
@@ -52,10 +53,11 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReportData:
     }
     monkeypatch.setattr(_measured, "shipped_scale", lambda _: DifficultyScale.model_validate(scale))
     monkeypatch.setattr(
-        _measured, "features_of", lambda simspec: {"a": Feature(float(simspec.name[1:]), "a place")}
+        _measured, "features_of", lambda simspec: {"a": Feature(float(simspec.seeds.root), "a place")}
     )
     situation = made_simspec(0, "steady")
-    situations = {f"s{scene}": situation.model_copy(update={"name": f"s{scene}"}) for scene in range(SCENES)}
+    seeds = [situation.seeds.model_copy(update={"root": scene}) for scene in range(SCENES)]
+    situations = {f"s{seed.root}": situation.model_copy(update={"seeds": seed}) for seed in seeds}
     return replace(
         made,
         agents=("steady", "erratic"),
@@ -119,6 +121,24 @@ def test_numbers_of_the_scale_stand_in_table_requirement_and_page(data: ReportDa
     page = render_report(data)
     assert "KA-03 (31 failures in 40 runs)" in page
     assert f"{value:.1f}" in page[page.index('id="measured"') :]
+
+
+def test_a_scene_is_measured_once_for_all_its_runs(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two agents in each scene: walks are as many as scenes, and every run has its difficulty."""
+    calls: list[int] = []
+
+    def counted(simspec: SimSpec) -> dict[str, Feature]:
+        calls.append(simspec.seeds.root)
+        return {"a": Feature(float(simspec.seeds.root), "a place")}
+
+    monkeypatch.setattr(_measured, "features_of", counted)
+    other = {
+        f"{name}-again": simspec.model_copy(update={"agent": AgentSpec(manifest="null-idle")})
+        for name, simspec in data.simspecs.items()
+    }
+    result = _measured.measured_competence(replace(data, simspecs={**data.simspecs, **other}))
+    assert sorted(calls) == list(range(SCENES))
+    assert result == _measured.measured_competence(data)
 
 
 def test_a_decomposition_without_a_scale_says_nothing_of_it(tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
-from bench.difficulty import features_of, shipped_scale
+from bench.difficulty import Feature, features_of, shipped_scale
 from bench.scoring import summary_frame
 
 from .._campaign_data import ALL_CONFIGURATIONS, ReportData, Tallies, Tally, tallies_of
+from ._agent_comparison import scene_digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +41,16 @@ def measured_competence(data: ReportData) -> MeasuredCompetence:
         for name in data.document.key_attributes
         if name not in nodes
     }
-    difficulty = [
-        (run, node, scale.measure(node, features).difficulty)
-        for run, simspec in data.simspecs.items()
-        if simspec.realized is not None
-        for features in [features_of(simspec)]
-        for node in nodes
-    ]
+    # Agents share a scene, and its features are the costly part: people walk through it.
+    features: dict[str, Mapping[str, Feature]] = {}
+    difficulty = []
+    for run, simspec in data.simspecs.items():
+        if simspec.realized is None:
+            continue
+        scene = scene_digest(simspec)
+        if scene not in features:
+            features[scene] = features_of(simspec)
+        difficulty += [(run, node, scale.measure(node, features[scene]).difficulty) for node in nodes]
     measured = pl.DataFrame(
         difficulty, {"realization": pl.String, "node": pl.String, "measured": pl.Float64}, orient="row"
     )
