@@ -101,6 +101,13 @@ def _label_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             yield field, f"{label!r} is no class label; known: {', '.join(known)}"
 
 
+def _role_inconsistency(group: ActorGroup, index: int) -> Inconsistency:
+    """Of a group without a role: its asset states none, or nobody defines the asset."""
+    if fault := group.asset_fault(""):
+        return ("actors", index, "asset"), f"{fault.what} ({fault.remedy})"
+    return ("actors", index, "role"), f"is missing, and asset {group.asset!r} states none: add it"
+
+
 def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """Cameras of `perception.more_cameras` that are none of `vehicle.more_cameras`, or stand there twice."""
     names, main = simspec.perception.more_cameras, simspec.vehicle.camera.name
@@ -131,11 +138,8 @@ def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 yield from _reference_inconsistencies(
                     ("actors", index, "placement", name, "of"), group.id, relation.of, group_ids
                 )
-        if fault := None if group.has_role else group.asset_fault(""):
-            yield ("actors", index, "asset"), f"{fault.what} ({fault.remedy})"
-        elif not group.has_role:
-            what = f"is missing, and asset {group.asset!r} states none: add it"
-            yield ("actors", index, "role"), what
+        if not group.has_role:
+            yield _role_inconsistency(group, index)
         yield from _distance_inconsistencies(simspec, index)
         yield from _avoid_inconsistencies(simspec, index)
         yield from _count_inconsistencies(simspec, index)

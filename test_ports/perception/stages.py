@@ -50,23 +50,7 @@ def _line(truth: GroundTruth, tape: Tape, actors: Collection[int], until_s: Mapp
         }
         for stage, first_s in firsts.items()
     }
-
-    breaks = {
-        actor: next(
-            (place for place, done in enumerate(reached.values()) if done.get(actor) is False), math.inf
-        )
-        for actor in actors
-    }
-    # Of those whom a deed concerned the one of whom most was known, of others the one of whom least was.
-    ends = [place for place in breaks.values() if place < math.inf] or [math.inf]
-    end = max(ends) if until_s else min(ends)
-    worst = max(
-        (actor for actor, place in breaks.items() if place == end),
-        # Of equals the one who came last.
-        key=lambda actor: max(
-            (first_s[actor] for first_s in firsts.values() if math.isfinite(first_s[actor])), default=0.0
-        ),
-    )
+    worst = _worst(reached, firsts, actors, most_known=bool(until_s))
     steps = [
         f"{stage} at {firsts[stage][worst]:.1f} s" if of_actor[worst] else f"never {stage}"
         for stage, of_actor in reached.items()
@@ -82,6 +66,32 @@ def _line(truth: GroundTruth, tape: Tape, actors: Collection[int], until_s: Mapp
         if of_actor
     ]
     return f"{', '.join(counts)}; {text}"
+
+
+def _worst(
+    reached: Mapping[str, Mapping[int, bool]],
+    firsts: Mapping[str, Floats],
+    actors: Collection[int],
+    *,
+    most_known: bool,
+) -> int:
+    """Whom to tell of: of those whom a deed concerned the one of whom most was known, of others the one of whom least was; of
+    equals the one who came last.
+    """
+    breaks = {
+        actor: next(
+            (place for place, done in enumerate(reached.values()) if done.get(actor) is False), math.inf
+        )
+        for actor in actors
+    }
+    ends = [place for place in breaks.values() if place < math.inf] or [math.inf]
+    end = max(ends) if most_known else min(ends)
+    return max(
+        (actor for actor, place in breaks.items() if place == end),
+        key=lambda actor: max(
+            (first_s[actor] for first_s in firsts.values() if math.isfinite(first_s[actor])), default=0.0
+        ),
+    )
 
 
 def _first_times(truth: GroundTruth, tape: Tape) -> dict[str, Floats]:
