@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -159,7 +159,7 @@ def _page_pieces(
         "outcome_counts": counts,
         "studied": studied_nodes(data, shown, trials) if data.tallies else [],
         "measured": measured,
-        "listed_doubts": listed([f"{node} ({doubt})" for node, doubt in measured.doubts.items()]),
+        "listed_doubts": _by_reason(measured.doubts),
         "trees": node_trees(data, shown),
         "panels": configuration_panels(data, shown),
         "sensor": sensor_observables(data),
@@ -193,6 +193,13 @@ def _page_pieces(
     }
     pieces = _environment().get_template("report.html.j2").generate(context)
     return with_table_notes(pieces, context["fidelity"])
+
+
+def _by_reason(doubts: Mapping[str, str]) -> str:
+    return "; ".join(
+        f"{reason}: {listed([node for node, doubt in doubts.items() if doubt == reason])}"
+        for reason in dict.fromkeys(doubts.values())
+    )
 
 
 def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:

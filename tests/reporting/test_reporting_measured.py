@@ -119,7 +119,7 @@ def test_numbers_of_the_scale_stand_in_table_requirement_and_page(data: ReportDa
     rows = scores_table(data).filter(node="KA-18")
     assert dict(rows.select("agent", "measured_90").iter_rows()) == wanted
     page = render_report(data)
-    assert "KA-03 (31 failures in 40 runs)" in page
+    assert "31 failures in 40 runs: KA-03" in page
     assert f"{value:.1f}" in page[page.index('id="measured"') :]
 
 
