@@ -53,11 +53,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_recording_gives_a_model_and_its_counts(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The file holds a perception that a SimSpec takes; table and JSON have the same numbers."""
+    """The file holds a perception that a SimSpec takes; it is what is printed, and JSON has the same numbers."""
     out = tmp_path / "fitted.yaml"
     assert run(["fit-detector", str(recording), "--out", str(out)]) == 0
     text = capsys.readouterr().out
-    document = yaml.safe_load(out.read_text())
+    assert text == out.read_text()
+    document = yaml.safe_load(text)
     fit = DetectorFit.model_validate(document)
     assert isinstance(SimSpec.model_fields["perception"].default, Perception)
     assert Perception.model_validate(document["perception"]) == fit.perception
@@ -66,9 +67,6 @@ def test_a_recording_gives_a_model_and_its_counts(
     # 0.25 s is published with the next tick of 0.1 s. The last result is still on its way at the end.
     assert (model.latency_s, model.latency_jitter_s) == (0.3, 0.0)
     assert (counts.frames, counts.unanswered) == (FRAMES - 1, 1)
-    assert f"{counts.false_detections} in {counts.frames} frames" in text
-    # The line folds, and a path is never cut.
-    assert f"writtento{out}" in "".join(text.split())
     assert DetectorFit.model_validate(json_of(["fit-detector", str(recording), "--json"], capsys)) == fit
 
 

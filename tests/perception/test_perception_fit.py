@@ -16,8 +16,8 @@ from scipy import stats
 from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, Tape
 from bench.errors import SetupError
 from bench.perception.fit import DetectorFit, fit_detector
-from bench.perception.fit._curve import _both, solve_rate
-from bench.perception.fit._fit import _row
+from bench.perception.fit._curves import joint_probability, solve_rate
+from bench.perception.fit._fit import shares_of
 from bench.simspec import CLASS_LABELS, DetectionModel, Outage, ScoreQuantiles, Seeds, SimSpec
 
 ASSETS = ["soldier", "civilian", "radar-vehicle"] * 20
@@ -315,13 +315,13 @@ def test_joint_probability_is_that_of_the_bivariate_normal() -> None:
     """Against scipy, over probabilities and correlations up to near one."""
     rng = np.random.default_rng(1)
     first, second, rho = rng.uniform(0.01, 0.99, 40), rng.uniform(0.01, 0.99, 40), rng.uniform(0.0, 0.98, 40)
-    for p, q, r, joint in zip(first, second, rho, _both(first, second, rho), strict=True):
+    for p, q, r, joint in zip(first, second, rho, joint_probability(first, second, rho), strict=True):
         expected = stats.multivariate_normal.cdf(stats.norm.ppf([p, q]), cov=[[1.0, r], [r, 1.0]])
         assert joint == pytest.approx(expected, abs=2e-4)
 
 
 def test_a_rate_solves_its_equation() -> None:
-    spans_s = [0.2] * 50 + [1.5] * 10
+    spans_s = np.array([0.2] * 50 + [1.5] * 10)
     for events in (0, 1, 7, 59):
         rate = solve_rate(spans_s, events)
         assert sum(1.0 - np.exp(-rate * span) for span in spans_s) == pytest.approx(events, abs=1e-6)
@@ -375,7 +375,7 @@ def test_quantiles_of_scores_are_in_order(scores: dict[str, list[float]], words:
 
 def test_a_row_of_the_confusion_is_no_more_than_certain() -> None:
     """Seven shares of a certain mistake, each rounded up, would add up to more than a model takes."""
-    row = _row(1.0, dict.fromkeys(CLASS_LABELS[:7], 3))
+    row = shares_of(1.0, dict.fromkeys(CLASS_LABELS[:7], 3))
     assert math.fsum(row.values()) <= 1.0 < 7 * round(1 / 7, 5)
     DetectionModel(confusion={CLASS_LABELS[9]: row})
-    assert _row(0.5, {"tree": 1, "crate": 3}) == {"tree": 0.125, "crate": 0.375}
+    assert shares_of(0.5, {"tree": 1, "crate": 3}) == {"tree": 0.125, "crate": 0.375}

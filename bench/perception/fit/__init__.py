@@ -3,5 +3,4 @@
 from __future__ import annotations
 
 from ._document import DetectorFit as DetectorFit
-from ._fit import CARRIED_PARAMETERS as CARRIED_PARAMETERS
 from ._fit import fit_detector as fit_detector

@@ -48,7 +48,6 @@ class FitEvidence(Document):
     )
     boxes: int = Field(description="jitter_px, drift_px: boxes compared, away from the border.")
     box_pairs: int = Field(description="drift_s: boxes of one actor in successive detections.")
-    delays: int = Field(description="latency_s, latency_jitter_s: frames with a delay.")
     track_pairs: int = Field(description="id_switches_per_s: successive detections of one actor with tracks.")
     track_s: float = Field(description="The time between them, summed.")
     switches: int = Field(description="The changes of track among them.")
