@@ -15,16 +15,13 @@ if TYPE_CHECKING:
     from ._difference import recording_difference as recording_difference
     from ._distance import TruthDistance as TruthDistance
     from ._distance import truth_distance as truth_distance
-    from ._reader import RecoveryResult as RecoveryResult
     from ._reader import check_whole as check_whole
     from ._reader import read_metadata as read_metadata
     from ._reader import read_records as read_records
     from ._reader import read_simspec as read_simspec
     from ._reader import read_tape as read_tape
-    from ._reader import recover as recover
     from ._recorder import Recorder as Recorder
     from ._recorder import open_recording as open_recording
-    from ._rerun import export_for_rerun as export_for_rerun
     from ._tape import TapeBuilder as TapeBuilder
 
 __getattr__ = lazy_names(__name__)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
-from mcap.writer import CompressionType, Writer
 
 from bench.contracts import Record, SimTime, Tape
 from bench.documents import read_json_document
@@ -15,22 +13,11 @@ from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._container import Container
-from ._copy import ItemCopy
-from ._recorder import CHUNK_BYTES, LIBRARY, PROFILE, SIMSPEC_ATTACHMENT
+from ._recorder import SIMSPEC_ATTACHMENT
 from ._tape import TapeBuilder
 
 CUT = "recording"
 """The entry of `Tape.malformed` that says that the recording ends before its session did."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecoveryResult:
-    """What `recover` saved; `cut` says where the source ends or is damaged, None when it was whole."""
-
-    messages: int
-    attachments: int
-    metadata: int
-    cut: str | None
 
 
 def read_records(path: Path | str) -> Iterator[Record]:
@@ -82,30 +69,6 @@ def check_whole(path: Path | str) -> None:
 def read_metadata(path: Path | str) -> dict[str, dict[str, str]]:
     """The metadata records of a recording by name: `rebar.versions`, `rebar.session`."""
     return {item.name: item.metadata for item in Container(Path(path)) if isinstance(item, Metadata)}
-
-
-def recover(source: Path | str, target: Path | str) -> RecoveryResult:
-    """Write what can be read of `source` as a whole MCAP file, index and all, to `target`.
-
-    Raises SetupError when `source` is no MCAP file or is `target`, OSError when `target` cannot be written.
-    """
-    source, target = Path(source), Path(target)
-    if target.exists() and source.exists() and target.samefile(source):
-        raise SetupError(target, "is the recording itself", "give another file to write to")
-    container = Container(source)
-    items = iter(container)
-    # A source that is no recording must not leave an empty target behind.
-    first = next(items, None)
-    with target.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(profile=PROFILE, library=LIBRARY)
-        copy = ItemCopy(writer)
-        if first is not None:
-            copy.add(first)
-        for item in items:
-            copy.add(item)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return RecoveryResult(copy.messages, copy.attachments, copy.metadata, container.cut)
 
 
 def _records(container: Container) -> Iterator[Record]:

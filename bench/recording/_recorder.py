@@ -7,14 +7,14 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import IO
+from typing import IO, cast
+
+from mcap.writer import CompressionType, Writer
 
 from bench.contracts import START, Record, SimTime
 from bench.documents import dump_json
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import schema_text
-
-from ._mcap_writer import McapWriter
 
 PROFILE = "ros2"
 LIBRARY = "rebar"
@@ -30,7 +30,12 @@ class Recorder:
 
     def __init__(self, file: _HashedFile) -> None:
         self._file = file
-        self._writer = McapWriter(file, CHUNK_BYTES)
+        self._writer = Writer(
+            cast(IO[bytes], file),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
+        )
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._sequences: dict[int, int] = {}
@@ -49,7 +54,7 @@ class Recorder:
         self._last = record.time
         channel = self._channels.get((record.topic, record.type_name)) or self._register(record)
         sequence = self._sequences[channel] = self._sequences[channel] + 1
-        self._writer.add_message(channel, record.time.ns, record.data, sequence)
+        self._writer.add_message(channel, record.time.ns, record.data, record.time.ns, sequence)
 
     @property
     def messages(self) -> int:
@@ -83,14 +88,12 @@ class Recorder:
     def _begin(self, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str]) -> None:
         self._writer.start(profile=PROFILE, library=LIBRARY)
         # The times of the attachment are 0 and the dictionaries sorted: equal sessions make equal bytes.
-        self._writer.add_attachment(SIMSPEC_ATTACHMENT, "application/json", _as_flown(simspec).encode())
+        self._writer.add_attachment(0, 0, SIMSPEC_ATTACHMENT, "application/json", _as_flown(simspec).encode())
         self._writer.add_metadata(VERSIONS, dict(sorted(versions.items())))
         self._writer.add_metadata(SESSION, dict(sorted(metadata.items())))
-        self._file.flush()
 
     def _finish(self) -> None:
-        self._writer.finish()
-        self._file.flush()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._sha256 = self._file.sha256()
 
 
@@ -147,13 +150,13 @@ class _HashedFile:
     def write(self, data: bytes) -> int:
         self._digest.update(data)
         self._count += len(data)
-        return self._file.write(data)
+        count = self._file.write(data)
+        # Chunks that shrink to little would wait in the file's buffer, and be lost with the process.
+        self._file.flush()
+        return count
 
     def tell(self) -> int:
         return self._count
-
-    def flush(self) -> None:
-        self._file.flush()
 
     def sha256(self) -> str:
         return self._digest.hexdigest()
