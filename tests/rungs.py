@@ -1,6 +1,6 @@
 """The ways in which an agent can be confined, as parameters of tests: each test of walls runs on every one that the host has.
 
-A host with bubblewrap is not every host. `BARE` is the rung `landlock` as on a host that gives no namespaces.
+`BARE` is the rung `landlock` as on a host that gives no namespaces.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bench.agents.confinement import rungs as all_rungs
 from bench.simspec import Isolation
 
 BARE = "landlock-bare"
-CONFINING = ("landlock", BARE, "bwrap")
+CONFINING = ("landlock", BARE)
 EVERY = (*CONFINING, "none")
 
 

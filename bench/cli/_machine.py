@@ -240,7 +240,6 @@ CHECKS: dict[str, Callable[[], str]] = {
     "loopback": _loopback,
     "space": _space,
     "network": _network,
-    "bwrap": partial(_rung, "bwrap"),
     "landlock": partial(_rung, "landlock"),
     "container": partial(_rung, "container"),
     "isolation none": partial(_rung, "none"),

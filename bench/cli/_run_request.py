@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Pace = Literal["lockstep", "realtime", "warp"]
 IsolationOption = Annotated[
-    Literal["auto", "bwrap", "landlock", "none"] | None,
+    Literal["auto", "landlock", "none"] | None,
     typer.Option(help="How every agent must be confined, in place of what its manifest says (rebar doctor)"),
 ]
 

@@ -126,7 +126,7 @@ def is_manifest_file(manifest: str) -> bool:
     return "/" in manifest or manifest.endswith(MANIFEST_SUFFIXES)
 
 
-Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
+Isolation = Literal["auto", "landlock", "container", "none"]
 
 
 DEFAULT_AGENT = "reference-naive"

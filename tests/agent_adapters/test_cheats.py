@@ -93,7 +93,7 @@ class Flight:
 
 def rung_named(name: str) -> Isolation:
     """The name as the SimSpec has it."""
-    isolations: dict[str, Isolation] = {"bwrap": "bwrap", "landlock": "landlock", "none": "none"}
+    isolations: dict[str, Isolation] = {"landlock": "landlock", "none": "none"}
     return isolations[name]
 
 
@@ -252,7 +252,7 @@ def walls_hold(trick: str, flight: Flight) -> bool:
     """Whether the rung and the network of this flight are to hold the trick."""
     match CHEATS[trick].held_by:
         case "rung":
-            return flight.isolation in ("bwrap", "landlock")
+            return flight.isolation == "landlock"
         case "network":
             return flight.has_own_network
         case "bench":
@@ -291,7 +291,7 @@ def test_a_cheat_gains_nothing(trick: str, flights: Range) -> None:
     check(trick, flights)
 
 
-WORKING_RUNGS = [name for name in ("bwrap", "landlock") if rungs()[name].trial() is None]
+WORKING_RUNGS = [name for name in ("landlock",) if rungs()[name].trial() is None]
 
 
 @pytest.mark.slow

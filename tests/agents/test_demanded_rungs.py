@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.agents import load_manifest
-from bench.agents.confinement import _ladder, _landlock, rung_of, rungs
-from bench.agents.confinement._bubblewrap import Bubblewrap
+from bench.agents.confinement import _ladder, rung_of, rungs
 from bench.campaign import load_campaign, realizations, takeoff_faults
 from bench.contracts import AgentManifest, plugins
 from bench.errors import SetupError
@@ -31,30 +30,16 @@ def host_with(monkeypatch: pytest.MonkeyPatch, **reasons: str) -> None:
         def trial(self) -> str | None:
             return reasons.get(self.name)
 
-    monkeypatch.setattr(
-        _ladder, "rungs", lambda: {name: Rung(name) for name in ("bwrap", "landlock", "none")}
-    )
+    monkeypatch.setattr(_ladder, "rungs", lambda: {name: Rung(name) for name in ("landlock", "none")})
 
 
 def test_auto_is_the_strongest_rung_that_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On three hosts, of which the last has neither."""
+    """On two hosts, of which the last has nothing to confine with."""
     chosen = []
-    for reasons in ({}, {"bwrap": "missing"}, {"bwrap": "missing", "landlock": "old kernel"}):
+    for reasons in ({}, {"landlock": "old kernel"}):
         host_with(monkeypatch, **reasons)
         chosen.append(rung_of(manifest(), AgentSpec()).name)
-    assert chosen == ["bwrap", "landlock", "none"]
-
-
-def test_auto_is_the_rung_that_forks_where_it_holds_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bubblewrap forks nobody; landlock holds what it holds where it has namespaces."""
-    forked = AgentManifest(name="agent", command=("{python}", "-m", "agent"), reset="fork")
-    host_with(monkeypatch)
-    chosen = []
-    for fault in (None, "switched off"):
-        monkeypatch.setattr(_landlock, "namespaces_fault", lambda fault=fault: fault)
-        chosen += [rung_of(kind, AgentSpec()).name for kind in (forked, manifest())]
-    assert chosen == ["landlock", "bwrap", "bwrap", "bwrap"]
-    assert rung_of(forked, AgentSpec(isolation="bwrap")).name == "bwrap"
+    assert chosen == ["landlock", "none"]
 
 
 def test_the_shipped_agents_ask_for_a_fork() -> None:
@@ -68,21 +53,21 @@ def test_the_shipped_agents_ask_for_a_fork() -> None:
 def test_a_demand_comes_before_the_manifest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both ways; without one the manifest is asked."""
     host_with(monkeypatch)
-    assert rung_of(manifest("bwrap"), AgentSpec(isolation="landlock")).name == "landlock"
-    assert rung_of(manifest("none"), AgentSpec(isolation="auto")).name == "bwrap"
+    assert rung_of(manifest("landlock"), AgentSpec(isolation="none")).name == "none"
+    assert rung_of(manifest("none"), AgentSpec(isolation="auto")).name == "landlock"
     assert rung_of(manifest("none"), AgentSpec()).name == "none"
 
 
 def test_what_cannot_start_is_refused_with_reason_and_alternatives(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names who asked: the campaign, or the agent's manifest."""
-    host_with(monkeypatch, bwrap="there is no program bwrap; install the package bubblewrap")
+    host_with(monkeypatch, landlock="this kernel has no Landlock")
     with pytest.raises(
-        SetupError, match=r"agent\.isolation: bwrap cannot start here: there is no program"
+        SetupError, match=r"agent\.isolation: landlock cannot start here: this kernel"
     ) as error:
-        rung_of(manifest(), AgentSpec(isolation="bwrap"))
-    assert "here work: landlock, none" in str(error.value)
-    with pytest.raises(SetupError, match="agent: isolation: bwrap cannot start here"):
-        rung_of(manifest("bwrap"), AgentSpec())
+        rung_of(manifest(), AgentSpec(isolation="landlock"))
+    assert "here work: none" in str(error.value)
+    with pytest.raises(SetupError, match="agent: isolation: landlock cannot start here"):
+        rung_of(manifest("landlock"), AgentSpec())
 
 
 def test_a_campaign_demands_it_of_every_agent_before_anything_is_flown(
@@ -92,40 +77,14 @@ def test_a_campaign_demands_it_of_every_agent_before_anything_is_flown(
     campaign = load_campaign(CAMPAIGN)
     first, second, *_ = campaign.agents
     agents = (first, second.model_copy(update={"isolation": "none"}))
-    demanding = campaign.model_copy(update={"isolation": "bwrap", "agents": agents})
+    demanding = campaign.model_copy(update={"isolation": "landlock", "agents": agents})
     plans = realizations(demanding)
-    assert {plan.simspec.agent.isolation for plan in plans} == {"bwrap", "none"}
-    host_with(monkeypatch, bwrap="no namespaces here")
+    assert {plan.simspec.agent.isolation for plan in plans} == {"landlock", "none"}
+    host_with(monkeypatch, landlock="no namespaces here")
     assert [
         "no namespaces here" in str(fault) for fault in takeoff_faults(plan.simspec for plan in plans)
     ] == [True]
     assert "isolation" not in realizations(campaign)[0].simspec.model_dump_json()
-
-
-@pytest.mark.parametrize(
-    ("said", "remedy"),
-    [
-        ("bwrap: setting up uid map: Permission denied", "AppArmor"),
-        ("bwrap: loopback: Failed RTM_NEWADDR: Operation not permitted", "AppArmor"),
-        ("bwrap: No permissions to create new namespace", "Docker"),
-        ("bwrap: Unknown option --size", "0.7"),
-    ],
-)
-def test_a_bubblewrap_that_fails_names_the_remedy(tmp_path: Path, said: str, remedy: str) -> None:
-    """A stand-in program says what bubblewrap says on such a host."""
-    program = tmp_path / "bwrap"
-    program.write_text(f"#!/bin/sh\necho '{said}' >&2\nexit 1\n")
-    program.chmod(0o755)
-    reason = Bubblewrap(str(program)).trial()
-    assert reason is not None
-    assert said in reason
-    assert remedy in reason
-
-
-def test_a_host_without_the_program_is_told_the_package() -> None:
-    reason = Bubblewrap("").trial()
-    assert reason is not None
-    assert "install the package bubblewrap" in reason
 
 
 def test_every_rung_has_a_trial() -> None:

@@ -78,8 +78,6 @@ def end_of_killed(
 @pytest.mark.parametrize(
     ("rung", "number", "killed"),
     [
-        ("bwrap", signal.SIGKILL, "the outer process of bubblewrap (SIGKILL)"),
-        ("bwrap", signal.SIGTERM, "the outer process of bubblewrap (SIGTERM)"),
         ("landlock", signal.SIGKILL, "the launcher of landlock"),
         ("landlock", signal.SIGTERM, "the launcher of landlock"),
     ],

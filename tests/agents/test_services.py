@@ -18,10 +18,11 @@ from rungs import BARE, EVERY
 from service_flights import OTHER_HOST
 
 from bench.agents.confinement import Box, Wall, leaves_open, rungs, this_host
+from bench.agents.confinement._landlock import namespaces_fault
 
 HERE = Path(__file__).parent
 ALWAYS = {"web", "raw"}
-OWN_FILES = {"bwrap", "landlock", "container"}
+OWN_FILES = {"landlock", "container"}
 
 
 def host_name() -> tuple[str, str] | None:
@@ -83,9 +84,7 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
         assert not open_tcp
     elif open_tcp:
         # The host's network itself, where the table says so. Engines copy the names of the host into a container.
-        expected |= {"raw by address", "hidden"} | (
-            set() if rung in ("bwrap", "landlock") else {"web by name"}
-        )
+        expected |= {"raw by address", "hidden"} | (set() if rung == "landlock" else {"web by name"})
     assert reached == expected
     assert {flown["reached"][name] for name in ALWAYS} == {"map", "ping"}
     assert flown["outcome"] == "completed"
@@ -110,9 +109,9 @@ def test_what_went_over_each_service_is_counted(rung: str, own_network: bool) ->
 
 def test_two_host_names_lead_into_the_box(tmp_path: Path) -> None:
     """As the C library looks them up, and before the names that every box has."""
-    rung = rungs()["bwrap"]
-    if reason := rung.trial():
-        pytest.skip(f"bwrap cannot start here: {reason}")
+    rung = rungs()["landlock"]
+    if reason := namespaces_fault():
+        pytest.skip(f"no namespaces here: {reason}")
     hosts = {"api.example.org": "127.0.0.2", "maps.example.org": "127.0.0.3", "agent": "127.0.0.4"}
     command = ("/usr/bin/getent", "ahostsv4", *hosts, "localhost")
     log = tmp_path / "output"

@@ -17,7 +17,7 @@ from bench.agents.confinement._landlock_launch import TCP_FROM
 
 PAGE = Path(__file__).parents[2] / "docs" / "agents-confinement.md"
 WORDS = "the box has it"
-COLUMNS = {"bwrap": "bwrap", "landlock": "landlock", BARE: "landlock without namespaces"}
+COLUMNS = {"landlock": "landlock", BARE: "landlock without namespaces"}
 # As MAVSDK 3 does with its gRPC server: a child takes any free port, and its parent connects to it.
 SERVER_AS_CHILD = f"""
 import socket, subprocess, sys
@@ -138,5 +138,5 @@ def test_a_server_that_it_starts_on_any_port(folder: Path, rung: str) -> None:
     command = ("{python}", "-c", SERVER_AS_CHILD)
     assert call_in_own_network(folder.parent, ended, folder, rung, *command) == (0, f"{WORDS}\n")
     code, text = ended(folder, rung, *command)
-    refused = rung != "bwrap" and landlock_version() >= TCP_FROM
+    refused = landlock_version() >= TCP_FROM
     assert ("Permission denied" in text, code) == (refused, int(refused)), text

@@ -167,7 +167,7 @@ def fake_confined(simspec: SimSpec, decomposition: Script, folder: Path, realiza
     return SessionResult(
         realization=realization,
         outcome=Outcome.COMPLETED,
-        facts=facts_of(Confinement(isolation="bwrap", network="own")),
+        facts=facts_of(Confinement(isolation="landlock", network="own")),
     )
 
 

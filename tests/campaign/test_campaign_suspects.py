@@ -75,12 +75,12 @@ def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -
         assert result is not None
         assert (len(texts_of(result, SuspectEnds)) == 1) == suspect
         confinement = result.fact(Confinement)
-        assert (confinement and confinement.isolation) == ("bwrap" if suspect else None)
+        assert (confinement and confinement.isolation) == ("landlock" if suspect else None)
 
 
 def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None:
     """For real: the agent asks for no rung and gets one; SimSpec and recording are those of the unconfined session."""
-    if all(rungs()[name].trial() is not None for name in ("bwrap", "landlock")):
+    if rungs()["landlock"].trial() is not None:
         pytest.skip("no rung starts here")
     spec = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
     mission = spec.mission.model_copy(update={"time_limit_s": 5.0})
@@ -152,8 +152,8 @@ def ended(realization: str, outcome: Outcome, reason: str = "", *facts: Fact) ->
 LOST = ended("a", Outcome.WORKER_LOST, "the worker w1 was killed by SIGKILL")
 
 
-STARTED = Confinement(isolation="bwrap", network="own", open_walls=())
-NOT_STARTED = Confinement(isolation="bwrap", network="own")
+STARTED = Confinement(isolation="landlock", network="own", open_walls=())
+NOT_STARTED = Confinement(isolation="landlock", network="own")
 
 
 @pytest.mark.parametrize(

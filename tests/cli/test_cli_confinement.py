@@ -19,7 +19,7 @@ def confinement_line(isolation: str, network: str = "own", open_walls: tuple[str
 @pytest.mark.parametrize(
     ("isolation", "network", "words"),
     [
-        ("bwrap", "own", "isolation: bwrap, a network of its own"),
+        ("landlock", "own", "isolation: landlock, a network of its own"),
         (
             "landlock",
             "the host's: no permission",
@@ -37,7 +37,7 @@ def test_rung_and_network_are_named(isolation: str, network: str, words: str) ->
 
 def test_open_walls_are_named() -> None:
     """In the words of the table; nothing is said of a box that leaves nothing open."""
-    held = confinement_line("bwrap", open_walls=())
-    assert held == confinement_line("bwrap") == "isolation: bwrap, a network of its own"
-    line = confinement_line("bwrap", open_walls=("udp", "host_name"))
+    held = confinement_line("landlock", open_walls=())
+    assert held == confinement_line("landlock") == "isolation: landlock, a network of its own"
+    line = confinement_line("landlock", open_walls=("udp", "host_name"))
     assert line == f"{held}; leaves open: {Wall.UDP}; {Wall.HOST_NAME}"

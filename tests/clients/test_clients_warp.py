@@ -88,7 +88,7 @@ def test_pymavlink_on_two_rungs_gives_the_same_records(tmp_path: Path) -> None:
     """On a host that is as busy as it is: six seconds in which it connects, arms and climbs."""
     spec = simspec("px4", 6.0)
     taken: list[list[Record]] = []
-    for isolation in ("none", "bwrap"):
+    for isolation in ("none", "landlock"):
         if rungs()[isolation].trial():
             pytest.skip(f"{isolation} cannot start here")
         manifest = manifest_of(PROGRAMS["pymavlink-px4"], "hop").model_copy(update={"isolation": isolation})

@@ -24,7 +24,7 @@ from bench.contracts import (
     facts_of,
 )
 
-BOXED = Confinement(isolation="bwrap", network="own", open_walls=("udp",))
+BOXED = Confinement(isolation="landlock", network="own", open_walls=("udp",))
 SERVED = ServicesLetIn(
     uses=(ServiceUse(name="a", host="a.org", port=1), ServiceUse(name="b", host="b.org", port=2))
 )
@@ -95,7 +95,7 @@ def test_results_of_earlier_versions_keep_what_warns_of_them() -> None:
         "agent_exit_code": -9,
         "timing": TIMING.model_dump(),
         "arithmetic": {"processor": "x", "libm": "y", "blas": "z"},
-        "isolation": "bwrap",
+        "isolation": "landlock",
         "network": "own",
         "leaves_open": ["udp"],
     }

@@ -16,9 +16,9 @@ from bench.reporting.text._answer import answer_paragraph
 from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
-BOXED: dict[str, Any] = {"confinement": {"isolation": "bwrap", "network": "own"}}
+BOXED: dict[str, Any] = {"confinement": {"isolation": "landlock", "network": "own"}}
 SHARED: dict[str, Any] = {
-    "confinement": {"isolation": "bwrap", "network": "the host's: no permission", "open_walls": ["udp"]}
+    "confinement": {"isolation": "landlock", "network": "the host's: no permission", "open_walls": ["udp"]}
 }
 MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
 LLM = {
@@ -68,8 +68,8 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     boxed, free = head[0], head[1]
     assert NAIVE in boxed
     assert 'class="bad"' not in boxed
-    assert "confined by bwrap in 1 run, with a network of its own." in boxed
-    assert "confined by bwrap in 2 runs, on the host’s network. Walls that were missing: " in boxed
+    assert "confined by landlock in 1 run, with a network of its own." in boxed
+    assert "confined by landlock in 2 runs, on the host’s network. Walls that were missing: " in boxed
     assert Wall.UDP in boxed
     assert "Services from outside were let in, in 2 runs: llm (api.example.org:443), not counted; " in boxed
     assert "map (10.0.0.5:80), 2 connections, 1,007 bytes sent and 18 received. Nobody" in boxed
@@ -85,7 +85,7 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
 
 def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
     data = load_report_data(mixed)
-    for agent, words in ((NAIVE, "confined by bwrap in 2 runs"), (AWARE, "NOT CONFINED in 1 run")):
+    for agent, words in ((NAIVE, "confined by landlock in 2 runs"), (AWARE, "NOT CONFINED in 1 run")):
         assert words in answer_paragraph(data, agent).replace("\u00a0", " ")
 
 
@@ -93,9 +93,13 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     head, *rows = page[0].tables["all-runs"]
     place = head.index("Confined by")
     cells = {row[0]: row[place] for row in rows}
-    shared = "bwrap, host’s network, 1 wall open, let in: "
-    assert [cells[name] for name in ids(NAIVE)] == ["bwrap", f"{shared}llm and map", f"{shared}map and llm"]
-    assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
+    shared = "landlock, host’s network, 1 wall open, let in: "
+    assert [cells[name] for name in ids(NAIVE)] == [
+        "landlock",
+        f"{shared}llm and map",
+        f"{shared}map and llm",
+    ]
+    assert [cells[name] for name in ids(AWARE)] == ["none", "landlock", "not recorded"]
 
 
 def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path: Path) -> None:
@@ -111,15 +115,15 @@ def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path:
     network = "with a network of its own"
     gaps = f"{Wall.TCP}; later_wall; {Wall.DISK}"
     assert naive.text == (
-        f"It was confined by bwrap in 1 run, {network}. Walls that were missing: {gaps}. "
-        f"It was confined by bwrap in 2 runs, {network}. Walls that were missing: {Wall.HOST_NAME}."
+        f"It was confined by landlock in 1 run, {network}. Walls that were missing: {gaps}. "
+        f"It was confined by landlock in 2 runs, {network}. Walls that were missing: {Wall.HOST_NAME}."
     )
-    assert aware.text == f"It was confined by bwrap, {network}. No wall was missing."
+    assert aware.text == f"It was confined by landlock, {network}. No wall was missing."
     page, text = page_of(folder)
     assert naive.text in text
     head, *rows = page.tables["all-runs"]
     cells = [row[head.index("Confined by")] for row in rows]
-    assert sorted(cells) == ["bwrap"] * 3 + ["bwrap, 1 wall open"] * 2 + ["bwrap, 3 walls open"]
+    assert sorted(cells) == ["landlock"] * 3 + ["landlock, 1 wall open"] * 2 + ["landlock, 3 walls open"]
 
 
 def test_older_campaigns_and_single_ways(tmp_path: Path) -> None:

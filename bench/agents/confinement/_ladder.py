@@ -8,22 +8,20 @@ from bench.contracts import AgentManifest
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
-from . import _landlock
-from ._bubblewrap import Bubblewrap
 from ._container import Container
 from ._landlock import Landlock
 from ._rung import Rung
 from ._unconfined import Unconfined
 
 # From the strongest; `auto` takes the first of AUTOMATIC that a trial start shows to work.
-AUTOMATIC = ("bwrap", "landlock", "none")
+AUTOMATIC = ("landlock", "none")
 CONTAINER = "container"
 
 
 @cache
 def rungs() -> dict[str, Rung]:
     """Every rung by name, from the strongest. One set a process, so that each trial start runs once."""
-    return {rung.name: rung for rung in (Bubblewrap(), Landlock(), Container(), Unconfined())}
+    return {rung.name: rung for rung in (Landlock(), Container(), Unconfined())}
 
 
 def rung_of(manifest: AgentManifest, agent: AgentSpec) -> Rung:
@@ -38,10 +36,7 @@ def rung_of(manifest: AgentManifest, agent: AgentSpec) -> Rung:
 
 def _rung(isolation: Isolation, where: str, manifest: AgentManifest) -> Rung:
     if isolation == "auto":
-        # In namespaces it holds whatever bubblewrap holds (`_walls`), and it alone can fork.
-        forks = manifest.reset == "fork" and _landlock.namespaces_fault() is None
-        names = ("landlock", *AUTOMATIC) if forks else AUTOMATIC
-        return next(rungs()[name] for name in names if rungs()[name].trial() is None)
+        return next(rungs()[name] for name in AUTOMATIC if rungs()[name].trial() is None)
     rung = rungs()[isolation]
     if isolation == CONTAINER and not manifest.image:
         raise SetupError(

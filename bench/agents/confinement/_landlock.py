@@ -62,7 +62,7 @@ class Landlock:
     """Rules on files, TCP connections, abstract sockets and signals, a system call filter and limits.
 
     Needs no package. Where this user may make namespaces, the agent has a root folder, processes, shared memory and a
-    host name of its own, as on the rung `bwrap`; elsewhere the rules alone hold it, and a watch its folder on the disk.
+    host name of its own; elsewhere the rules alone hold it, and a watch its folder on the disk.
     Root becomes another user where that one can reach what the agent reads.
     """
 

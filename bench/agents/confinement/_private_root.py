@@ -1,7 +1,6 @@
 """Namespaces and a root folder of an agent's own, made by the launcher of a landlocked agent; the standard library alone.
 
-What an agent may not see is not there: a program that looks for an optional file finds none, as on a machine without it. The
-folders are those that bubblewrap gives (`_bubblewrap`), so a program that runs on one rung runs on the other.
+What an agent may not see is not there: a program that looks for an optional file finds none, as on a machine without it.
 """
 
 from __future__ import annotations

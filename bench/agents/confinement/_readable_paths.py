@@ -98,11 +98,6 @@ def reachable_by_others(path: Path) -> bool:
     return False
 
 
-def open_to_others(path: Path) -> bool:
-    """Whether a user who owns nothing can read the path, and reach it."""
-    return reachable_by_others(path) and readable_by_others(path)
-
-
 def _spared(path: Path, secrets: set[Path]) -> Iterator[Path]:
     real = path.resolve()
     if real in secrets:

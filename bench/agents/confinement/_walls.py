@@ -86,18 +86,6 @@ _MEMORY_OF_ALL = Holding("by cgroup", lambda host: host.memory_groups)
 _ENGINE = Holding("yes, by the engine", lambda host: True)
 
 HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
-    "bwrap": {
-        **dict.fromkeys(Wall, _YES),
-        # They are the host's, and bubblewrap takes away their use with the right to change them.
-        Wall.WRITING: Holding(
-            "yes; modes of /dev/null and the like as root only with a user of its own",
-            lambda host: host.own_user or not host.root,
-        ),
-        **_BY_NETWORK,
-        Wall.USER: _OWN_USER,
-        Wall.PROCESS_COUNT: _PROCESS_COUNT,
-        Wall.MEMORY_OF_ALL: _MEMORY_OF_ALL,
-    },
     "landlock": {
         **dict.fromkeys(Wall, _YES),
         Wall.SIGNALS: Holding(

@@ -81,7 +81,7 @@ def read_memory(cheat: Cheat) -> Iterator[None]:
     """
     library = ctypes.CDLL(None, use_errno=True)
     read: list[int] = []
-    # Not process 1: in a box that is bubblewrap, which knows nothing of the session.
+    # Not process 1: in a box that is its keeper, which knows nothing of the session.
     numbers = {os.getppid(), *other_processes()} - {1}
     cheat.attempts = len(numbers) + 1
     for number in numbers:
