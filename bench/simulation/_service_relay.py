@@ -12,17 +12,15 @@ it ends when the other side of CONTROL (SOCK_SEQPACKET, JSON) does:
 
 from __future__ import annotations
 
-import errno
+import asyncio
 import json
 import os
 import resource
-import selectors
 import socket
 import struct
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,10 +30,12 @@ from typing import Any
 CHECK_BUDGET_S = 12.0
 CONNECT_BUDGET_S = 10.0
 # Chosen: an agent with a pool of HTTP connections has ten or so, and each direction may hold this much. Fewer where this
-# process may have fewer files: a listener whose connections cannot be accepted would keep the loop busy.
+# process may have fewer files.
 MAX_CONNECTIONS = 64
 OTHER_FILES = 64
 BUFFER_BYTES = 65536
+# After a connection that could not be taken; chosen.
+ACCEPT_AGAIN_S = 0.01
 # struct linger: close at once, and tell the peer by a reset that this was no regular end.
 RESET = struct.pack("ii", 1, 0)
 
@@ -83,201 +83,90 @@ class Service:
         self.fault = fault
 
 
-class Relay:
-    """Listeners and connections, served by one loop."""
-
-    def __init__(self, control: socket.socket, most_open: int) -> None:
-        self.selector = selectors.DefaultSelector()
-        # Connections at once over one service.
-        self.most_open = most_open
-        self.connecting: set[Connection] = set()
-        self.connections: set[Connection] = set()
-        self._control = control
-        self._ended = False
-
-    def run(self, listeners: list[socket.socket], services: list[Service]) -> None:
-        """Carry connections until the session is over."""
-        self._control.setblocking(False)
-        self.selector.register(self._control, selectors.EVENT_READ, self._end)
-        for listener, service in zip(listeners, services, strict=True):
-            listener.setblocking(False)
-            accept = Accept(self, listener, service)
-            self.selector.register(listener, selectors.EVENT_READ, accept)
-        while not self._ended:
-            for key, _ in self.selector.select(self._patience_s()):
-                # An earlier event of this round may have closed what this one is about.
-                if self.selector.get_map().get(key.fd) is key:
-                    key.data()
-            now = time.monotonic()
-            for connection in list(self.connecting):
-                if connection.deadline <= now:
-                    connection.next_address()
-        for connection in list(self.connections):
-            connection.close()
-
-    def watch(self, sock: socket.socket, events: int, act: Callable[[], None]) -> None:
-        """Call `act` at these events; at none of them with 0."""
-        known = sock.fileno() in self.selector.get_map()
-        if known and events:
-            self.selector.modify(sock, events, act)
-        elif known:
-            self.selector.unregister(sock)
-        elif events:
-            self.selector.register(sock, events, act)
-
-    def _patience_s(self) -> float | None:
-        deadline = min((connection.deadline for connection in self.connecting), default=None)
-        return None if deadline is None else max(deadline - time.monotonic(), 0.0)
-
-    def _end(self) -> None:
-        with suppress(BlockingIOError):
-            self._ended = not self._control.recv(1)
+async def relay(
+    control: socket.socket, listeners: list[socket.socket], services: list[Service], most: int
+) -> None:
+    """Carry connections until the session is over, at most so many at once over each service."""
+    control.setblocking(False)
+    loop = asyncio.get_running_loop()
+    async with asyncio.TaskGroup() as tasks:
+        accepting = [
+            tasks.create_task(accept(listener, service, most))
+            for listener, service in zip(listeners, services, strict=True)
+        ]
+        while await loop.sock_recv(control, 1):
+            pass
+        for task in accepting:
+            task.cancel()
 
 
-@dataclass(frozen=True, slots=True)
-class Accept:
-    """Takes the connections of one listener."""
-
-    relay: Relay
-    listener: socket.socket
-    service: Service
-
-    def __call__(self) -> None:
-        # The client may have gone already.
-        with suppress(OSError):
-            inner = self.listener.accept()[0]
-            inner.setblocking(False)
-            if self.service.open >= self.relay.most_open:
-                self.service.counts["refused"] += 1
+async def accept(listener: socket.socket, service: Service, most: int) -> None:
+    """Take the connections of one listener."""
+    listener.setblocking(False)
+    loop = asyncio.get_running_loop()
+    async with asyncio.TaskGroup() as connections:
+        while True:
+            try:
+                inner, _ = await loop.sock_accept(listener)
+            except OSError:
+                # The client may have gone already. Without a wait a lack of files would keep this loop busy.
+                await asyncio.sleep(ACCEPT_AGAIN_S)
+                continue
+            if service.open >= most:
+                service.counts["refused"] += 1
                 reset(inner)
             else:
-                Connection(self.relay, self.service, inner).next_address()
+                service.open += 1
+                connections.create_task(carry(inner, service))
 
 
-@dataclass(slots=True)
-class End:
-    """One of the two sockets of a connection, and what is to be sent over it."""
-
-    sock: socket.socket
-    # The count that grows by what is sent here.
-    count: str
-    pending: bytearray = field(default_factory=bytearray)
-    # It has sent its last byte; we have sent ours.
-    finished: bool = False
-    shut: bool = False
-
-
-class Connection:
-    """A connection of the agent, and the one to the service that answers it."""
-
-    def __init__(self, relay: Relay, service: Service, inner: socket.socket) -> None:
-        self.deadline = 0.0
-        self._relay, self._service = relay, service
-        self._waiting = list(service.addresses)
-        self._inner = End(inner, "bytes_received")
-        self._outer: End | None = None
-        service.open += 1
-        relay.connections.add(self)
-        relay.connecting.add(self)
-
-    def next_address(self) -> None:
-        """Try the next address of the service; without one the connection ends."""
-        if self._outer is not None:
-            self._relay.watch(self._outer.sock, 0, self._connected)
-            self._outer.sock.close()
-            self._outer = None
-        if not self._waiting:
-            self._service.counts["failed"] += 1
-            self.abort()
-            return
-        family, address = self._waiting.pop(0)
-        try:
-            outer = socket.socket(family, socket.SOCK_STREAM)
-        except OSError:
-            # Out of descriptors, or a host without IPv6.
-            self.next_address()
-            return
-        self._outer = End(outer, "bytes_sent")
-        outer.setblocking(False)
-        self.deadline = time.monotonic() + CONNECT_BUDGET_S
-        if outer.connect_ex(address) in (0, errno.EINPROGRESS):
-            self._relay.watch(outer, selectors.EVENT_WRITE, self._connected)
-        else:
-            self.next_address()
-
-    def close(self) -> None:
-        """Close both sides."""
-        self._forget()
-        for end in self._ends():
-            end.sock.close()
-
-    def abort(self) -> None:
-        """Close both sides so that neither takes it for a regular end."""
-        self._forget()
-        for end in self._ends():
-            reset(end.sock)
-
-    def _connected(self) -> None:
-        assert self._outer is not None
-        if self._outer.sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
-            self.next_address()
-            return
-        self._relay.connecting.discard(self)
-        self._service.counts["connections"] += 1
-        for end in self._ends():
+async def carry(inner: socket.socket, service: Service) -> None:
+    """Carry one connection of the agent on to the service, until both sides have sent their last byte."""
+    outer = None
+    try:
+        outer = await connected(service)
+        service.counts["connections"] += 1
+        for end in (inner, outer):
             # Small requests and answers are not held back for the sake of fewer packets.
-            end.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._watch()
+            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        async with asyncio.TaskGroup() as directions:
+            directions.create_task(pump(inner, outer, service.counts, "bytes_sent"))
+            directions.create_task(pump(outer, inner, service.counts, "bytes_received"))
+    except* OSError:
+        # So that neither side takes it for a regular end.
+        for end in filter(None, (inner, outer)):
+            reset(end)
+    finally:
+        service.open -= 1
+        for end in filter(None, (inner, outer)):
+            end.close()
 
-    def _serve(self) -> None:
-        """Move what can be moved, in both directions."""
-        assert self._outer is not None
-        try:
-            self._move(self._inner, self._outer)
-            self._move(self._outer, self._inner)
-        except OSError:
-            self.abort()
-            return
-        if self._inner.shut and self._outer.shut:
-            self.close()
-        else:
-            self._watch()
 
-    def _move(self, source: End, sink: End) -> None:
-        with suppress(BlockingIOError):
-            if not source.finished and len(sink.pending) < BUFFER_BYTES:
-                data = source.sock.recv(BUFFER_BYTES - len(sink.pending))
-                sink.pending += data
-                source.finished = not data
-        with suppress(BlockingIOError):
-            if sink.pending:
-                sent = sink.sock.send(sink.pending)
-                self._service.counts[sink.count] += sent
-                del sink.pending[:sent]
-        if source.finished and not sink.pending and not sink.shut:
-            sink.shut = True
-            sink.sock.shutdown(socket.SHUT_WR)
+async def connected(service: Service) -> socket.socket:
+    """A connection to the first address of a service that takes one. Raises OSError, and counts it, where none does."""
+    for family, address in service.addresses:
+        # Out of descriptors, a host without IPv6, or nobody there.
+        with suppress(OSError):
+            outer = socket.socket(family, socket.SOCK_STREAM)
+            try:
+                outer.setblocking(False)
+                async with asyncio.timeout(CONNECT_BUDGET_S):
+                    await asyncio.get_running_loop().sock_connect(outer, address)
+            except BaseException:
+                outer.close()
+                raise
+            return outer
+    service.counts["failed"] += 1
+    raise ConnectionRefusedError
 
-    def _watch(self) -> None:
-        assert self._outer is not None
-        for source, sink in ((self._inner, self._outer), (self._outer, self._inner)):
-            events = 0
-            # A side that reads too slowly makes the other one wait: nothing piles up here.
-            if not source.finished and len(sink.pending) < BUFFER_BYTES:
-                events |= selectors.EVENT_READ
-            if source.pending:
-                events |= selectors.EVENT_WRITE
-            self._relay.watch(source.sock, events, self._serve)
 
-    def _forget(self) -> None:
-        self._service.open -= 1
-        self._relay.connections.discard(self)
-        self._relay.connecting.discard(self)
-        for end in self._ends():
-            self._relay.watch(end.sock, 0, self._serve)
-
-    def _ends(self) -> list[End]:
-        return [self._inner] if self._outer is None else [self._inner, self._outer]
+async def pump(source: socket.socket, sink: socket.socket, counts: dict[str, int], count: str) -> None:
+    """Send on what comes, up to its end. A side that reads too slowly makes the other one wait: nothing piles up here."""
+    loop = asyncio.get_running_loop()
+    while data := await loop.sock_recv(source, BUFFER_BYTES):
+        await loop.sock_sendall(sink, data)
+        counts[count] += len(data)
+    sink.shutdown(socket.SHUT_WR)
 
 
 def reset(sock: socket.socket) -> None:
@@ -317,7 +206,7 @@ def main() -> None:
     with suppress(OSError):
         control.send(json.dumps(faults).encode())
         if not any(faults):
-            Relay(control, most_open(len(services))).run(listeners, services)
+            asyncio.run(relay(control, listeners, services, most_open(len(services))))
             control.send(json.dumps([service.counts for service in services]).encode())
     # A thread may still wait for a name.
     os._exit(0)
