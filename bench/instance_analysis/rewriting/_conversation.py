@@ -9,8 +9,7 @@ import asyncio
 import inspect
 import re
 import warnings
-from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import httpx2
@@ -36,19 +35,18 @@ from pydantic_ai.settings import ModelSettings
 
 from bench.errors import LinkLost, RebarError, SetupError
 
-from ._endpoint import is_on_this_machine
+from ._endpoint import COMPATIBLE, ModelEndpoint, is_on_this_machine
 from ._model import MAX_ROUNDS, Conversation, Judge
 from ._rewrite import Rewrite
 
-COMPATIBLE = "openai-compatible"
 OTHER_CLIENTS = ("cohere", "groq", "huggingface")
 """Providers whose packages want an HTTP client of another library, and so bring their own."""
-MAX_ANSWER_BYTES = 1_000_000
 MAX_TOKENS = 200_000
 _NEEDED_HEADERS = {
     "host",
     "accept",
     "accept-encoding",
+    "authorization",
     "connection",
     "content-length",
     "content-type",
@@ -56,24 +54,6 @@ _NEEDED_HEADERS = {
 }
 # What pydantic-ai 2.68 raises for a completion whose `choices` are empty or no list: it indexes before it checks.
 _MALFORMED = (LookupError, AttributeError, TypeError, ValueError)
-
-
-@dataclass(frozen=True, slots=True)
-class ModelConnection:
-    """The model and how to reach it.
-
-    `url` and `key` are used only for a server with OpenAI's chat interface.
-    """
-
-    model: str
-    provider: str
-    url: str
-    key: str | None
-    timeout_s: float
-
-    @property
-    def description(self) -> str:
-        return f"{self.model!r} at {self.url}" if self.provider == COMPATIBLE else repr(self.model)
 
 
 def provider_of(model: str, url: str | None) -> str:
@@ -96,7 +76,7 @@ def provider_of(model: str, url: str | None) -> str:
     return name
 
 
-def converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
+def converse(door: ModelEndpoint, brief: str, question: str, judge: Judge) -> Conversation:
     """Ask the model and send the judge's faults back to it. Raises as `ModelEndpoint.ask` does."""
     with warnings.catch_warnings():
         # That a model takes no temperature, or a server counts no tokens, is no concern of who asks.
@@ -106,13 +86,11 @@ def converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> 
         return asyncio.run(_converse(door, brief, question, judge))
 
 
-async def _converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
-    gate = _TrafficFilter(door)
+async def _converse(door: ModelEndpoint, brief: str, question: str, judge: Judge) -> Conversation:
     async with _open_client(door) as client:
-        client.event_hooks = {
-            "request": [*client.event_hooks["request"], gate.request],
-            "response": [gate.response],
-        }
+        if door.provider == COMPATIBLE:
+            hooks = [_strip_headers, *([] if door.key else [_strip_key])]
+            client.event_hooks = {"request": [*client.event_hooks["request"], *hooks]}
         try:
             model = _model_for(door, client)
         except (UserError, OpenAIError, ImportError, ValueError) as error:
@@ -120,7 +98,7 @@ async def _converse(door: ModelConnection, brief: str, question: str, judge: Jud
         for output in _outputs(model):
             with capture_run_messages() as messages:
                 try:
-                    return await _run(model, door, gate, messages, (brief, question), judge, output)
+                    return await _run(model, door, messages, (brief, question), judge, output)
                 except _SchemaRefused:
                     continue
         raise LinkLost(f"{door.description} takes no request for a rewrite")
@@ -137,9 +115,9 @@ class _SchemaRefused(Exception):
     """A server does not take the schema of an answer."""
 
 
-def _open_client(door: ModelConnection) -> httpx2.AsyncClient:
+def _open_client(door: ModelEndpoint) -> httpx2.AsyncClient:
     # A client that has a transport asks no proxy of the environment: none of them reaches a server on this machine.
-    direct = door.provider == COMPATIBLE and is_on_this_machine(door.url)
+    direct = door.provider == COMPATIBLE and is_on_this_machine(door.address)
     try:
         return create_async_httpx2_client(
             timeout=door.timeout_s, transport=httpx2.AsyncHTTPTransport() if direct else None
@@ -155,8 +133,7 @@ def _open_client(door: ModelConnection) -> httpx2.AsyncClient:
 
 async def _run(
     model: Model,
-    door: ModelConnection,
-    gate: _TrafficFilter,
+    door: ModelEndpoint,
     messages: list[ModelMessage],
     texts: tuple[str, str],
     judge: Judge,
@@ -171,7 +148,9 @@ async def _run(
         instructions=brief,
         # A retry sends the judge's faults back, so the first answer and the retries together are the rounds.
         retries={"output": MAX_ROUNDS - 1, "tools": 0},
-        model_settings=_settings(door),
+        model_settings=ModelSettings(
+            temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
+        ),
     )
     judged, judging = 0, False
 
@@ -181,7 +160,9 @@ async def _run(
         judged, judging = len(_answers(messages)), True
         faults = judge(rewrite)
         judging = False
-        _raise_faults(faults)
+        if faults:
+            # Sent back to the model.
+            raise ModelRetry(faults)
         return rewrite
 
     try:
@@ -195,7 +176,7 @@ async def _run(
         if not answers and isinstance(output, NativeOutput) and _is_refusal(error):
             raise _SchemaRefused from error
         if type(error) is not UnexpectedModelBehavior or answers < MAX_ROUNDS:
-            raise _failure(error, door, gate) from error
+            raise _failure(error, door) from error
     except _MALFORMED as error:
         if judging:
             raise
@@ -205,18 +186,6 @@ async def _run(
     return _ended(_answers(messages), judged)
 
 
-def _raise_faults(faults: str) -> None:
-    """Send the faults of an answer back to the model."""
-    if faults:
-        raise ModelRetry(faults)
-
-
-def _settings(door: ModelConnection) -> ModelSettings:
-    return ModelSettings(
-        temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
-    )
-
-
 def _is_refusal(error: Exception) -> bool:
     """Whether a server does not understand a request, as one without schemas does."""
     return isinstance(error, ModelHTTPError) and error.status_code in (400, 415, 422, 500, 501)
@@ -224,18 +193,12 @@ def _is_refusal(error: Exception) -> bool:
 
 def _ended(answers: Sequence[ModelResponse], judged: int) -> Conversation:
     """A conversation that ended by itself, of which the judge has seen some answers."""
-    if judged == len(answers):
-        return Conversation(len(answers))
     broken = "its last answer is not the JSON object that was asked for"
-    return Conversation(len(answers), broken, (answers[-1].text or "")[:80])
+    return Conversation(len(answers), "" if judged == len(answers) else broken)
 
 
-def _failure(
-    error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnection, gate: _TrafficFilter
-) -> RebarError:
+def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelEndpoint) -> RebarError:
     """The error that tells a person why there is no answer."""
-    if gate.refused:
-        return LinkLost(gate.refused)
     if isinstance(error, ModelHTTPError):
         what = f"{door.description} answers {error.status_code}"
         if error.status_code in (401, 403):
@@ -268,11 +231,11 @@ def _answers(messages: list[ModelMessage]) -> list[ModelResponse]:
     return [message for message in messages if isinstance(message, ModelResponse)]
 
 
-def _model_for(door: ModelConnection, client: httpx2.AsyncClient) -> Model:
+def _model_for(door: ModelEndpoint, client: httpx2.AsyncClient) -> Model:
     if door.provider == COMPATIBLE:
         provider = OpenAICompatibleProvider(
             COMPATIBLE,
-            base_url=door.url,
+            base_url=door.address,
             api_key=door.key,
             http_client=client,
             profile=OpenAIModelProfile(
@@ -289,8 +252,7 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
     # A gateway: the class of the provider behind it does not know the gateway's address.
     if "/" in name:
         return infer_provider(name)
-    # Not every provider takes a client; those that do not keep their own, and lose the limit on the answer's
-    # size.
+    # Not every provider takes a client; those that do not keep their own.
     provider_class = infer_provider_class(name)
     takes_client = (
         name not in OTHER_CLIENTS and "http_client" in inspect.signature(provider_class.__init__).parameters
@@ -298,53 +260,14 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
     return provider_class(http_client=client) if takes_client else provider_class()  # type: ignore[call-arg]
 
 
-class _TrafficFilter:
-    """Filters the traffic: a compatible server gets only the headers it needs, and an answer above a megabyte
-    is refused.
+async def _strip_headers(request: httpx2.Request) -> None:
+    """Leave a compatible server the headers that it needs: the OpenAI client adds its version, the operating system and what
+    the environment says of another provider.
     """
-
-    def __init__(self, door: ModelConnection) -> None:
-        self._door = door
-        self.refused = ""
-
-    async def request(self, request: httpx2.Request) -> None:
-        # Bytes on the wire are then bytes in memory, so the limit on an answer holds for both.
-        request.headers["Accept-Encoding"] = "identity"
-        if self._door.provider == COMPATIBLE:
-            needed = _NEEDED_HEADERS | ({"authorization"} if self._door.key else set())
-            # The OpenAI client adds headers about its version and the operating system, which a server does
-            # not need.
-            for name in set(request.headers) - needed:
-                del request.headers[name]
-
-    async def response(self, response: httpx2.Response) -> None:
-        if response.headers.get("Content-Encoding", "identity") != "identity":
-            self.refused = f"{self._door.description} answers compressed, unasked"
-            raise _Refused(self.refused)
-        if isinstance(response.stream, httpx2.AsyncByteStream):
-            response.stream = _Bounded(response.stream, self)
-
-    def too_large(self) -> None:
-        self.refused = f"{self._door.description} answers with more than {MAX_ANSWER_BYTES} bytes"
-        raise _Refused(self.refused)
+    for name in set(request.headers) - _NEEDED_HEADERS:
+        del request.headers[name]
 
 
-class _Refused(httpx2.TransportError):
-    """The answer is refused; reading stops."""
-
-
-class _Bounded(httpx2.AsyncByteStream):
-    def __init__(self, stream: httpx2.AsyncByteStream, gate: _TrafficFilter) -> None:
-        self._stream = stream
-        self._gate = gate
-
-    async def __aiter__(self) -> AsyncIterator[bytes]:
-        size_bytes = 0
-        async for chunk in self._stream:
-            size_bytes += len(chunk)
-            if size_bytes > MAX_ANSWER_BYTES:
-                self._gate.too_large()
-            yield chunk
-
-    async def aclose(self) -> None:
-        await self._stream.aclose()
+async def _strip_key(request: httpx2.Request) -> None:
+    """Without a key the client sends a made-up one."""
+    request.headers.pop("authorization", None)

@@ -12,6 +12,7 @@ from bench.errors import SetupError
 
 from ._model import Conversation, Judge
 
+COMPATIBLE = "openai-compatible"
 LOCAL_URL = "http://localhost:11434/v1"
 INSTALL = ".venv/bin/pip install --editable '.[llm]' in the checkout, which `make test` has done too"
 
@@ -53,21 +54,25 @@ class ModelEndpoint:
             ) from error
         return provider_of(self.model, self.url)
 
+    @property
+    def address(self) -> str:
+        """The root of the API of a server with OpenAI's chat interface."""
+        return self.url or LOCAL_URL
+
+    @property
+    def description(self) -> str:
+        """What an error calls it."""
+        return f"{self.model!r} at {self.address}" if self.provider == COMPATIBLE else repr(self.model)
+
     def ask(self, brief: str, question: str, judge: Judge) -> Conversation:
         """Have the model answer until `judge` finds no fault, three times at the most.
 
-        Raises LinkLost where no answer comes: refused, too late, too large, of another form; SetupError where
+        Raises LinkLost where no answer comes: refused, too late, of another form; SetupError where
         a key, a model or a package is missing.
         """
-        provider = self.provider
-        from ._conversation import ModelConnection, converse
+        from ._conversation import converse
 
-        return converse(
-            ModelConnection(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s),
-            brief,
-            question,
-            judge,
-        )
+        return converse(self, brief, question, judge)
 
 
 def _is_address(url: str) -> bool:

@@ -43,11 +43,10 @@ Judge = Callable[[Rewrite], str]
 
 @dataclass(frozen=True, slots=True)
 class Conversation:
-    """The number of answers, and why the last one was no rewrite, with its beginning."""
+    """The number of answers, and why the last one was no rewrite."""
 
     rounds: int
     why: str = ""
-    last_answer: str = ""
 
 
 class Endpoint(Protocol):
