@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import get_args
 
-from ._actors import ActorGroup
+from ._actors import ActorGroup, Motion
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m, populated_groups
 from ._document import SimSpec
 from ._ground import Polygon
@@ -127,13 +127,10 @@ def _consents_withheld(simspec: SimSpec) -> float | None:
     return float(len({report.about for report in simspec.intelligence} - allowed))
 
 
-def _escorted(simspec: SimSpec, name: str) -> float | None:
-    """A field of the escorted group's motion; None without an escort."""
+def _escorted(simspec: SimSpec) -> Motion | None:
+    """How the escorted group moves; None without an escort."""
     escort = simspec.mission.escort
-    if escort is None:
-        return None
-    value: float | None = getattr(simspec.group(escort.group).motion, name)
-    return value
+    return None if escort is None else simspec.group(escort.group).motion
 
 
 def _rules_in_force(simspec: SimSpec) -> float:
@@ -412,14 +409,14 @@ FACTORS: dict[str, FactorDefinition] = {
     "convoy_speed_mps": FactorDefinition(
         "m/s",
         "Speed of the escorted group.",
-        lambda s: _escorted(s, "speed_mps") or 0.0,
+        lambda s: motion.speed_mps if (motion := _escorted(s)) else 0.0,
         "actors[escorted].motion.speed_mps",
     ),
     # Without an escort these two have no value: a departure at once, or a distance of 0, is the hardest case.
     "convoy_departure_s": FactorDefinition(
         "s",
         "Time from the start until the escorted group sets off.",
-        lambda s: _escorted(s, "depart_s"),
+        lambda s: motion.depart_s if (motion := _escorted(s)) else None,
         "actors[escorted].motion.depart_s",
     ),
     "escort_within_m": FactorDefinition(

@@ -14,10 +14,11 @@ from ..language._quantities import Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import MotionWords, Vocabulary
 from ._ground import GroundReader
+from ._groups import IMMOVABLE, PERSONS, ROOFED
 from ._not_read import NotReadError
 from ._places import PlaceReader
 from ._roads import RoadReader
-from ._scene import IMMOVABLE, PERSONS, ROOFED, RelationTarget, Scene
+from ._scene import RelationTarget, Scene
 from ._settings import put_fields
 
 MAX_SHARE_OF_SIZE = 0.25

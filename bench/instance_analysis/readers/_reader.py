@@ -15,11 +15,12 @@ from ..language._vocabulary import Vocabulary
 from ._events import EventReader
 from ._fitting_defaults import fit_defaults
 from ._ground import GroundReader
+from ._groups import PERSONS
 from ._not_read import NotReadError
 from ._places import PlaceReader
 from ._predicates import PredicateReader, names_itself
 from ._roads import RoadReader
-from ._scene import PERSONS, Scene
+from ._scene import Scene
 from ._settings import SettingsReader
 from ._weather import WeatherReader
 

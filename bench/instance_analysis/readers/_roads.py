@@ -10,9 +10,10 @@ from ..language._grammar import Part
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
+from ._groups import IMMOVABLE
 from ._not_read import NotReadError
 from ._places import PlaceReader, Point, across
-from ._scene import IMMOVABLE, Scene
+from ._scene import Scene
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 

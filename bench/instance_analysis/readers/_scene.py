@@ -1,89 +1,38 @@
-"""The groups of a text: whom each noun phrase names, and the parts that a group is divided into."""
+"""Whom each noun phrase of a text names, and the parts that a group is divided into."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from bench.simspec import ASSETS, HOME, Role
 
-from .._draft import Draft, FieldPath
-from .._result import VariedField
+from .._draft import Draft
 from ..language._coordinates import Coordinates
 from ..language._phrases import HOME_PLACE, NounPhrase
 from ..language._quantities import Quantity
 from ..language._tokens import Span
-from ..language._vocabulary import MotionWords, Vocabulary
+from ..language._vocabulary import Vocabulary
+from ._groups import IMMOVABLE, PERSONS, VEHICLES, Groups
 from ._not_read import NotReadError
 
-SKIN_WORDS = frozenset(["black", "white", "brown"])
-"""Colours that may tell of the people themselves."""
 RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
 
 
-def assets_of_class(*labels: str) -> frozenset[str]:
-    """The assets of the catalogue with one of these class labels."""
-    return frozenset(name for name, asset in ASSETS.items() if asset.class_label in labels)
-
-
-PERSONS = assets_of_class("civilian", "aid_worker", "combatant")
-IMMOVABLE = assets_of_class("building", "tree", "crate", "tent")
-VEHICLES = assets_of_class("civilian_vehicle")
-ROOFED = assets_of_class("building")
-"""What somebody can be inside of."""
-
-
-@dataclass(slots=True)
-class Group:
-    """A group as the text has spoken of it so far."""
-
-    entry: str
-    plural: bool
-    mentioned: int
-    """Number of the sentence that has named it last."""
-    convoy: bool = False
-
-
-class Scene:
-    """The groups of a text in the order in which it names them."""
+class Scene(Groups):
+    """Whom the phrases of a text name."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
-        self.draft, self.vocabulary = draft, vocabulary
-        self.groups: dict[str, Group] = {}
+        super().__init__(draft, vocabulary)
         self.subject: list[str] = []
         """Whom the last statement was about."""
-        self.sentence = 0
         self.unread = -1
         """Number of the last sentence that holds something unread, of which a pronoun may speak."""
         self.families: list[list[str]] = []
         """Groups that are parts of one: what is left, and its shares."""
         self.absent: dict[str, Span] = {}
         """Entries of which the text says that there are none."""
-
-    # What the draft holds of a group.
-
-    def asset(self, group: str) -> str:
-        return str(self.draft.entries["actors", group, "asset"].value)
-
-    def role(self, group: str) -> Role:
-        return Role(self.draft.entries["actors", group, "role"].value)
-
-    def count(self, group: str) -> int | None:
-        """The number of members where it is one stated number."""
-        entry = self.draft.entries.get(("actors", group, "count"))
-        varied = any(f"actors[{group}].count" in item.paths for item in self.draft.ranges)
-        return None if entry is None or varied else int(entry.value)
-
-    def targets(self) -> list[str]:
-        """The groups that are to be found: adversaries, or else whoever is sought."""
-        roles = {group: self.role(group) for group in self.groups}
-        adversaries = [group for group, role in roles.items() if role is Role.ADVERSARY]
-        return adversaries or [group for group, role in roles.items() if role is Role.SOUGHT]
-
-    def convoys(self) -> list[str]:
-        return [name for name, group in self.groups.items() if group.convoy]
 
     # Whom a phrase names.
 
@@ -92,7 +41,7 @@ class Scene:
         groups = self._named(phrase, others=[])
         for group in groups:
             self.groups[group].mentioned = self.sentence
-            self._describe(group, phrase)
+            self.describe(group, phrase)
         return groups
 
     def references(
@@ -114,7 +63,7 @@ class Scene:
         for group in groups:
             self.groups[group].mentioned = self.sentence
             if not phrase.definite:
-                self._describe(group, phrase)
+                self.describe(group, phrase)
         return groups
 
     def _again_or_new(self, phrase: NounPhrase, subject: Sequence[str]) -> list[str]:
@@ -250,7 +199,7 @@ class Scene:
         entries = [name for name, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY]
         readings = [self.vocabulary.assets[name].asset for name in entries]
         chosen = entries[self.draft.ask(phrase.span, "what is the target?", readings)]
-        return [self._add(chosen, phrase, self.vocabulary.assets[chosen].asset)]
+        return [self.add(chosen, phrase, self.vocabulary.assets[chosen].asset)]
 
     # New groups.
 
@@ -275,7 +224,7 @@ class Scene:
 
     def _new(self, phrase: NounPhrase) -> str:
         entry, asset = self._kind(phrase)
-        return self._add(entry, phrase, asset)
+        return self.add(entry, phrase, asset)
 
     def _kind(self, phrase: NounPhrase) -> tuple[str, str]:
         """Entry and asset of a new group; asked where the noun is ambiguous or unknown."""
@@ -304,98 +253,6 @@ class Scene:
         question = f"the catalogue has no {phrase.noun!r}; which of its things is nearest?"
         asset = nearest[self.draft.ask(phrase.span, question, readings)]
         return next(name for name, words in self.vocabulary.assets.items() if words.asset == asset), asset
-
-    def _add(self, entry: str, phrase: NounPhrase, asset: str) -> str:
-        number = 1 + sum(group.entry == entry for group in self.groups.values())
-        # Ids are the words of the vocabulary, so that a reader recognizes the groups in the SimSpec.
-        name = entry if number == 1 else f"{entry}-{number}"
-        self.groups[name] = Group(entry, phrase.plural, self.sentence, convoy=phrase.convoy)
-        base: FieldPath = ("actors", name)
-        self.draft.put((*base, "id"), name, phrase.span)
-        self.draft.put((*base, "asset"), asset, phrase.span)
-        self.draft.put((*base, "role"), str(self.vocabulary.role(entry)), phrase.span)
-        self._put_count(name, phrase)
-        return name
-
-    def _put_count(self, group: str, phrase: NounPhrase) -> None:
-        path: FieldPath = ("actors", group, "count")
-        count, span = phrase.count, phrase.span
-        if phrase.per_km2 is not None and count is not None:
-            self.put_density(group, count, phrase.per_km2, span)
-        elif count is not None and count.values:
-            self._put_levels(group, count.values, span)
-        elif count is None and phrase.plural:
-            low, high = self.vocabulary.tables["vague"]["some"]
-            note = "no number is given: read as `some`"
-            self.draft.vary(path, low, high, None, unit=None, integer=True, note=note)
-        elif count is None:
-            question = f"does {self.draft.quote(span)!r} stand in the scene?"
-            if self.draft.ask(span, question, ["yes, one", "no, it is only spoken of"]) == 1:
-                raise NotReadError("it is only spoken of")
-            self.draft.put(path, 1, span)
-        elif phrase.least:
-            low = count.low
-            chosen = self.draft.ask(
-                span, "no upper bound is given; how many?", [f"{low:g}", f"{low:g} to {2 * low:g}"]
-            )
-            self.draft.vary(path, low, low * (1 + chosen), span, unit=None, integer=True)
-        else:
-            self.draft.vary(path, count.low, count.high, span, unit=None, integer=True)
-
-    def _put_levels(self, group: str, values: Sequence[float], span: Span) -> None:
-        """Let the number of a group be one of several, a factor of the design."""
-        levels = tuple(int(value) for value in values)
-        if levels != values or len(set(levels)) < len(levels):
-            raise NotReadError("its numbers are no different whole numbers")
-        self.draft.put(("actors", group, "count"), levels[0], span, "first of several")
-        where = (f"actors[{group}].count",)
-        self.draft.ranges.append(VariedField(name=f"{group}-count", paths=where, levels=levels))
-
-    def put_density(self, group: str, count: Quantity, per_km2: float, span: Span) -> None:
-        """Set the density of a group in the place of its number. Raises NotReadError where the text states a number."""
-        stated = self.draft.entries.get(("actors", group, "count"))
-        if stated is not None and stated.span is not None:
-            raise NotReadError(f"{group} has a number already: state the number or the density")
-        self.draft.forget(("actors", group, "count"))
-        self.groups[group].plural = True
-        path: FieldPath = ("actors", group, "density_per_km2")
-        self.draft.vary(path, count.low * per_km2, count.high * per_km2, span, unit="1/km2")
-
-    def _describe(self, group: str, phrase: NounPhrase) -> None:
-        """Set what the adjectives of a phrase say."""
-        for name, value in phrase.adjectives:
-            if name == "role":
-                self.set_role(group, Role(value), phrase.span)
-            elif name == "concealment":
-                self.draft.put(("actors", group, "concealment"), value, phrase.span)
-            elif name == "color":
-                self._paint(group, value, phrase.span)
-            elif isinstance(value, MotionWords):
-                self.draft.put(("actors", group, "motion", "kind"), value.kind, phrase.span)
-                if value.speed_mps is not None:
-                    self.draft.put(
-                        ("actors", group, "motion", "speed_mps"),
-                        value.speed_mps,
-                        None,
-                        "the word's own speed",
-                    )
-
-    def _paint(self, group: str, color: str, span: Span) -> None:
-        if color in SKIN_WORDS and self.asset(group) in PERSONS:
-            readings = [f"their clothes are {color}", "it tells of no clothes: leave it out"]
-            if self.draft.ask(span, f"of what does {color!r} tell?", readings) == 1:
-                return
-        self.draft.put(("actors", group, "color"), color, span)
-
-    def set_role(self, group: str, role: Role, span: Span) -> None:
-        """Set the role of a group, where its asset may have it."""
-        asset = self.asset(group)
-        if role is Role.SOUGHT and asset not in PERSONS:
-            raise NotReadError(f"no {asset} is sought: only persons are")
-        if asset in IMMOVABLE:
-            raise NotReadError(f"no {asset} is {role}")
-        self.draft.forget(("actors", group, "role"))
-        self.draft.put(("actors", group, "role"), str(role), span)
 
     # Parts of groups.
 
@@ -433,7 +290,7 @@ class Scene:
             raise NotReadError("another group stands by its place")
         before = {path: entry for path, entry in self.draft.entries.items() if path[:2] == ("actors", whole)}
         count = Quantity("COUNT", number, number)
-        part = self._add(self.groups[whole].entry, NounPhrase(phrase.span, count=count), self.asset(whole))
+        part = self.add(self.groups[whole].entry, NounPhrase(phrase.span, count=count), self.asset(whole))
         for path, entry in before.items():
             if path[2] not in ("id", "count"):
                 self.draft.forget(("actors", part, *path[2:]))

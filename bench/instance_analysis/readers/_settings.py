@@ -10,8 +10,9 @@ from .._draft import Draft, FieldPath
 from ..language._grammar import Part
 from ..language._quantities import Quantity
 from ..language._tokens import Span
+from ._groups import IMMOVABLE
 from ._not_read import NotReadError
-from ._scene import IMMOVABLE, Scene
+from ._scene import Scene
 
 UNITS = {"LENGTH": "m", "TIME": "s", "SPEED": "m/s", "ANGLE": "deg"}
 NO_MARK_CHOICES_M = (50.0, 20.0, 100.0)
