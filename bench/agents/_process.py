@@ -82,6 +82,8 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
     # A program that a wrapper starts needs what it would need as the command: a Python its libraries.
     others = [path for path in paths if path.is_file() and os.access(path, os.X_OK)]
     paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
+    if plan.cache is not None and not plan.fills_cache and place != BOX_PLACE:
+        paths.append(plan.cache)
     if not in_image:
         program = find_program(command[0], environment, plan.scratch)
         if program is not None:
@@ -94,9 +96,8 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
         environment=environment,
         scratch=plan.scratch,
         read=tuple(paths),
-        files=_files(plan),
-        # What the agent may also write there.
-        shared=(plan.endpoints.warp.waiters,) if plan.endpoints.warp else (),
+        files=_files(plan, place),
+        shared=_shared(plan),
         tcp_ports=_tcp_ports(plan) | set(manifest.tcp_ports),
         limits=manifest.limits,
         gpu=manifest.gpu,
@@ -120,12 +121,20 @@ def _named_paths(plan: AgentPlan, command: Sequence[str]) -> list[Path]:
     return paths + [Path(word) for word in command if word.startswith("/") and Path(word).is_file()]
 
 
-def _files(plan: AgentPlan) -> tuple[Path, ...]:
+def _files(plan: AgentPlan, place: Place) -> tuple[Path, ...]:
     """What the agent may read beside its HOME."""
     files = [plan.scratch / TRUTH_FILE] if plan.truth is not None else []
     if warp := plan.endpoints.warp:
         files += [warp.library, warp.clock]
+    if plan.cache is not None and not plan.fills_cache and place == BOX_PLACE:
+        files.append(plan.cache)
     return tuple(files)
+
+
+def _shared(plan: AgentPlan) -> tuple[Path, ...]:
+    """What the agent may also write there."""
+    waiters = (warp.waiters,) if (warp := plan.endpoints.warp) else ()
+    return (*waiters, plan.cache) if plan.cache is not None and plan.fills_cache else waiters
 
 
 def _tcp_ports(plan: AgentPlan) -> frozenset[int]:
@@ -160,6 +169,10 @@ def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
         environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = f"{place.files}/{TRUTH_FILE}"
+    if plan.cache is not None and plan.manifest.cache is not None:
+        # In a box both who fills it and who reads it find it at the same path.
+        boxed = f"{place.files}/{plan.cache.name}"
+        environment[plan.manifest.cache.variable] = boxed if place == BOX_PLACE else str(plan.cache)
     environment |= dict(ends.mavlink) | dict(ends.services)
     environment |= expand_placeholders(
         plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment

@@ -90,9 +90,23 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
 
     The program of a manifest with an image is in the image, so nothing is known of it.
 
-    Looks for the program, and for the script or module that the bench's Python is to run. Nothing is run or imported, so a
-    program can still fail at its start.
+    Looks for the program, and for the script or module that the bench's Python is to run; likewise for the command that
+    fills a cache. Nothing is run or imported, so a program can still fail at its start.
     """
+    faults = _command_faults(manifest, folder, options, "command")
+    if manifest.cache is not None:
+        faults += _command_faults(preparing(manifest), folder, options, "cache.prepare")
+    return faults
+
+
+def preparing(manifest: AgentManifest) -> AgentManifest:
+    """The manifest of the command that fills an agent's cache: it meets no session."""
+    assert manifest.cache is not None
+    changes = {"command": manifest.cache.prepare, "mavlink": (), "zenoh": False, "reset": "process"}
+    return manifest.model_copy(update=changes)
+
+
+def _command_faults(manifest: AgentManifest, folder: Path, options: Options, field: str) -> list[Fault]:
     try:
         command = expand_command(manifest, folder, options)
         expand_placeholders(manifest, folder, options, manifest.environment)
@@ -100,7 +114,7 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
         return list(error.faults)
     if manifest.image:
         return []
-    where, program = f"{manifest.name}: command", command[0]
+    where, program = f"{manifest.name}: {field}", command[0]
     path = shutil.which(program, path=os.environ.get("PATH", os.defpath))
     if path is None or not Path(path).is_file():
         if Path(program).is_absolute() and Path(program).is_file():

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome
 from bench.documents import load_document
+from bench.errors import Fault
 from bench.realization import RealizationPlan
+from bench.simspec import AgentSpec, SimSpec
 
 from ._document import Campaign
 from ._events import CampaignPaused, CampaignPlanned, Observer, Observers, ResultLost, open_observers
@@ -313,9 +315,24 @@ def _takeoff_check(jobs: Jobs) -> CheckTakeoff:
     if jobs.flight != FLIGHTS.flight:
         return lambda simspecs: []
     # Imported here: it brings the simulator along, and a finished campaign does without.
+    from bench.agents import cache_faults
+
     from .planning._takeoff_faults import takeoff_faults
 
-    return takeoff_faults
+    def faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
+        agents: dict[str, AgentSpec] = {}
+
+        def noted() -> Iterator[SimSpec]:
+            for simspec in simspecs:
+                agents[simspec.agent.label] = simspec.agent
+                yield simspec
+
+        # Caches last: filling one takes longer than all the rest.
+        return takeoff_faults(noted()) or [
+            fault for agent in agents.values() for fault in cache_faults(agent)
+        ]
+
+    return faults
 
 
 def _outcome_counts(journal: Journal) -> dict[str, int]:

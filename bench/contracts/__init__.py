@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ._agent import AgentProcess as AgentProcess
     from ._agent import AgentRole as AgentRole
     from ._agent import AgentUsage as AgentUsage
+    from ._agent import CacheNeed as CacheNeed
     from ._agent import HasProcessRoot as HasProcessRoot
     from ._agent import MavlinkNeed as MavlinkNeed
     from ._agent import OpenAgent as OpenAgent
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from ._documents import document_schema as document_schema
     from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
+    from ._facts import AgentCache as AgentCache
     from ._facts import AgentExit as AgentExit
     from ._facts import AgentStart as AgentStart
     from ._facts import AnyFact as AnyFact

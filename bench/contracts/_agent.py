@@ -45,6 +45,19 @@ class AgentLimits(Document):
     scratch_mb: int = Field(256, ge=1, description="Each of the scratch folder, /tmp and /dev/shm.")
 
 
+class CacheNeed(Document):
+    """A folder that is filled once, and that every session of the agent reads: compiled code, weights."""
+
+    prepare: tuple[str, ...] = Field(
+        min_length=1, description="Command that fills the folder, with the placeholders of the agent's."
+    )
+    variable: str = Field(
+        "REBAR_CACHE", description="The variable in which command and sessions find the folder."
+    )
+    budget_s: float = Field(600.0, gt=0.0, description="Limit on the command, in host time.")
+    size_mb: int = Field(2048, ge=1, description="Limit on what it may write there.")
+
+
 AgentRole = Literal["tested", "floor", "ceiling"]
 
 
@@ -95,6 +108,9 @@ class AgentManifest(Document):
         description="TCP ports on which the agent's own processes reach each other, where landlock has no network of its own.",
     )
     gpu: bool = Field(False, description="The agent is given the host's GPU devices.")
+    cache: CacheNeed | None = added_field(
+        None, "A folder that a command fills once for all sessions, confined as they are."
+    )
     reset: Literal["process", "fork"] = Field(
         "process",
         description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded.",
@@ -180,6 +196,9 @@ class AgentPlan:
     """For an agent whose manifest asks for the truth, and for no other."""
     hidden: tuple[Path, ...] = ()
     """Folders that the agent must not read though they may lie in one that it may: the campaign's."""
+    cache: Path | None = None
+    """The folder of its manifest's `cache`; `fills_cache`: the program is the one that fills it."""
+    fills_cache: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,6 +183,15 @@ class AgentStart(Fact):
     forked: bool | None = None
 
 
+class AgentCache(Fact):
+    """What the agent's cache held: the digest of names, links, modes and contents; absent for a manifest without one."""
+
+    key = "agent_cache"
+    sha256: Words
+    files: int
+    size_bytes: int
+
+
 class UnreadTopics(Fact):
     """What the agent was told, to which it never subscribed. A subscription with a wrong type or hash is none, and silent."""
 

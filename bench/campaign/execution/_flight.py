@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.agents import (
+    FilledCache,
     LocalProcess,
     load_manifest,
     open_agent,
+    open_cache,
     program_faults,
     rung_of,
 )
@@ -110,18 +112,21 @@ def _fly(
     isolation: Isolation | None = None,
 ) -> SessionResult:
     folder.mkdir(parents=True, exist_ok=True)
+    stack = ExitStack()
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
         demanded = {} if isolation is None else {"isolation": isolation}
         host = _host(manifest, placed.agent.model_copy(update=demanded))
+        cache = stack.enter_context(open_cache(manifest, manifest_folder, placed.agent))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed), encoding="utf-8")
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
-    starter = AgentStarter(open_agent)
+    starter = AgentStarter(open_agent, cache)
     with (
+        stack,
         temporary_folder("agent") as scratch,
         open_recording(
             folder / RECORDING,
@@ -174,6 +179,7 @@ class AgentStarter:
     """
 
     open_agent: OpenAgent
+    cache: FilledCache | None = None
     open_walls: tuple[str, ...] | None = None
     start: AgentStart | None = None
     output: bytes | None = None
@@ -182,6 +188,8 @@ class AgentStarter:
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
         reset = plan.manifest.reset
+        if self.cache:
+            plan = replace(plan, cache=self.cache.folder)
         with ExitStack() as stack:
             self.start = AgentStart(reset=reset) if reset != "process" else None
             agent = stack.enter_context(self.open_agent(plan))
@@ -200,7 +208,8 @@ class AgentStarter:
     def facts(self, host: Confinement) -> list[Fact]:
         """What is known of the agent's start, on a host that confines it so."""
         confinement = host.model_copy(update={"open_walls": self.open_walls})
-        return [fact for fact in (confinement, self.start) if fact]
+        cache = self.cache and self.cache.fact
+        return [fact for fact in (confinement, self.start, cache) if fact]
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its

@@ -19,7 +19,7 @@ from typing import Any
 
 import anyio
 
-from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
+from bench.contracts import OnProgress, Outcome, SessionFailure, SessionResult, ignore_progress
 from bench.documents import dump_json
 from bench.errors import SetupError
 from bench.removal import remove_tree
@@ -113,6 +113,12 @@ async def fly_realization(
     the flight: SETUP_INVALID if they break what the SimSpec asks for. Raises WorkersUnusable when no worker process can be
     started.
     """
+    # Imported here: a runner flies nothing itself.
+    from bench.agents import cache_faults
+
+    # Before the session's budget begins.
+    if faults := cache_faults(simspec.agent):
+        return SessionFailure.of(SetupError(faults)).result(realization)
     plan = WorkerPlan(FLIGHTS.flight, decomposition, own_network)
     with temporary_folder("worker") as temporary:
         document = temporary / "simspec.json"
