@@ -23,6 +23,7 @@ from . import (
     _draw,
     _examples,
     _explain,
+    _export,
     _fit_detector,
     _fly,
     _graph,
@@ -108,7 +109,7 @@ for command in (
 _prose.register(app)
 for command in (
     *(_tension.tension, _new.new, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
-    *(_examples.examples, _reference.measures, _reference.tables, _machine.doctor),
+    *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
 ):
     app.command("next" if command is _next.propose else None)(command)
 _GROUPS: tuple[tuple[str, str, tuple[Callable[..., None], ...]], ...] = (

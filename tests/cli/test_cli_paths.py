@@ -47,6 +47,7 @@ READING = (
     "difficulty SEARCH --decomposition @",
     "prose --file @",
     "prose truck --vocabulary @",
+    "export @ --rerun --out run.rrd",
     "fit-detector @",
 )
 MAKING_FOLDERS = (
