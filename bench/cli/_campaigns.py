@@ -16,9 +16,8 @@ from bench.errors import SetupError
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
 from ._examples import shipped
-from ._executors import ExecutorOptions, Workers, warn
 from ._fault_paths import file_in_faults
-from ._laboratory import open_laboratory, tell_end
+from ._laboratory import open_laboratory, tell_end, warn
 from ._missing_runs import (
     INCOMPLETE_EXIT_CODE,
     exit_if_incomplete,
@@ -26,10 +25,10 @@ from ._missing_runs import (
     print_missing_in,
     print_rewritten,
 )
-from ._run_request import CampaignChanges, IsolationOption, RunRequest
+from ._run_request import CampaignChanges, IsolationOption, RunRequest, Workers
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign, OpenExecutor
+    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign
     from decompositions import Decomposition
 
 
@@ -47,8 +46,8 @@ def demo(
     """
     from ._campaign_end import show_finding
 
-    request = RunRequest(out, ExecutorOptions(workers), changes=CampaignChanges(isolation=isolation))
-    scores = _run(shipped("campaigns/demo.yaml"), request, request.sessions.opener())
+    request = RunRequest(out, workers, changes=CampaignChanges(isolation=isolation))
+    scores = _run(shipped("campaigns/demo.yaml"), request)
     show_finding(out, scores)
 
 
@@ -61,23 +60,15 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-    open_executor = request.sessions.opener()
     with file_in_faults(campaign):
         if request.dry_run:
             print_plan(campaign, request)
         else:
-            _run(campaign, request, open_executor)
+            _run(campaign, request)
 
 
 def retry(
-    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
-    workers: Workers = None,
-    executor: Annotated[
-        str,
-        typer.Option(
-            metavar="local|dask[=ADDRESS]", help="As for rebar run; where the campaign is not running"
-        ),
-    ] = "local",
+    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")], workers: Workers = None
 ) -> None:
     """Fly the missing runs of a campaign again, at once: in the process that runs it, and otherwise in this one.
 
@@ -85,13 +76,11 @@ def retry(
     """
     from bench.campaign import CampaignFolder, request_retry
 
-    request = RunRequest(folder, ExecutorOptions(workers, executor))
-    open_executor = request.sessions.opener()
     process = request_retry(folder)
     if process is not None:
         print(f"{folder}: process {process} is asked to fly its missing runs again")
         return
-    _run(CampaignFolder(folder).campaign, request, open_executor)
+    _run(CampaignFolder(folder).campaign, RunRequest(folder, workers))
 
 
 def merge(
@@ -261,7 +250,7 @@ def _write_elsewhere(folder: Path, out: Path, write: Callable[[], None]) -> None
     exit_if_incomplete(missing)
 
 
-def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> FinishedCampaign:
+def _run(path: Path, request: RunRequest) -> FinishedCampaign:
     from bench.campaign import (
         Collaborators,
         RunOptions,
@@ -276,9 +265,6 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     from ._scores import campaign_report
 
     campaign = request.changes.load(path)
-    if request.sessions.recordings is not None and campaign.keep is not None:
-        what = "and keep in the campaign file both say what becomes of recordings"
-        raise SetupError("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
     folder = request.folder(campaign)
     end = CampaignEnd()
@@ -294,15 +280,14 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
                 folder,
                 RunOptions(
                     decomposition,
-                    request.sessions.workers,
+                    request.workers,
                     rerun=parse_rerun_outcomes(request.again or ()),
                     accept=parse_accepted_outcomes(request.accept or ()),
                 ),
                 Collaborators(
                     [observer for observer in observers if observer],
                     end.finish,
-                    open_executor,
-                    bus.is_open if bus else no_gate,
+                    gate=bus.is_open if bus else no_gate,
                 ),
             )
         finally:

@@ -10,12 +10,12 @@ import typer
 
 from bench.errors import SetupError
 
-from ._executors import ExecutorOptions
 from ._laboratory import LaboratoryOptions
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign
 
+Workers = Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")]
 Pace = Literal["lockstep", "realtime", "warp"]
 IsolationOption = Annotated[
     Literal["auto", "bwrap", "landlock", "none"] | None,
@@ -119,7 +119,7 @@ class RunRequest:
     """The options of `rebar run`."""
 
     out: Annotated[Path | None, typer.Option(help="Folder of the campaign. Default: out/NAME")] = None
-    sessions: ExecutorOptions = field(default_factory=ExecutorOptions)
+    workers: Workers = None
     again: Annotated[
         list[str] | None,
         typer.Option(
