@@ -103,9 +103,8 @@ for command in (
     ),
 ):
     app.command()(command)
-_prose.register(app)
 for command in (
-    *(_tension.tension, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
+    *(_prose.prose, _tension.tension, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
     *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
 ):
     app.command("next" if command is _next.propose else None)(command)
