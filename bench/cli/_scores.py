@@ -45,7 +45,7 @@ def score(
     ] = None,
     observations: Annotated[
         Path | None,
-        typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)"),
+        typer.Option(help="Score a table of observations instead of folders (CSV)"),
     ] = None,
     as_json: Annotated[
         bool,
