@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from ._versions import versions as versions
     from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
     from .early_stopping._decisions import EarlyStop as EarlyStop
-    from .execution._dask import open_dask as open_dask
     from .execution._dispatcher import StartGate as StartGate
     from .execution._dispatcher import no_gate as no_gate
     from .execution._event_loop import HostClock as HostClock
@@ -95,10 +94,6 @@ if TYPE_CHECKING:
     from .results._state import campaign_state as campaign_state
     from .storage._completeness import Completeness as Completeness
     from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
-    from .storage._elsewhere import check_store as check_store
-    from .storage._elsewhere import open_recorded as open_recorded
-    from .storage._elsewhere import runs_elsewhere as runs_elsewhere
-    from .storage._elsewhere import store_faults as store_faults
     from .storage._file_system import check_file_system as check_file_system
     from .storage._files import digest_of as digest_of
     from .storage._files import write_whole as write_whole

@@ -251,7 +251,7 @@ class _Run:
                 open_stop_request() as stop,
                 self._collaborators.open_executor(plan, workers, self._opened.folder.path) as executor,
             ):
-                await dispatcher.fly(executor, stop, deadline)
+                await dispatcher.fly(executor, workers, stop, deadline)
         # Sessions that were killed with the executor are planned again.
         self._opened.journal.release()
 

@@ -27,10 +27,8 @@ from . import (
     _fit_detector,
     _fly,
     _graph,
-    _history,
     _look,
     _machine,
-    _new,
     _next,
     _prose,
     _reference,
@@ -97,7 +95,6 @@ for command in (
     *(_sessions.simulate, _scores.score, _runs.runs, _runs.check, _compare.compare, _calibrate.calibrate),
     *(
         _view.view,
-        _history.history,
         _explain.explain,
         _draw.draw,
         _graph.graph,
@@ -106,9 +103,8 @@ for command in (
     ),
 ):
     app.command()(command)
-_prose.register(app)
 for command in (
-    *(_tension.tension, _new.new, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
+    *(_prose.prose, _tension.tension, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
     *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
 ):
     app.command("next" if command is _next.propose else None)(command)

@@ -52,15 +52,10 @@ def frames(
 
     Example: rebar camera frames out/demo/runs/p001-r1-* --at 30 --at 60 --out frames.png
     """
-    from contextlib import ExitStack
-
-    from bench.campaign import open_recorded
     from bench.reporting import boxed_frames
 
     _check(out)
-    with ExitStack() as stack:
-        sources = [stack.enter_context(open_recorded(folder)) / "recording.mcap" for folder in runs]
-        _write(boxed_frames(sources, at or ()), out)
+    _write(boxed_frames([folder / "recording.mcap" for folder in runs], at or ()), out)
 
 
 def _check(out: Path) -> None:

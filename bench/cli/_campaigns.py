@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,9 +15,8 @@ from bench.errors import SetupError
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
 from ._examples import shipped
-from ._executors import ExecutorOptions, Workers, warn
 from ._fault_paths import file_in_faults
-from ._laboratory import open_laboratory, tell_end
+from ._laboratory import open_laboratory, tell_end, warn
 from ._missing_runs import (
     INCOMPLETE_EXIT_CODE,
     exit_if_incomplete,
@@ -26,10 +24,10 @@ from ._missing_runs import (
     print_missing_in,
     print_rewritten,
 )
-from ._run_request import CampaignChanges, IsolationOption, RunRequest
+from ._run_request import CampaignChanges, IsolationOption, RunRequest, Workers
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign, OpenExecutor
+    from bench.campaign import Campaign, CampaignSummary, FinishedCampaign
     from decompositions import Decomposition
 
 
@@ -47,8 +45,8 @@ def demo(
     """
     from ._campaign_end import show_finding
 
-    request = RunRequest(out, ExecutorOptions(workers), changes=CampaignChanges(isolation=isolation))
-    scores = _run(shipped("campaigns/demo.yaml"), request, request.sessions.opener())
+    request = RunRequest(out, workers, changes=CampaignChanges(isolation=isolation))
+    scores = _run(shipped("campaigns/demo.yaml"), request)
     show_finding(out, scores)
 
 
@@ -61,23 +59,15 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-    open_executor = request.sessions.opener()
     with file_in_faults(campaign):
         if request.dry_run:
             print_plan(campaign, request)
         else:
-            _run(campaign, request, open_executor)
+            _run(campaign, request)
 
 
 def retry(
-    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
-    workers: Workers = None,
-    executor: Annotated[
-        str,
-        typer.Option(
-            metavar="local|dask[=ADDRESS]", help="As for rebar run; where the campaign is not running"
-        ),
-    ] = "local",
+    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")], workers: Workers = None
 ) -> None:
     """Fly the missing runs of a campaign again, at once: in the process that runs it, and otherwise in this one.
 
@@ -85,13 +75,11 @@ def retry(
     """
     from bench.campaign import CampaignFolder, request_retry
 
-    request = RunRequest(folder, ExecutorOptions(workers, executor))
-    open_executor = request.sessions.opener()
     process = request_retry(folder)
     if process is not None:
         print(f"{folder}: process {process} is asked to fly its missing runs again")
         return
-    _run(CampaignFolder(folder).campaign, request, open_executor)
+    _run(CampaignFolder(folder).campaign, RunRequest(folder, workers))
 
 
 def merge(
@@ -173,43 +161,17 @@ def report(
             help="File for the report, from the scores in the folder, which is only read. It must not exist yet"
         ),
     ] = None,
-    figures: Annotated[
-        Path | None,
-        typer.Option(
-            help="New folder for the figures of pass rates, scores and confidences as SVG, in place of the report"
-        ),
-    ] = None,
-    assurance: Annotated[
-        Path | None,
-        typer.Option(
-            help="New folder for the assurance case of each agent as JSON and SVG, in place of the report; DIR is only read"
-        ),
-    ] = None,
 ) -> None:
     """Score the results in a campaign's folder and write its report. Ends with code 3 if runs are missing.
 
     Example: rebar report out/demo
 
     Example: rebar report /archive/demo --out demo.html
-
-    Example: rebar report out/demo --assurance out/case
     """
     from bench.campaign import finish_campaign
 
-    if sum(target is not None for target in (out, figures, assurance)) > 1:
-        raise SetupError(
-            "rebar report", "--out, --figures and --assurance are different documents", "give one of them"
-        )
     if out is not None:
-        from bench.reporting import write_report
-
-        _write_elsewhere(folder, out, lambda: print(write_report(folder, out)))
-        return
-    if assurance is not None:
-        _write_elsewhere(folder, assurance, lambda: _write_cases(folder, assurance))
-        return
-    if figures is not None:
-        _write_elsewhere(folder, figures, lambda: _write_figures(folder, figures))
+        _report_elsewhere(folder, out)
         return
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
@@ -219,36 +181,10 @@ def report(
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
-def _write_figures(folder: Path, out: Path) -> None:
-    from bench.reporting import figure_files, load_report_data
-
-    files = list(figure_files(load_report_data(folder)))
-    out.mkdir(parents=True)
-    for name, text in files:
-        (out / name).write_text(text, encoding="utf-8")
-        print(out / name)
-
-
-def _write_cases(folder: Path, out: Path) -> None:
-    from bench.documents import dump_json
-    from bench.reporting import assurance_case, assurance_svg, load_report_data
-
-    data = load_report_data(folder)
-    cases = [assurance_case(data, agent) for agent in data.agents]
-    out.mkdir(parents=True)
-    for place, case in enumerate(cases, start=1):
-        # By number: a label may hold what no file's name can.
-        for name, text in (
-            (f"agent-{place}.json", dump_json(case)),
-            (f"agent-{place}.svg", assurance_svg(case)),
-        ):
-            (out / name).write_text(text, encoding="utf-8")
-            print(out / name)
-
-
-def _write_elsewhere(folder: Path, out: Path, write: Callable[[], None]) -> None:
-    """Write what only reads a folder. Raises SetupError where `out` exists, or the folder's files were changed."""
+def _report_elsewhere(folder: Path, out: Path) -> None:
+    """Write a report that only reads a folder. Raises SetupError where `out` exists, or the folder's files were changed."""
     from bench.campaign import verify_folder
+    from bench.reporting import write_report
 
     if os.path.lexists(out):
         raise SetupError(out, "already exists and is not overwritten", "name another file")
@@ -257,11 +193,11 @@ def _write_elsewhere(folder: Path, out: Path, write: Callable[[], None]) -> None
     running = any(report is not None and report.running for report in missing)
     if not running and (faults := verify_folder(folder)):
         raise SetupError(faults)
-    write()
+    print(write_report(folder, out))
     exit_if_incomplete(missing)
 
 
-def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> FinishedCampaign:
+def _run(path: Path, request: RunRequest) -> FinishedCampaign:
     from bench.campaign import (
         Collaborators,
         RunOptions,
@@ -276,9 +212,6 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
     from ._scores import campaign_report
 
     campaign = request.changes.load(path)
-    if request.sessions.recordings is not None and campaign.keep is not None:
-        what = "and keep in the campaign file both say what becomes of recordings"
-        raise SetupError("--recordings", what, "give one of them")
     decomposition = _decomposition(campaign)
     folder = request.folder(campaign)
     end = CampaignEnd()
@@ -294,15 +227,14 @@ def _run(path: Path, request: RunRequest, open_executor: OpenExecutor) -> Finish
                 folder,
                 RunOptions(
                     decomposition,
-                    request.sessions.workers,
+                    request.workers,
                     rerun=parse_rerun_outcomes(request.again or ()),
                     accept=parse_accepted_outcomes(request.accept or ()),
                 ),
                 Collaborators(
                     [observer for observer in observers if observer],
                     end.finish,
-                    open_executor,
-                    bus.is_open if bus else no_gate,
+                    gate=bus.is_open if bus else no_gate,
                 ),
             )
         finally:

@@ -24,7 +24,6 @@ def draw(
 
     Example: rebar draw out/demo/runs/p001-r1-* --film --out film.svg
     """
-    from bench.campaign import open_recorded
     from bench.recording import read_simspec, read_tape
     from bench.reporting import Run, build_run_map, run_drawing
 
@@ -32,9 +31,8 @@ def draw(
         raise SetupError("--out", f"{out.name} does not end with .svg", "name an SVG file")
     drawn = []
     for folder in runs:
-        with open_recorded(folder) as source:
-            simspec = read_simspec(source / "recording.mcap")
-            tape = read_tape(source / "recording.mcap", simspec)
+        simspec = read_simspec(folder / "recording.mcap")
+        tape = read_tape(folder / "recording.mcap", simspec)
         name = folder.resolve().name
         drawn.append(
             (build_run_map(Run(name, "", 0, simspec.agent.manifest, None, None), simspec, tape), tape)

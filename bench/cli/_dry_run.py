@@ -109,7 +109,7 @@ def _estimate(campaign: Campaign, request: RunRequest) -> tuple[CampaignEstimate
     """What surrogates expect of a campaign, or the faults for which they cannot fly it."""
     from bench.campaign import estimate_campaign
 
-    count = request.sessions.workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
+    count = request.workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
     try:
         return estimate_campaign(campaign, count, request.session_s), []
     except SetupError as error:

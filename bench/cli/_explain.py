@@ -36,7 +36,6 @@ def explain(
 
     Example: rebar explain out/demo/runs/p001-r1-reference-naive
     """
-    from bench.campaign import open_recorded
     from bench.recording import read_simspec, read_tape
     from bench.reporting import Run, build_run_map
     from decompositions import Level
@@ -49,9 +48,8 @@ def explain(
         source.decomposition.nodes[node].title: source.explained(node, moments).agents[0].runs[0]
         for node in source.decomposition.at_level(Level.PRINCIPLE)
     }
-    with open_recorded(run) as folder:
-        simspec = read_simspec(folder / "recording.mcap")
-        tape = read_tape(folder / "recording.mcap", simspec)
+    simspec = read_simspec(run / "recording.mcap")
+    tape = read_tape(run / "recording.mcap", simspec)
     flown_run = Run(scored.realization, scored.design_point, 0, scored.agent, None, scored.outcome)
     chart = build_run_map(flown_run, simspec, tape)
     end = f"{scored.outcome.value} after {tape.end_s:.1f} s: {source.sources.reasons[scored.realization]}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,16 +25,13 @@ def export(
 
     Example: rebar export out/demo/runs/p001-r1-reference-naive --rerun --out run.rrd
     """
-    from bench.campaign import open_recorded
     from bench.errors import SetupError
     from bench.recording import export_for_rerun
 
     if not rerun:
         raise SetupError("rebar export", "no form is named", "add --rerun")
-    with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
-        file = source / "recording.mcap" if source.is_dir() else source
-        folder = recording if recording.is_dir() else recording.parent
-        malformed = export_for_rerun(file, out, _observations(folder / "result.json", file))
+    file = recording / "recording.mcap" if recording.is_dir() else recording
+    malformed = export_for_rerun(file, out, _observations(file.with_name("result.json"), file))
     lines = [f"not shown: {topic} ({count})" for topic, count in malformed.items()]
     if lines:
         lines.append("It cannot be decoded, or lies behind the place where the recording is cut off.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import SetupError
-
-from ._executors import warn
 
 if TYPE_CHECKING:
     from bench.campaign import Completeness
@@ -51,6 +50,11 @@ class LaboratoryOptions:
         str | None,
         typer.Option("--stand-release", metavar="TOPIC", help="Send a message here after each session"),
     ] = None
+
+
+def warn(warning: str) -> None:
+    """Print a warning, to stderr."""
+    print(f"WARNING: {warning}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
     from bench.difficulty import DifficultyScale, MeasuredDifficulty
-    from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
+    from bench.scoring import Difficulty
     from bench.simspec import SimSpec
     from decompositions import Decomposition
 
@@ -55,7 +55,6 @@ def schema(
     from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
-    from bench.reporting import AssuranceCase
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import AssetTable, SimSpec
     from bench.streams import json_schema, message_class
@@ -80,7 +79,6 @@ def schema(
         "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
-        "assurance-case": AssuranceCase,
         "campaign-state": CampaignState,
         "campaign-message": CampaignMessage,
         "campaign-status": CampaignStatus,
@@ -141,15 +139,15 @@ def difficulty(
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
     node: Annotated[
         str | None,
-        typer.Option(help="Show one node in full: every factor, and the changes that make it harder"),
+        typer.Option(help="Show one node in full: every factor, and the fields that set it"),
     ] = None,
     scale: Annotated[
         Path | None, typer.Option(help="File of a scale of measured difficulty. Default: the shipped one")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Show the published rating of every node, the key factor that decides it, and the changes that would make it
-    harder; and the measured difficulty, with what makes it.
+    """Show the published rating of every node, the key factor that decides it and the next one; and the measured
+    difficulty, with what makes it.
 
     Example: rebar difficulty examples/search.yaml
 
@@ -245,24 +243,13 @@ class _RatedSituation:
         return measured.sentence(count) + changed
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
-        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
-        from bench.scoring import difficulty_increase
-
+        """Some nodes as in `Difficulty.as_json`, with the fields behind each factor."""
         document = self.difficulty.as_json()
         leaves = {leaf for node in nodes for leaf in self.decomposition.observables_under(node)}
         rated = {row.factor: row for leaf in leaves for row in self.difficulty.observables[leaf].ratings}
         return {
             "decomposition": document["decomposition"],
-            "nodes": [
-                row
-                | {
-                    "raise": dataclasses.asdict(
-                        difficulty_increase(self.decomposition, self.difficulty, row["node"])
-                    )
-                }
-                for row in document["nodes"]
-                if row["node"] in nodes
-            ],
+            "nodes": [row for row in document["nodes"] if row["node"] in nodes],
             "measured": [
                 dataclasses.asdict(measured) for node, measured in self.measured.items() if node in nodes
             ],
@@ -278,19 +265,11 @@ class _RatedSituation:
         """A table with one row for each node. Its last column has all that is words, which wrap, so that names of
         factors stay whole.
         """
-        from bench.scoring import difficulty_increase
-
         table = plain_table(("Node", "Published", "Tension", "Measured", RULED_BY), texts=(RULED_BY,))
         for node in self.difficulty.nodes.values():
-            rise = difficulty_increase(self.decomposition, self.difficulty, node.node)
-            words = [self._ruler(node.node, rise)]
-            if rise.margin is not None:
-                words.append(f"next {', '.join(rise.following)} +{rise.margin:.1f}")
-            if (goal := rise.takeover or rise.tension) and goal.changes:
-                alone = [change.factor for change in goal.changes] == list(rise.ruled_by)[:1]
-                # With a single factor to change, the words before name it already.
-                changes = map(_span_text if alone else _change_text, goal.changes)
-                words.append(f"harder with {', '.join(changes)}")
+            words = [self._ruler(node.node)]
+            if following := self._following(node.node):
+                words.append(f"next {', '.join(following[0])} +{following[1]:.1f}")
             hard = "none" if node.difficulty is None else f"{node.difficulty:.1f}"
             measured = self.measured.get(node.node)
             # In brackets where nothing may be claimed on it.
@@ -299,37 +278,45 @@ class _RatedSituation:
             add_plain_row(table, (node.node, hard, str(node.tension or ""), panel, "; ".join(words)))
         return table
 
-    def _ruler(self, node: str, rise: DifficultyIncrease) -> str:
-        if rise.ruled_by:
-            return ", ".join(rise.ruled_by)
+    def _ruler(self, node: str) -> str:
         if self.difficulty.of(node) is None:
             return "nothing: the situation does not exercise it"
-        return f"the mean of its ratings: {', '.join(self.difficulty.nodes[node].ruled_by)}"
+        leaves = self.difficulty.nodes[node].ruled_by
+        if self.decomposition.policies.factor_rule != "minimum":
+            return f"the mean of its ratings: {', '.join(leaves)}"
+        factors = (factor for leaf in leaves for factor in self.difficulty.observables[leaf].ruled_by)
+        return ", ".join(sorted(set(factors)))
+
+    def _following(self, node: str) -> tuple[list[str], float] | None:
+        """The factors that rule the node next, and how many points above its difficulty; None where none do."""
+        from bench.scoring import rated_observables
+
+        if self.decomposition.policies.factor_rule != "minimum":
+            return None
+        leaves = rated_observables(self.decomposition, node, self.difficulty.observables)
+        rows = [row for leaf in leaves for row in self.difficulty.observables[leaf].ratings]
+        # A factor rules by the lowest of its ratings under the node.
+        ratings = {row.factor: row.rating for row in sorted(rows, key=lambda row: -row.rating)}
+        lowest = min(ratings.values(), default=0.0)
+        if (
+            following := min((rating for rating in ratings.values() if rating > lowest), default=None)
+        ) is None:
+            return None
+        return sorted(factor for factor, rating in ratings.items() if rating == following), following - lowest
 
     def in_full(self, node: str) -> Iterator[str]:
         """One node with all its factors, line by line."""
-        from bench.scoring import Standing, absence_of, difficulty_increase
+        from bench.scoring import Standing, absence_of
 
-        rating, rise = (
-            self.difficulty.nodes[node],
-            difficulty_increase(self.decomposition, self.difficulty, node),
-        )
+        rating = self.difficulty.nodes[node]
         title = f"{node} {self.decomposition.nodes[node].title}"
         if rating.difficulty is None:
             yield f"{title}: no difficulty, because this situation exercises none of its observables"
         else:
             yield f"{title}: published rating {rating.difficulty:.4g}, tension {rating.tension}"
-            yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
-        if rise.margin is not None:
-            yield f"next is {', '.join(rise.following)}, {rise.margin:.4g} points above"
-        if rise.takeover:
-            yield from self._goal(
-                f"To reach {rise.takeover.difficulty:.4g}, where the next factor takes over:", rise.takeover
-            )
-        if rise.tension and rating.tension:
-            yield from self._goal(
-                f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension
-            )
+            yield f"ruled by {self._ruler(node)}, in {', '.join(rating.ruled_by)}"
+        if following := self._following(node):
+            yield f"next is {', '.join(following[0])}, {following[1]:.4g} points above"
         if node in self.measured:
             yield self._explanation(self.measured[node], len(self.measured[node].contributions))
         yield "Its observables:"
@@ -342,23 +329,5 @@ class _RatedSituation:
             about = " (the configured sensor)" if rated.standing is Standing.CONFIGURED_SENSOR else ""
             yield f"{title}: {rated.difficulty:.4g}{about}"
             for row in rated.ratings:
-                yield f"    {row.factor} = {row.value:g} {row.unit} rates {row.rating:.4g}"
-
-    def _goal(self, title: str, goal: DifficultyGoal) -> Iterator[str]:
-        yield title
-        for change in goal.changes:
-            yield f"  {_change_text(change)} ({', '.join(self.paths[change.factor])})"
-
-
-def _change_text(change: FactorChange) -> str:
-    return f"{change.factor} {_span_text(change)}"
-
-
-def _span_text(change: FactorChange) -> str:
-    """From the value that a factor has to the value that it needs."""
-    if change.harder == "either way":
-        return "impossible: its tables run in opposite directions"
-    if change.to is None:
-        return f"impossible: its tables end at {change.most:g}"
-    unit = "" if change.unit == "1" else f" {change.unit}"
-    return f"{change.value:g} -> {f'{change.harder} than ' if change.past else ''}{change.to:.6g}{unit}"
+                paths = f" ({', '.join(paths)})" if (paths := self.paths[row.factor]) else ""
+                yield f"    {row.factor} = {row.value:g} {row.unit} rates {row.rating:.4g}{paths}"

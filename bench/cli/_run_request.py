@@ -10,12 +10,12 @@ import typer
 
 from bench.errors import SetupError
 
-from ._executors import ExecutorOptions
 from ._laboratory import LaboratoryOptions
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign
 
+Workers = Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")]
 Pace = Literal["lockstep", "realtime", "warp"]
 IsolationOption = Annotated[
     Literal["auto", "landlock", "none"] | None,
@@ -66,13 +66,6 @@ class CampaignChanges:
             help="Fly the I-th of N parts of the campaign, in a folder of its own; `rebar merge` joins them",
         ),
     ] = None
-    points: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Try so many design points or a few more, evenly chosen, before the night: the first of so many shards",
-        ),
-    ] = None
 
     def load(self, path: Path) -> Campaign:
         """The campaign of a file, changed. Raises SetupError for a shard that cannot be."""
@@ -98,20 +91,11 @@ class CampaignChanges:
         if self.pace is not None:
             unpaced = tuple(agent.model_copy(update={"pace": None}) for agent in campaign.agents)
             campaign = campaign.model_copy(update={"agents": unpaced})
-        shard = self.shard if self.points is None else self._tried(campaign, self.points)
-        options = {"pace": self.pace, "isolation": self.isolation, "shard": shard}
+        options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}
         )
         return with_floor(campaign) if self.floor else campaign
-
-    def _tried(self, campaign: Campaign, count: int) -> str:
-        from bench.campaign import realizations
-
-        if self.shard is not None:
-            raise SetupError("--points", "chooses a shard, and --shard names one", "give one of them")
-        points = {plan.design_point for plan in realizations(campaign)}
-        return f"1/{max(1, len(points) // count)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +103,7 @@ class RunRequest:
     """The options of `rebar run`."""
 
     out: Annotated[Path | None, typer.Option(help="Folder of the campaign. Default: out/NAME")] = None
-    sessions: ExecutorOptions = field(default_factory=ExecutorOptions)
+    workers: Workers = None
     again: Annotated[
         list[str] | None,
         typer.Option(

@@ -45,7 +45,7 @@ def score(
     ] = None,
     observations: Annotated[
         Path | None,
-        typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)"),
+        typer.Option(help="Score a table of observations instead of folders (CSV)"),
     ] = None,
     as_json: Annotated[
         bool,
@@ -283,7 +283,7 @@ def _of_campaign(
 
 
 def source_of_run(folder: Path, named: str | None) -> ScoreSource:
-    from bench.campaign import check_run, load_measurable_decomposition, open_recorded, rescore
+    from bench.campaign import check_run, load_measurable_decomposition, rescore
     from bench.contracts import ReportStatements
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
@@ -291,9 +291,8 @@ def source_of_run(folder: Path, named: str | None) -> ScoreSource:
     check_run(folder)
     decomposition = load_measurable_decomposition(named or _campaign_decomposition(folder))
     recording = folder / "recording.mcap"
-    with open_recorded(folder) as recorded:
-        result = rescore(recorded, decomposition)
-        simspec = read_simspec(recorded / recording.name)
+    result = rescore(folder, decomposition)
+    simspec = read_simspec(recording)
     run = ScoredRun(
         realization=result.realization,
         # A run by itself has no design: it is a design point of its own.

@@ -49,12 +49,6 @@ def verify(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Sessions at once for --refly. Default: the number of cores")
     ] = None,
-    recordings: Annotated[
-        bool,
-        typer.Option(
-            "--recordings", help="Read the recordings that are kept at a URL too, and compare their digests"
-        ),
-    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
     """Check every file of a campaign against its manifest, its chain of evidence and its journal.
@@ -67,7 +61,7 @@ def verify(
         raise SetupError(
             "--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too"
         )
-    check = _check(folder, digest, signed_by, read_stored=recordings)
+    check = _check(folder, digest, signed_by)
     if not as_json:
         _print_check(folder, check, signed_by)
     # A repetition of what is not what was flown would prove nothing.
@@ -114,38 +108,23 @@ def sign(
 
 @dataclass(frozen=True, slots=True)
 class _FolderCheck:
-    """What is wrong with a folder, and what it proves if nothing is. `stored` counts the recordings at a URL."""
+    """What is wrong with a folder, and what it proves if nothing is."""
 
     faults: list[str]
     manifest_sha256: str | None
     question_sha256: str | None
-    stored: int
-    read_stored: bool
 
 
-def _check(folder: Path, digest: str | None, signed_by: Path | None, *, read_stored: bool) -> _FolderCheck:
-    from bench.campaign import (
-        CampaignFolder,
-        digest_of,
-        load_campaign,
-        question_sha256,
-        runs_elsewhere,
-        store_faults,
-        verify_folder,
-    )
+def _check(folder: Path, digest: str | None, signed_by: Path | None) -> _FolderCheck:
+    from bench.campaign import CampaignFolder, digest_of, load_campaign, question_sha256, verify_folder
 
     paths = CampaignFolder(folder)
     faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
-    stored = runs_elsewhere(folder)
-    if read_stored and not faults:
-        faults = [str(fault) for fault in store_faults(stored)]
     return _FolderCheck(
         faults,
         digest_of(paths.manifest) if paths.manifest.is_file() else None,
         # Of a folder that was changed it would say nothing.
         None if faults else question_sha256(load_campaign(paths.campaign)),
-        len(stored),
-        read_stored,
     )
 
 
@@ -169,11 +148,6 @@ def _print_check(folder: Path, check: _FolderCheck, signed_by: Path | None) -> N
             whose = "not checked: pip install 'rebar-bench[sign]'"
         print(f"signed with the key {signer} ({whose})")
     print(f"situations and design: {check.question_sha256}")
-    if check.stored:
-        what = "not read: --recordings compares them too"
-        if check.read_stored:
-            what = "and have the digests of their sessions"
-        print(f"{check.stored} recordings are kept at a URL ({what})")
 
 
 def _reflown(

@@ -2,7 +2,7 @@
 
 from bench.scoring import difficulty_of, score_run
 difficulty = difficulty_of(decomposition, simspec)
-print(difficulty.explain("KA-18"), score_run(decomposition, difficulty, result.observations)["KA-18"])
+print(difficulty.of("KA-18"), score_run(decomposition, difficulty, result.observations)["KA-18"])
 
 docs/rulings.md numbers the rules that every score rests on.
 """
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ._difficulty import difficulty_of as difficulty_of
     from ._difficulty import difficulty_of_values as difficulty_of_values
     from ._difficulty import rate as rate
+    from ._difficulty import rated_observables as rated_observables
     from ._difficulty import stated_difficulty as stated_difficulty
     from ._difficulty import tension_of as tension_of
     from ._explain import AgentExplanation as AgentExplanation
@@ -35,12 +36,8 @@ if TYPE_CHECKING:
     from ._floor import NodeFloor as NodeFloor
     from ._floor import node_floors as node_floors
     from ._floor import worst_first as worst_first
-    from ._increase import DifficultyGoal as DifficultyGoal
-    from ._increase import DifficultyIncrease as DifficultyIncrease
-    from ._increase import FactorChange as FactorChange
-    from ._increase import difficulty_increase as difficulty_increase
-    from ._increase import hardest_value as hardest_value
-    from ._increase import value_for_rating as value_for_rating
+    from ._inverse import hardest_value as hardest_value
+    from ._inverse import value_for_rating as value_for_rating
     from ._panel import Panel as Panel
     from ._panel import PanelNode as PanelNode
     from ._panel import panel_of as panel_of

@@ -161,18 +161,6 @@ class Difficulty:
             raise ValueError(f"{node} has no difficulty: the situation exercises no observable under it")
         return difficulty
 
-    def explain(self, node: str) -> str:
-        """The reason for a node's difficulty, with a sentence for each observable that rules it."""
-        node_difficulty = self.nodes[node]
-        if node_difficulty.difficulty is None:
-            rated = self.observables.get(node)
-            reason = _reason(rated) if rated else "This situation exercises no observable under it."
-            return f"{node}: no difficulty. {reason}"
-        reasons = [_reason(self.observables[observable]) for observable in node_difficulty.ruled_by]
-        return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(
-            reasons
-        )
-
     def as_json(self) -> dict[str, Any]:
         """Every node and observable as JSON values, with the rating of every factor."""
         return {
@@ -359,22 +347,3 @@ def absence_of(observable: ObservableDifficulty) -> str:
     if observable.undetected:
         reasons.append("perception.source is agent, so the bench makes no detections")
     return " and ".join(reasons)
-
-
-def _reason(observable: ObservableDifficulty) -> str:
-    if observable.standing is Standing.NOT_EXERCISABLE:
-        return f"{observable.observable} is not exercisable: {absence_of(observable)}."
-    if observable.difficulty is None:
-        return f"No difficulty of {observable.observable} is stated with the runs."
-    if not observable.ratings:
-        return f"The difficulty of {observable.observable} is stated with the runs."
-    if not observable.ruled_by:
-        return f"{observable.observable} has the mean of its {len(observable.ratings)} ratings as its difficulty."
-    rulers = " and ".join(
-        f"{row.factor} = {row.value:g} {row.unit}"
-        for row in observable.ratings
-        if row.rating == observable.difficulty
-    )
-    following = next((row for row in observable.ratings if row.rating > observable.difficulty), None)
-    rest = f"; next is {following.factor}, {observable.margin:g} points above" if following else ""
-    return f"{observable.observable} is ruled by {rulers}{rest}."

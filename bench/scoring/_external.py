@@ -1,4 +1,4 @@
-"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
+"""Tables that come from elsewhere: one row for each run and observable, as CSV (docs/rulings.md 19).
 
 Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are
 reported at once.
@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import re
-from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -42,7 +40,7 @@ class ExternalTable:
 
 
 def read_table(text: str, decomposition: Decomposition, source: str = "") -> ExternalTable:
-    """Read a table of observations: CSV with a header, a JSON list of objects, or one JSON object a line.
+    """Read a table of observations: CSV with a header.
 
     Columns: `run`, `observable`, `x`, and either `difficulty` or one column for each key factor of the
     decomposition, in the unit of its tables; optionally `considered`, `design_point` and `agent`. Raises
@@ -51,13 +49,8 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     faults = _FaultLog(source)
     # Excel writes a byte order mark at the start of its CSV files.
     text = text.removeprefix("\ufeff")
-    rows: Iterator[_Row]
-    if text.lstrip()[:1] in ("[", "{"):
-        json_rows = list(_json_rows(text, faults))
-        columns, rows = _first_lines(json_rows), iter(json_rows)
-    else:
-        columns = {}
-        rows = _csv_rows(text, columns, faults)
+    columns: dict[str, int] = {}
+    rows = _csv_rows(text, columns, faults)
     # `_csv_rows` fills `columns` when it reads the header, so the first row must be taken before columns are
     # checked.
     first = next(rows, None)
@@ -73,10 +66,10 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One record: its cells by column (text in CSV, plain values in JSON) and the line on which it begins."""
+    """One record: its cells by column and the line on which it begins."""
 
     line: int
-    cells: Mapping[str, Any]
+    cells: Mapping[str, str]
 
 
 @dataclass(slots=True)
@@ -132,79 +125,6 @@ def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
     # Spreadsheets write semicolons where the comma is the decimal sign.
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         faults.add(line, "the columns are not separated by commas", "write commas")
-
-
-def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
-    # Record by record instead of json.loads: a fault needs the line on which its record begins.
-    decoder = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
-    breaks = [match.start() for match in re.finditer("\n", text)]
-
-    def fault(place: int, what: str, remedy: str) -> None:
-        faults.add(bisect_left(breaks, place) + 1, what, remedy)
-
-    position = _after_blanks(text, 0)
-    is_list = text[position] == "["
-    if is_list:
-        position = _after_blanks(text, position + 1)
-    is_over = is_list and text[position : position + 1] == "]"
-    while position < len(text) and not is_over:
-        start = position
-        try:
-            value, position = decoder.raw_decode(text, start)
-        except (ValueError, RecursionError) as error:
-            what = f"not valid JSON: {str(error).split(': line')[0]}"
-            fault(start, what, "correct the syntax of the record that begins here")
-            return
-        if isinstance(value, dict):
-            yield _Row(bisect_left(breaks, start) + 1, {name: _stripped(value[name]) for name in value})
-        else:
-            what = f"a record is {type(value).__name__}"
-            fault(start, what, "write objects, one for each run and observable")
-        position = _after_blanks(text, position)
-        if is_list:
-            mark = text[position : position + 1]
-            if mark not in ("]", ","):
-                remedy = "separate the records by commas and close the list with ]"
-                fault(position, "a comma or ] is missing after a record", remedy)
-                return
-            is_over = mark == "]"
-            position += not is_over
-        position = _after_blanks(text, position)
-    if is_list and not is_over:
-        fault(position, "the list does not end", "close it with ]")
-    elif is_list and (after := _after_blanks(text, position + 1)) < len(text):
-        fault(after, "text follows after the end of the list", "remove it")
-
-
-def _stripped(cell: Any) -> Any:
-    return cell.strip() if isinstance(cell, str) else cell
-
-
-def _after_blanks(text: str, position: int) -> int:
-    """The next position that is not JSON whitespace."""
-    while position < len(text) and text[position] in " \t\r\n":
-        position += 1
-    return position
-
-
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    record = dict(pairs)
-    if len(record) != len(pairs):
-        raise ValueError("a name appears twice in one object")
-    return record
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a JSON number")
-
-
-def _first_lines(rows: Sequence[_Row]) -> dict[str, int]:
-    """Every column with the line of its first appearance."""
-    columns: dict[str, int] = {}
-    for row in rows:
-        for name in row.cells:
-            columns.setdefault(name, row.line)
-    return columns
 
 
 @dataclass(slots=True)
@@ -376,33 +296,23 @@ class _TableReader:
         """The text of an id; None where it is invalid or its column is missing."""
         if column not in self._columns:
             return None
-        value = row.cells.get(column)
-        if value is None or value == "":
-            self._faults.add(row.line, f"{column} is empty", "name it")
-        elif not isinstance(value, str):
-            what = f"{column} is {value!r}, and ids are text (7 is not 007)"
-            self._faults.add(row.line, what, f'write "{value}" in quotes')
-        else:
+        if value := row.cells[column]:
             return value
+        self._faults.add(row.line, f"{column} is empty", "name it")
         return None
 
     def _number(
         self, row: _Row, column: str, low: float, high: float, *, needed: bool = True
     ) -> float | None:
         """A number within bounds; None where it is invalid, or empty and not needed."""
-        value = row.cells.get(column)
-        if value is None or value == "":
+        value = row.cells[column]
+        if not value:
             if needed:
                 where = " where considered is not false" if column == "x" else ""
                 self._faults.add(row.line, f"{column} is empty{where}", "give a number")
             return None
-        if isinstance(value, str):
-            decimal = decimal_number(value)
-            number = math.nan if decimal is None else float(decimal)
-        else:
-            number = (
-                float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-            )
+        decimal = decimal_number(value)
+        number = math.nan if decimal is None else float(decimal)
         if not math.isfinite(number):
             remedy = "write a decimal number with a point and without leading zeros"
             self._faults.add(row.line, f"{column} is {value!r}, which is not a number", remedy)
@@ -415,10 +325,8 @@ class _TableReader:
 
     def _considered(self, row: _Row) -> bool | None:
         """Whether the run exercised the observable; None where the cell is invalid."""
-        value = row.cells.get("considered")
-        if value is None:
-            return True
-        considered = _CONSIDERED_WORDS.get(str(value).lower())
+        value = row.cells.get("considered", "")
+        considered = _CONSIDERED_WORDS.get(value.lower())
         if considered is None:
             self._faults.add(
                 row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true"

@@ -109,8 +109,6 @@ def common_runs(scores: pl.DataFrame) -> pl.DataFrame:
 def _best_verdicts(scores: pl.DataFrame, oracle: str | None) -> dict[str, dict[str, int]]:
     """The verdict of the null agent that passes the greatest share of its runs, by principle (ruling 27)."""
     best: dict[str, dict[str, int]] = {}
-    if "verdict" not in scores.columns:
-        return best
     has_verdict = scores.filter(
         pl.col("verdict").is_not_null(), pl.col("agent").cast(pl.String) != (oracle or "")
     )

@@ -263,11 +263,7 @@ def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
 def _standings(scores: pl.DataFrame) -> dict[tuple[str, str, str], dict[str, Any]]:
     """`exercisable`, `overruled` and `configured_sensor` by agent, configuration (and `all`) and node."""
     key = ["agent", "configuration", "node"]
-    # A table that an older version wrote has no standing.
-    standing = pl.col("standing") if "standing" in scores.columns else pl.lit(None, pl.String)
-    rows = scores.select(
-        *(pl.col(name).cast(pl.String) for name in key), "difficulty", standing.alias("standing")
-    )
+    rows = scores.select(*(pl.col(name).cast(pl.String) for name in key), "difficulty", "standing")
     with_totals = pl.concat([rows, rows.with_columns(pl.lit("all").alias("configuration"))])
     grouped = with_totals.group_by(key).agg(
         exercisable=pl.col("difficulty").is_not_null().sum(),

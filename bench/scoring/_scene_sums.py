@@ -160,7 +160,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     is_counted = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
     yield "runs", count_rows(is_counted)
     yield "excluded", count_rows(~is_counted)
-    yield "until_settled", _until_settled(scores, is_counted, slot, size)
+    # Runs whose design point stopped early.
+    yield "until_settled", count_rows(is_counted & (column_values(scores, "until_settled")[0] > 0))
     for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
         values, is_known = column_values(scores, name)
         yield known_name, count_rows(is_known)
@@ -178,18 +179,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     yield "verdicts_passed", count_rows(is_counted & (passed > 0))
 
 
-def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:
-    """Number of runs of each slot whose design point stopped early."""
-    if "until_settled" not in scores.columns or not scores["until_settled"].any():
-        return np.zeros(size, dtype=np.int32)
-    looked = counts & scores["until_settled"].fill_null(value=False).to_numpy()
-    return np.bincount(slot[looked], minlength=size).astype(np.int32)
-
-
 def column_values(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
-    """Values of a column (0 where null) and whether they are known; all null where the table lacks it."""
-    if name not in scores.columns:
-        return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
+    """Values of a column (0 where null) and whether they are known."""
     column = scores[name]
     return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
 

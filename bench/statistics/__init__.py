@@ -1,7 +1,7 @@
 """Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions, no I/O.
 
-from bench.statistics import claim
-print(claim(passed=14, tried=14))
+from bench.statistics import runs_for_half_width
+print(runs_for_half_width(share=0.9, half_width=0.05))
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
-    from ._claims import claim as claim
     from ._comparison import SIGNIFICANCE as SIGNIFICANCE
     from ._comparison import NodeComparison as NodeComparison
     from ._comparison import UnpairedNodeComparison as UnpairedNodeComparison
@@ -40,13 +39,11 @@ if TYPE_CHECKING:
     from ._item_response import fit_item_response as fit_item_response
     from ._power import mcnemar_power as mcnemar_power
     from ._power import pairs_for_difference as pairs_for_difference
-    from ._power import runs_for_claim as runs_for_claim
     from ._power import runs_for_half_width as runs_for_half_width
     from ._proper_scores import Skill as Skill
     from ._proper_scores import confidence_skill as confidence_skill
     from ._proper_scores import error_skill as error_skill
     from ._regression import OddsRatio as OddsRatio
-    from ._regression import correlation as correlation
     from ._regression import logistic as logistic
     from ._replicates import replicate_interval as replicate_interval
     from ._scale_proof import ScaleProof as ScaleProof
@@ -56,7 +53,6 @@ if TYPE_CHECKING:
     from ._screening import factor_frame as factor_frame
     from ._screening import node_factors as node_factors
     from ._sequential import StoppingRule as StoppingRule
-    from ._sequential import confidence_sequence as confidence_sequence
     from ._sequential import mean_bounds as mean_bounds
     from ._sequential import pass_rate_bounds as pass_rate_bounds
     from ._terms import FactorColumn as FactorColumn

@@ -46,8 +46,7 @@ MAX_SHAPIRO_VALUES = 5000
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One term: `eta2` is its share of the total sum of squares, `omega2` the same minus the share due to
-    chance, at least 0.
+    """One term: `omega2` is its share of the total sum of squares minus the share due to chance, at least 0.
 
     `f` and `p` are None where nothing is left to test against; `note` says why, or names the terms that it is
     aliased with.
@@ -58,7 +57,6 @@ class Effect:
     sum_sq: float
     f: float | None
     p: float | None
-    eta2: float
     omega2: float | None
     note: str = ""
 
@@ -75,7 +73,6 @@ class Anova:
     n: int
     points: int
     method: str
-    r2: float | None
     effects: tuple[Effect, ...]
     left_out: tuple[OmittedTerm, ...]
     independence: FactorIndependence
@@ -101,7 +98,7 @@ def anova(
     count = int(clusters.max()) + 1 if len(clusters) else 0
     terms = terms_of(factors, count, interactions=interactions)
     method = CLUSTERED if count < len(y) else PLAIN
-    empty = Anova(len(y), count, method, None, (), terms.left_out, independence(factors))
+    empty = Anova(len(y), count, method, (), terms.left_out, independence(factors))
     parameters = 1 + sum(term.df for term in terms.carried)
     if not len(y):
         return replace(empty, note="no run has a value")
@@ -126,7 +123,6 @@ def _with_effects(y: Floats, clusters: Counts, count: int, terms: Terms, empty: 
     )
     return replace(
         empty,
-        r2=1.0 - residual_ss / total,
         effects=tuple(tester.effect(term) for term in terms.carried),
         normal_p=None if exact else _normality_p(residual),
         equal_spread_p=None if exact else _equal_spread_p(residual, full),
@@ -160,7 +156,7 @@ class _EffectTester:
         sum_sq = max(0.0, _residual_ss(reduced, self.y) - _residual_ss(full, self.y))
         note = self.terms.note(term.name)
         if self.variance is None:
-            return Effect(term.name, term.df, sum_sq, None, None, sum_sq / self.total, None, note)
+            return Effect(term.name, term.df, sum_sq, None, None, None, note)
         f, p = (
             self._clustered(term, full, columns[term.name])
             if self.clustered
@@ -169,7 +165,7 @@ class _EffectTester:
         if p is None:
             note = "; ".join(filter(None, (note, "too few design points to test it")))
         omega2 = max(0.0, (sum_sq - term.df * self.variance) / (self.total + self.variance))
-        return Effect(term.name, term.df, sum_sq, f, p, sum_sq / self.total, omega2, note)
+        return Effect(term.name, term.df, sum_sq, f, p, omega2, note)
 
     def _plain(self, term: Term, sum_sq: float, variance: float) -> tuple[float, float]:
         f = sum_sq / term.df / variance

@@ -8,13 +8,12 @@ import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import polars as pl
 from scipy import stats
 
 from ._divergence import Divergence, NodeOutcome, distributions, divergence
-from ._effect_sizes import DifferenceEstimate, PairedCounts, cliffs_delta
-from ._multiplicity import benjamini_hochberg, holm
+from ._effect_sizes import DifferenceEstimate, PairedCounts
+from ._multiplicity import benjamini_hochberg
 from ._power import pairs_for_difference
 
 SIGNIFICANCE = 0.05
@@ -28,10 +27,10 @@ class NodeComparison:
 
     `mcnemar_p` is exact and takes pairs as independent. `clustered_p` allows for pairs that share a design
     point (Durkalski et al. 2003, Statistics in Medicine 22, 2417-2428) and is None where no two do. The
-    larger of both is adjusted over all nodes compared: `p_adjusted` (Benjamini-Hochberg) and `p_holm`.
+    larger of both is adjusted over all nodes compared: `p_adjusted` (Benjamini-Hochberg).
     `settled` means `p_adjusted` below 0.05. `pairs_needed` is the number for 80 % power at the rates seen,
-    tested at 0.05 over the number of nodes; None where the node is settled or no number helps. `delta` is
-    Cliff's delta over scores, with a failed run below every score. `points` counts design points.
+    tested at 0.05 over the number of nodes; None where the node is settled or no number helps.
+    `points` counts design points.
     """
 
     node: str
@@ -42,9 +41,7 @@ class NodeComparison:
     mcnemar_p: float | None
     clustered_p: float | None
     p_adjusted: float | None
-    p_holm: float | None
     divergence: Divergence | None
-    delta: DifferenceEstimate | None
     pairs_needed: int | None
 
     @property
@@ -161,10 +158,9 @@ def compare_nodes(
     compared = [_compared(_paired_rows(first, second, node, excluded_outcomes), node, seed) for node in nodes]
     p_values = [_conservative_p(comparison) for comparison in compared]
     tested = max(1, sum(p is not None for p in p_values))
-    adjusted = zip(compared, benjamini_hochberg(p_values), holm(p_values), strict=True)
     return tuple(
-        _with_pairs_needed(replace(comparison, p_adjusted=p_adjusted, p_holm=p_holm), tested)
-        for comparison, p_adjusted, p_holm in adjusted
+        _with_pairs_needed(replace(comparison, p_adjusted=p_adjusted), tested)
+        for comparison, p_adjusted in zip(compared, benjamini_hochberg(p_values), strict=True)
     )
 
 
@@ -190,9 +186,7 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
         mcnemar_p=counts.mcnemar_p,
         clustered_p=_clustered_p(passed),
         p_adjusted=None,
-        p_holm=None,
         divergence=divergence(first_outcomes, second_outcomes, paired=True, seed=_node_seed(seed, node)),
-        delta=cliffs_delta(_ranks(first_outcomes), _ranks(second_outcomes)),
         pairs_needed=None,
     )
 
@@ -222,10 +216,6 @@ def _paired_rows(
 def _outcomes(rows: pl.DataFrame, suffix: str) -> list[NodeOutcome]:
     pairs = rows.select(f"score{suffix}", f"confidence{suffix}").iter_rows()
     return [NodeOutcome(score, confidence is not None) for score, confidence in pairs]
-
-
-def _ranks(outcomes: Sequence[NodeOutcome]) -> list[float]:
-    return [-np.inf if outcome.score is None else outcome.score for outcome in outcomes if outcome.considered]
 
 
 def _clustered_p(passed: Sequence[tuple[bool, bool, str]]) -> float | None:

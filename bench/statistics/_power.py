@@ -1,4 +1,4 @@
-"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a claim.
+"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width.
 
 The power of McNemar's exact test is computed, not approximated: over the number of pairs that differ (binomial), the share of
 outcomes that the exact test rejects. Duffy, S. W. (1984), "Asymptotic and exact power for the McNemar test and its analogue
@@ -48,7 +48,7 @@ def pairs_for_difference(
     """
     if _discordant_share(only_first, only_second) == 0.0 or only_first == only_second:
         return None
-    return least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
+    return _least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
 
 
 def runs_for_half_width(share: float, half_width: float, confidence: float = 0.95) -> int | None:
@@ -60,19 +60,7 @@ def runs_for_half_width(share: float, half_width: float, confidence: float = 0.9
         low, high = clopper_pearson(share * runs, runs, confidence)
         return bool((high - low) / 2 <= half_width)
 
-    return least(narrow)
-
-
-def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) -> int | None:
-    """The least number of runs, `failures` of them failed, that support "passes at least this share" (one-sided, exact).
-
-    59 for 0.95 without a failure, 93 with one.
-    """
-    if not 0.0 < share < 1.0 or failures < 0:
-        raise ValueError(f"share {share} must lie inside (0, 1) and failures {failures} be 0 or more")
-    return least(
-        lambda runs: bool(stats.binom.cdf(failures, runs, 1 - share) <= 1 - confidence), first=failures + 1
-    )
+    return _least(narrow)
 
 
 def _rejection_chance(counts: Counts, share: float, alpha: float) -> Floats:
@@ -90,15 +78,15 @@ def _discordant_share(only_first: float, only_second: float) -> float:
     return min(1.0, only_first + only_second)
 
 
-def least(holds: Callable[[int], bool], first: int = 1, most: float = MAX_RUNS) -> int | None:
-    """The least number from `first` on for which a condition holds that mostly keeps holding; None above `most`."""
-    high = first
+def _least(holds: Callable[[int], bool]) -> int | None:
+    """The least number for which a condition holds that mostly keeps holding; None above MAX_RUNS."""
+    high = 1
     while not holds(high):
         high *= 2
-        if high > most:
+        if high > MAX_RUNS:
             return None
     low = high // 2
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(middle) else (middle, high)
-    return high if high > first or not holds(first) else first
+    return high

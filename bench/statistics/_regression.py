@@ -1,4 +1,4 @@
-"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of linearity.
+"""How passes depend on factors: logistic regression with odds ratios.
 
 Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to
 infinity. This is detected before fitting (a linear programme: Konis, K. (2007), "Linear programming
@@ -18,7 +18,7 @@ from scipy import optimize, stats
 
 from bench.arrays import Counts, Floats
 
-from ._anova import cluster_codes, clustered_errors, scaled_residuals
+from ._anova import cluster_codes
 from ._firth import DistinctRows, maximize, probability
 from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 
@@ -79,25 +79,6 @@ class Logistic:
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of linearity.
-
-    `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels
-    do not repeat. A small one means that a straight line is not enough. None where the test is not possible,
-    as with two levels.
-    """
-
-    factor: str
-    n: int
-    pearson: float
-    pearson_p: float | None
-    spearman: float
-    spearman_p: float | None
-    bend_test: str
-    bend_p: float | None
-
-
 def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Sequence[str]) -> Logistic:
     """Regress passes on factors: a numeric one as a line from its lowest to its highest level, another
     against its first level.
@@ -130,34 +111,6 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     )
     odds = tuple(ratio for factor, term in included for ratio in _odds(factor, fit, places[term.name]))
     return Logistic(len(y), passes, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
-
-
-def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[str]) -> Correlation | None:
-    """Correlate a numeric factor with values; None where it is not numeric, either side does not vary, or
-    there are fewer than 4 runs.
-
-    p values are those of the slope (for Spearman's rho of the slope between ranks), with errors by design
-    point where runs share one.
-    """
-    if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
-        return None
-    x, y = factor.numbers(), np.asarray(values, dtype=np.float64)[factor.active]
-    points = [point for point, active in zip(points, factor.active, strict=True) if active]
-    if len(y) < 4 or len(set(y.tolist())) < 2:
-        return None
-    ranked = np.asarray(stats.rankdata(x)), np.asarray(stats.rankdata(y))
-    clusters = cluster_codes(points)
-    test, bend_p = _linearity_test(x, y, clusters)
-    return Correlation(
-        factor=factor.name,
-        n=len(y),
-        pearson=float(np.corrcoef(x, y)[0, 1]),
-        pearson_p=_slope_p(x, y, clusters),
-        spearman=float(np.corrcoef(*ranked)[0, 1]),
-        spearman_p=_slope_p(*ranked, clusters),
-        bend_test=test,
-        bend_p=bend_p,
-    )
 
 
 def separated(y: Floats, x: Floats) -> bool:
@@ -335,50 +288,3 @@ def _remarks(fit: LikelihoodFit | FirthFit, y: Floats, x: Floats, points: int) -
         singular, plural = ("pass", "passes") if y.sum() <= len(y) / 2 else ("failure", "failures")
         remarks.append(f"only {rarer} {singular if rarer == 1 else plural} for {x.shape[1] - 1} parameters")
     return remarks
-
-
-def _slope_p(x: Floats, y: Floats, clusters: Counts) -> float | None:
-    count = int(clusters.max()) + 1
-    lines = np.column_stack([np.ones(len(x)), x])
-    if count < 4:
-        return None
-    if count == len(x):
-        r = float(np.clip(np.corrcoef(x, y)[0, 1], -1.0, 1.0))
-        return float(2 * stats.t.sf(abs(r) * np.sqrt((len(x) - 2) / max(1e-300, 1 - r**2)), len(x) - 2))
-    weights = np.asarray(np.linalg.pinv(lines)[1:].T, dtype=np.float64)
-    scaled = scaled_residuals(y, lines, clusters)
-    if scaled is None:
-        return None
-    error = float(np.sqrt((clustered_errors(scaled, clusters, weights) ** 2).sum()))
-    if error == 0.0:
-        return None
-    return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
-
-
-def _linearity_test(x: Floats, y: Floats, clusters: Counts) -> tuple[str, float | None]:
-    # Over means of design points: runs of one design point share its random part, which would look like a
-    # bend.
-    sizes = np.bincount(clusters)
-    x, y = np.bincount(clusters, x) / sizes, np.bincount(clusters, y) / sizes
-    levels, codes = np.unique(np.round(x, 12), return_inverse=True)
-    if len(levels) < 3:
-        return "two levels", None
-    lines = np.column_stack([np.ones(len(x)), x])
-    line_ss = float(((y - lines @ np.linalg.lstsq(lines, y, rcond=None)[0]) ** 2).sum())
-    if len(levels) <= len(x) // 2:
-        means = np.bincount(codes, y) / np.bincount(codes)
-        pure = float(((y - means[codes]) ** 2).sum())
-        df, residual_df = len(levels) - 2, len(x) - len(levels)
-        if pure <= 1e-20 * float(((y - y.mean()) ** 2).sum()):
-            return "lack of fit", None
-        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / residual_df), df, residual_df))
-    if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
-        return "RESET", None
-    # RESET adds the square of the line's prediction. Beside the line that is the square of x, which also
-    # works for a flat line.
-    standard = (x - x.mean()) / x.std()
-    quadratic = np.column_stack([np.ones(len(x)), standard, standard**2])
-    quadratic_ss = float(((y - quadratic @ np.linalg.lstsq(quadratic, y, rcond=None)[0]) ** 2).sum())
-    if quadratic_ss <= 1e-20 * line_ss:
-        return "RESET", 0.0
-    return "RESET", float(stats.f.sf((line_ss - quadratic_ss) / (quadratic_ss / (len(x) - 3)), 1, len(x) - 3))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import polars as pl
 
 from ._anova import Anova, anova
-from ._multiplicity import benjamini_hochberg, holm
-from ._regression import Correlation, Logistic, correlation, logistic
+from ._multiplicity import benjamini_hochberg
+from ._regression import Logistic, logistic
 from ._terms import FactorColumn, FactorLevel, factor_columns
 
 _Row = dict[str, object]
@@ -27,13 +27,11 @@ FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
     "effect_size": pl.Float64,
     "p": pl.Float64,
     "p_adjusted": pl.Float64,
-    "p_holm": pl.Float64,
     "note": pl.String,
 }
-"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` is anova, logistic, pearson or
-spearman; `effect` names the kind of `effect_size`: omega2, odds_ratio (for a factor of one degree of
-freedom), r or rho. `p_adjusted` (Benjamini-Hochberg) and `p_holm` are over all rows of the same `of` and
-`test`. Null in `p` is "not tested", and `note` says why.
+"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` is anova or logistic; `effect` names the
+kind of `effect_size`: omega2, or odds_ratio (for a factor of one degree of freedom). `p_adjusted`
+(Benjamini-Hochberg) is over all rows of the same `of` and `test`. Null in `p` is "not tested", and `note` says why.
 """
 
 
@@ -47,8 +45,6 @@ class NodeFactorAnalysis:
     score: Anova
     confidence: Anova
     passes: Logistic
-    score_correlations: tuple[Correlation, ...]
-    confidence_correlations: tuple[Correlation, ...]
 
 
 def node_factors(
@@ -76,8 +72,6 @@ def node_factors(
         score=anova(values, of_scored, scored_points),
         confidence=anova(confidences, of_considered, points),
         passes=logistic([confidence >= 1.0 for confidence in confidences], of_considered, points),
-        score_correlations=_correlations(values, of_scored, scored_points),
-        confidence_correlations=_correlations(confidences, of_considered, points),
     )
 
 
@@ -90,8 +84,8 @@ def factor_frame(analyses: Iterable[NodeFactorAnalysis]) -> pl.DataFrame:
     # Tests of different kinds answer different questions, so each kind is one family for the adjustment.
     for family in families.values():
         p = [analysis["p"] if isinstance(analysis["p"], float) else None for analysis in family]
-        for row, p_adjusted, p_holm in zip(family, benjamini_hochberg(p), holm(p), strict=True):
-            row["p_adjusted"], row["p_holm"] = p_adjusted, p_holm
+        for row, p_adjusted in zip(family, benjamini_hochberg(p), strict=True):
+            row["p_adjusted"] = p_adjusted
     return pl.DataFrame(rows, schema=FACTOR_COLUMNS)
 
 
@@ -101,19 +95,9 @@ def _factors(
     return factor_columns([levels[point] for point in rows["design_point"]])
 
 
-def _correlations(
-    values: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str]
-) -> tuple[Correlation, ...]:
-    return tuple(result for factor in factors if (result := correlation(values, factor, points)) is not None)
-
-
 def _rows(analysis: NodeFactorAnalysis) -> Iterator[_Row]:
     base: _Row = {"agent": analysis.agent, "node": analysis.node, "level": analysis.level}
-    means = (
-        ("score", analysis.score, analysis.score_correlations),
-        ("confidence", analysis.confidence, analysis.confidence_correlations),
-    )
-    for of, tested, _ in means:
+    for of, tested in (("score", analysis.score), ("confidence", analysis.confidence)):
         tests = [(effect.term, effect.omega2, effect.p, effect.note) for effect in tested.effects]
         common = {**base, "of": of, "test": "anova", "points": tested.points, "effect": "omega2"}
         yield from _test_rows(common, tested, tests)
@@ -121,19 +105,6 @@ def _rows(analysis: NodeFactorAnalysis) -> Iterator[_Row]:
     tests = [(test.factor, _odds_ratio(passes, test.factor), test.p, test.note) for test in passes.tests]
     common = {**base, "of": "passes", "test": "logistic", "points": analysis.confidence.points}
     yield from _test_rows({**common, "effect": "odds_ratio"}, passes, tests)
-    for of, tested, correlations in means:
-        for line in correlations:
-            common = {**base, "of": of, "factor": line.factor, "n": line.n, "points": tested.points}
-            common["note"] = _linearity_note(line)
-            yield {
-                **common,
-                "test": "pearson",
-                "effect": "r",
-                "effect_size": line.pearson,
-                "p": line.pearson_p,
-            }
-            rank = {"effect": "rho", "effect_size": line.spearman, "p": line.spearman_p}
-            yield {**common, "test": "spearman", **rank}
 
 
 def _test_rows(
@@ -155,7 +126,3 @@ def _odds_ratio(fit: Logistic, factor: str) -> float | None:
     """None for a factor of several degrees of freedom, which has more than one."""
     odds = [ratio.estimate for ratio in fit.odds if ratio.factor == factor]
     return odds[0] if len(odds) == 1 else None
-
-
-def _linearity_note(correlation: Correlation) -> str:
-    return "not a straight line" if correlation.bend_p is not None and correlation.bend_p < 0.05 else ""

@@ -30,25 +30,13 @@ _BISECTION_STEPS = 40
 _TILTS = 2.0 ** np.arange(-5, 5)
 
 
-def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial before.
-
-    With probability `level` all of them contain the true rate at once, for independent trials of one pass
-    probability. (Where they do not, the lower end may lie above the upper one.)
-    """
-    ok = np.asarray(passed, dtype=np.float64)
-    low, high = pass_rate_bounds(np.cumsum(ok, axis=-1), np.arange(1.0, ok.shape[-1] + 1.0), level)
-    return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
-
-
 def pass_rate_bounds(
     passes: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL
 ) -> tuple[Floats, Floats]:
     """Two-sided interval of a pass rate from counts, valid whenever and for whatever reason the trials ended;
     [0, 1] without any.
 
-    For independent trials of one pass probability. The interval of `confidence_sequence` at the same trial
-    may be narrower, because it is intersected with all earlier ones.
+    For independent trials of one pass probability.
     """
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)

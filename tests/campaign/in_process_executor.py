@@ -49,7 +49,7 @@ class InProcessExecutor:
         self, plan: WorkerPlan, workers: int, order: random.Random, clock: HostClock | None = None
     ) -> None:
         self._job, self._decomposition = load_job(plan.job), plan.decomposition
-        self.capacity, self._order = workers, order
+        self._workers, self._order = workers, order
         self._clock = clock or HostClock()
 
     async def fly(
@@ -58,9 +58,9 @@ class InProcessExecutor:
         self._clock.flying += 1
         self._clock.starts.append((self._clock.now_s, task.realization))
         try:
-            assert self._clock.flying <= self.capacity
+            assert self._clock.flying <= self._workers
             on_start(f"w{self._clock.flying}")
-            for _ in range(self._order.randint(1, 2 * self.capacity)):
+            for _ in range(self._order.randint(1, 2 * self._workers)):
                 await checkpoint()
             return self._result(task, on_progress)
         finally:

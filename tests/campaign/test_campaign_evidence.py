@@ -238,8 +238,8 @@ def test_a_campaign_that_grows_by_its_own_file_is_no_edit(tmp_path: Path) -> Non
         assert verify_folder(tmp_path) == []
 
 
-def test_the_manifest_of_an_older_folder_tells_an_edit_of_its_campaign(tmp_path: Path) -> None:
-    """Its journal has no copy. Untouched, the folder is taken up, and has one from then on."""
+def test_the_manifest_tells_an_edit_of_a_campaign_of_which_the_journal_has_no_copy(tmp_path: Path) -> None:
+    """The journal was made anew. Untouched, the folder is taken up, and has one from then on."""
     flown(tmp_path)
     written = (tmp_path / "campaign.yaml").read_text()
 
@@ -253,53 +253,9 @@ def test_the_manifest_of_an_older_folder_tells_an_edit_of_its_campaign(tmp_path:
 
 
 def forget_copies(folder: Path) -> None:
-    """Leave the journal as in folders from before it had copies of campaign and decomposition."""
+    """Leave the journal without its copies of campaign and decomposition."""
     names = ("campaign.yaml", "decomposition.yaml")
     edit_journal(folder, *(("DELETE FROM facts WHERE name = ?", (name,)) for name in names))
-
-
-def grown_and_interrupted(folder: Path) -> str:
-    """An older folder of one replicate, grown to two in a run that was interrupted; returns its campaign."""
-    flown(folder, campaign=small_campaign(replicates=1))
-    manifest = (folder / "manifest.json").read_bytes()
-    assert not flown(folder, campaign=small_campaign(total_wall_s=1e-9)).complete
-    assert (folder / "manifest.json").read_bytes() == manifest
-    forget_copies(folder)
-    return (folder / "campaign.yaml").read_text()
-
-
-def test_an_older_folder_that_grew_and_was_interrupted_is_taken_up(tmp_path: Path) -> None:
-    """Its manifest lists the campaign as it was; the journal has the realizations that the file plans now."""
-    grown_and_interrupted(tmp_path)
-    assert flown(tmp_path).flown == 3
-    assert verify_folder(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("written", "edited"),
-    [
-        ("seed: 7", "seed: 8"),
-        ("replicates: 2", "replicates: 3"),
-        ("replicates: 2", "replicates: 1"),
-        ("name: small", "name: other"),
-        ("replicates: 2", "replicates: two"),
-    ],
-)
-def test_an_edit_of_an_older_folder_that_grew_is_refused(tmp_path: Path, written: str, edited: str) -> None:
-    """Other realizations, more, fewer, another name, and no campaign at all."""
-    text = grown_and_interrupted(tmp_path)
-    assert text.count(written) == 1
-    (tmp_path / "campaign.yaml").write_text(text.replace(written, edited))
-    assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
-
-
-def test_an_older_folder_whose_journal_did_not_grow_is_refused(tmp_path: Path) -> None:
-    """A runner that was killed before it planned leaves what an edit would leave: nothing tells them apart."""
-    flown(tmp_path, campaign=small_campaign(replicates=1))
-    forget_copies(tmp_path)
-    path = tmp_path / "campaign.yaml"
-    path.write_text(path.read_text().replace("replicates: 1", "replicates: 2"))
-    assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
 
 
 @pytest.mark.parametrize("name", [".manifest.json.part", ".report.html.part", "simspecs/.p001.json.part"])
@@ -379,17 +335,6 @@ def test_a_result_that_somebody_put_there_is_not_taken_up(tmp_path: Path) -> Non
     for name in ("recording.mcap", "result.json"):
         (run / name).write_bytes((donor / name).read_bytes())
     assert ["a session that never flew here" in fault for fault in refusal(tmp_path / "out")] == [True]
-
-
-def test_results_of_a_folder_without_a_chain_are_adopted(tmp_path: Path) -> None:
-    """A folder from before the chain, or whose journal and manifest know nothing of one: the lines say so."""
-    flown(tmp_path)
-    (tmp_path / "evidence.jsonl").unlink()
-    (tmp_path / "manifest.json").unlink()
-    edit_journal(tmp_path, ("DELETE FROM facts WHERE name = ?", ("evidence",)))
-    assert flown(tmp_path).flown == 0
-    assert {line.kind for line in EvidenceLog(tmp_path / "evidence.jsonl").entries()} == {"adopted"}
-    assert verify_folder(tmp_path) == []
 
 
 @pytest.mark.parametrize("where", ["header", "page", "text"])

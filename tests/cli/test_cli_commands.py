@@ -58,7 +58,6 @@ def test_every_command_has_help_with_an_example(
         (["simulate", "nowhere.yaml"], "there is no such file"),
         (["run", "nowhere.yaml"], "there is no such file"),
         (["run", str(EXAMPLE)], "is a rebar.simspec/1 (name a rebar.campaign/1 here)"),
-        (["run", str(EXAMPLE), "--executor", "dask="], "give local, dask"),
         (["run", str(DEMO), "--stand-ready", "rig/ready"], "--mqtt"),
         (["run", str(DEMO), "--mqtt", "broker.lab"], "no address of a broker"),
         (["run", str(DEMO), "--mqtt", "mqtt://broker.lab", "--stand-ready", "rig/+"], "no topic to send to"),

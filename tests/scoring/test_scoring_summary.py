@@ -364,13 +364,3 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     ]
     assert lows == [0.0, line(looked, "KA-03")["competence_50_low"]]
     assert lows[1] != 0.0
-
-
-def test_a_table_without_the_column_is_of_a_fixed_number_of_runs(decomposition: Decomposition) -> None:
-    """Tables written before, or elsewhere, are summed up as they were."""
-    table = score_table(
-        decomposition, [run(f"r{i}", hard(decomposition), everything(decomposition)) for i in range(3)]
-    )
-    assert summary_frame(table.drop("until_settled"), decomposition).equals(
-        summary_frame(table, decomposition)
-    )

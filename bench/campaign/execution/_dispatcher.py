@@ -53,8 +53,6 @@ StartGate = Callable[[str], bool]
 """Whether a realization may start now. Asked again and again, a few times a second, until it may."""
 GATE_S = 0.2
 """Host seconds between two questions to a closed gate. Chosen: a test stand takes longer than that to get ready."""
-CAPACITY_S = 1.0
-"""Host seconds between two looks at an executor that has no room. Chosen: a cluster's workers take longer to start."""
 
 
 def no_gate(realization: str) -> bool:
@@ -115,37 +113,38 @@ class Dispatcher:
         # Realizations to start, in the order of the plan.
         self.waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
 
-    async def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
-        """Fly realizations until all are done, a stop is requested, or the total budget is spent.
+    async def fly(
+        self, executor: Executor, workers: int, stop: StopRequest, deadline: Deadline | None
+    ) -> None:
+        """Fly realizations, `workers` at a time, until all are done, a stop is requested, or the total budget is spent.
 
         A stop cancels the sessions that fly; a spent budget lets them end by their own.
         """
         with stop.scope:
             async with anyio.create_task_group() as flights:
-                await self._start_all(executor, flights, deadline)
+                await self._start_all(executor, workers, flights, deadline)
         self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self.waiting else None)
         if self.stopped is not None:
             self._observers.notify(CampaignStopping(self.stopped))
 
-    async def _start_all(self, executor: Executor, flights: TaskGroup, deadline: Deadline | None) -> None:
+    async def _start_all(
+        self, executor: Executor, workers: int, flights: TaskGroup, deadline: Deadline | None
+    ) -> None:
         """Start realizations as long as there are any, or may be after a retry, and the budget lasts."""
         while deadline is None or deadline.left_s > 0.0:
             if take_retry_request(self._folder.path):
                 self._retry_missing()
             # Read once: a pause that ended between two readings would be neither due nor waited for.
             now = self._clock()
-            while self._has_room(executor) and (realization := self._next_realization(now)) is not None:
+            while len(self._running) < workers and (realization := self._next_realization(now)) is not None:
                 self._running[realization] = self._early_stopping.key(realization)
                 flights.start_soon(self._fly_one, executor, realization)
-            # Without room a pause that is over starts nothing; the end of a session does, or another worker.
-            pause_s = self._pause_s(now) if self._has_room(executor) else CAPACITY_S
+            # Without room a pause that is over starts nothing; the end of a session does.
+            pause_s = self._pause_s(now) if len(self._running) < workers else None
             if not self._running and (pause_s is None or not self.waiting):
                 return
             spans_s = [pause_s if self.waiting else None, None if deadline is None else deadline.left_s]
             await self._wait(min((span_s for span_s in spans_s if span_s is not None), default=None))
-
-    def _has_room(self, executor: Executor) -> bool:
-        return len(self._running) < executor.capacity
 
     async def _wait(self, span_s: float | None) -> None:
         """Wait until a session ends, for `span_s` host seconds at most."""

@@ -1,4 +1,4 @@
-"""What a run asks of an executor (local processes, a Dask cluster, anything that flies tasks), and what it sends to workers."""
+"""What a run asks of what flies its sessions, and what it sends to workers."""
 
 from __future__ import annotations
 
@@ -108,31 +108,19 @@ OnStart = Callable[[str], None]
 
 
 class Executor(Protocol):
-    """Flies tasks somewhere, each in a task of the runner's event loop."""
-
-    @property
-    def capacity(self) -> int:
-        """How many tasks it can fly at once now. May change, also to zero, while workers come and go."""
+    """The pool of worker processes, or what tests put in its place."""
 
     async def fly(
         self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
     ) -> SessionResult:
-        """Fly a task; only while fewer than `capacity` fly. Whatever becomes of the session or of its worker is a result.
+        """Fly a task. Whatever becomes of the session or of its worker is a result.
 
-        `on_progress` is called with what the executor learns of the session while it flies, which may be nothing.
         Cancelled, it kills the session and its agent. Raises WorkersUnusable when no task can be flown any more.
         """
 
 
-class OpenExecutor(Protocol):
-    """Opens an executor for one campaign run, for up to `workers` sessions at once.
-
-    Leaving the block ends every worker that it started.
-    """
-
-    def __call__(
-        self, plan: WorkerPlan, workers: int, folder: Path
-    ) -> AbstractAsyncContextManager[Executor]: ...
+OpenExecutor = Callable[[WorkerPlan, int, Path], AbstractAsyncContextManager[Executor]]
+"""Opens an executor in a campaign's folder for one run, for up to so many sessions at once. Leaving the block ends all of them."""
 
 
 def load_job(path: str) -> Job:

@@ -1,4 +1,4 @@
-"""The local executor: worker processes that fly one session after another and are replaced when one is lost."""
+"""The worker processes that fly one session after another and are replaced when one is lost."""
 
 from __future__ import annotations
 
@@ -93,8 +93,8 @@ async def open_local_pool(
     # only.
     for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
         kill_tree(pid)
-    with open_scratch(folder) as scratch:
-        pool = LocalPool(plan, workers, folder, scratch, grace_s, clock)
+    with _open_scratch(folder) as scratch:
+        pool = LocalPool(plan, folder, scratch, grace_s, clock)
         try:
             yield pool
         finally:
@@ -152,7 +152,7 @@ def _allow_open_files(workers: int) -> None:
 
 
 @contextmanager
-def open_scratch(folder: Path) -> Generator[Path]:
+def _open_scratch(folder: Path) -> Generator[Path]:
     """Where the sessions of a campaign keep temporary files, without those that an earlier runner left."""
     scratch = folder.resolve() / SCRATCH
     remove_tree(scratch)
@@ -210,7 +210,6 @@ class LocalPool:
     def __init__(
         self,
         plan: WorkerPlan,
-        workers: int,
         folder: Path,
         scratch: Path,
         grace_s: float,
@@ -218,7 +217,6 @@ class LocalPool:
     ) -> None:
         self._plan, self._grace_s, self._clock = plan, grace_s, clock
         self._folder, self._scratch = folder, scratch
-        self.capacity = workers
         self._idle: list[_Worker] = []
         self._started_count = 0
         self._false_starts = 0

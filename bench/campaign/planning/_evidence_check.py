@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
 from ..storage._dropped import DROPPED
@@ -24,12 +23,8 @@ from ..storage._journal import Journal, JournalEntry, RealizationState
 from ..storage._journal_file import open_journal_to_read
 from ..storage._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ..storage._recovery import is_unnoted
-from ..storage._results import read_result
 from ..storage._signature import signature_faults
-from ._inputs import adopt_inputs, input_faults
-
-EVIDENCE_NOTED = "evidence"
-"""The journal's fact that its folder has a chain of evidence: a chain that is gone is noticed."""
+from ._inputs import input_faults
 
 _REMEDY = "restore it from a copy; `rebar verify` lists everything that disagrees"
 # Digests of these are in the chain or in the journal, or are of no result.
@@ -45,10 +40,7 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
     if log.faults:
         return log.faults
     manifest, faults = _manifest(folder)
-    expected = journal.fact(EVIDENCE_NOTED) is not None or (
-        manifest is not None and manifest.evidence is not None
-    )
-    if expected and not log.path.is_file() and _has_results(journal):
+    if not log.path.is_file() and _has_results(journal):
         return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
     if not journal.intact:
         remedy = (
@@ -66,11 +58,9 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
 
 
 def check_evidence(folder: CampaignFolder, journal: Journal) -> None:
-    """Raises SetupError with everything in which a folder disagrees; begins its chain where it has none."""
+    """Raises SetupError with everything in which a folder disagrees."""
     if faults := evidence_faults(folder, journal):
         raise SetupError(faults)
-    adopt_evidence(folder, journal)
-    adopt_inputs(folder, journal)
 
 
 def check_run(run: Path) -> None:
@@ -166,23 +156,6 @@ def changed_tables(folder: CampaignFolder) -> list[str]:
     ]
 
 
-def adopt_evidence(folder: CampaignFolder, journal: Journal) -> None:
-    """Begin the chain of a folder that has none: results that the journal holds are `adopted` into it."""
-    if not len(journal.evidence):
-        for entry in journal.entries():
-            result = _noted_result(folder, entry)
-            if result is not None and entry.result_sha256 is not None:
-                journal.evidence.add_result("adopted", result, entry.result_sha256)
-    journal.note(EVIDENCE_NOTED, "1")
-
-
-def _noted_result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None:
-    if entry.state is not RealizationState.DONE:
-        return None
-    result = read_result(folder.run(entry.id), entry.id)
-    return result if result and digest_of(folder.run(entry.id) / RESULT) == entry.result_sha256 else None
-
-
 def _is_finished(journal: Journal) -> bool:
     entries = journal.entries()
     return bool(entries) and all(entry.state is RealizationState.DONE for entry in entries)
@@ -212,7 +185,7 @@ def _faults_of(
     done = entry.state is RealizationState.DONE
     line = journal.evidence.result_of(entry.id)
     if line is None:
-        if done and len(journal.evidence):
+        if done:
             what = f"holds a result of {entry.id} that {journal.evidence.path.name} does not know"
             yield Fault(str(folder.journal), what, _REMEDY)
         elif (
@@ -243,11 +216,11 @@ def _changed_files(run: Path, line: EvidenceEntry, where: str) -> Iterator[Fault
 
 
 def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest) -> Iterator[Fault]:
-    log, stated = journal.evidence, manifest.evidence
+    log = journal.evidence
     if (fault := chain_fault(log, manifest)) is not None:
         yield fault
         return
-    since = {line.realization for line in log.entries(stated.lines if stated else 0)}
+    since = {line.realization for line in log.entries(manifest.evidence.lines)}
     for name, sha256 in manifest.files.items():
         parts = PurePosixPath(name).parts
         path = folder.path / name

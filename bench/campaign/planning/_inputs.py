@@ -11,15 +11,13 @@ from collections.abc import Iterator
 from difflib import SequenceMatcher
 from pathlib import Path
 
-from bench.documents import MAX_BYTES, load_document
+from bench.documents import MAX_BYTES
 from bench.errors import Fault, SetupError
 
-from .._document import Campaign
 from ..storage._files import digest_of, write_whole
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal
 from ..storage._manifest import Manifest
-from ._realizations import intents_of, realizations
 
 # An error stays readable in a terminal; a whole situation may stand in one line.
 _SHOWN_CHARACTERS = 60
@@ -38,13 +36,6 @@ def write_input(path: Path, text: str, journal: Journal) -> None:
     journal.note(path.name, json.dumps([text]))
 
 
-def adopt_inputs(folder: CampaignFolder, journal: Journal) -> None:
-    """Note the documents of a folder whose journal has no copy of them yet."""
-    for path in (folder.campaign, folder.decomposition):
-        if path.is_file() and not _noted(journal, path):
-            journal.note(path.name, json.dumps([_text(path)]))
-
-
 def input_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest | None) -> Iterator[Fault]:
     """A fault for each of the two that is not what was written. One that is gone is no fault: it is made again."""
     for path in (folder.campaign, folder.decomposition):
@@ -52,51 +43,19 @@ def input_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest | 
             continue
         noted = _noted(journal, path)
         text = _text(path)
+        edit = ""
         if noted:
-            edit = None if text in noted else _first_edit(noted[-1], text)
-        else:
-            # A folder from before the journal had copies: its manifest has the digest alone.
-            listed = manifest.files.get(path.name) if manifest else None
-            edit = (
-                f"differs from the one in {folder.manifest.name}"
-                if listed not in (None, digest_of(path)) and not _has_grown(folder, journal, manifest, path)
-                else None
-            )
-        if edit is not None:
+            edit = "" if text in noted else _first_edit(noted[-1], text)
+        # The journal was made anew: the manifest has the digest alone.
+        elif manifest and manifest.files.get(path.name) not in (None, digest_of(path)):
+            edit = f"differs from the one in {folder.manifest.name}"
+        if edit:
             yield Fault(
                 str(path),
                 f"was edited after it was written: {edit}",
                 "restore it from a copy, or delete it and run your own campaign file again with "
                 f"--out {folder.path}; to change the campaign, edit that file, not the copy in the folder",
             )
-
-
-def _has_grown(folder: CampaignFolder, journal: Journal, manifest: Manifest | None, path: Path) -> bool:
-    """Whether `path` is the campaign to which the folder grew after its manifest was written, in a run that was
-    interrupted before the next manifest.
-
-    The journal is the evidence: it has realizations that the manifest does not list, and the file plans those of the
-    journal, no more and no other.
-    """
-    entries = journal.entries()
-    listed = manifest.files.keys() if manifest else frozenset()
-    if (
-        manifest is None
-        or path != folder.campaign
-        # A run that was killed before it planned left no evidence; nor does an edit that asks for more runs.
-        or all(f"{folder.simspec(entry.id).relative_to(folder.path)}" in listed for entry in entries)
-    ):
-        return False
-    try:
-        campaign = load_document(path, Campaign)
-        if folder.decomposition.is_file():
-            # The folder's copy names its decomposition without the folder.
-            campaign = campaign.model_copy(update={"decomposition": str(folder.decomposition)})
-        intents = intents_of(realizations(campaign))
-    except SetupError:
-        return False
-    same_question = (campaign.name, campaign.pace) == (manifest.campaign, manifest.pace)
-    return same_question and intents == {entry.id: entry.intent_sha256 for entry in entries}
 
 
 def _noted(journal: Journal, path: Path) -> list[str]:

@@ -42,7 +42,6 @@ from ..planning._inputs import write_input
 from ..planning._measures import load_measurable_decomposition
 from ..storage._completeness import Completeness
 from ..storage._dropped import dropped_recording
-from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._files import FileDigests, write_whole
 from ..storage._folder import RECORDING, CampaignFolder, existing_campaign, is_campaign, open_lock
 from ..storage._journal import JournalEntry
@@ -181,22 +180,13 @@ def rescore_campaign(
     with open_lock(path), open_journal(folder.journal) as journal:
         check_evidence(folder, journal)
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
-        elsewhere = recordings_elsewhere(runs)
-        if dropped := [
-            name for name, run in runs.items() if name not in elsewhere and dropped_recording(run) is not None
-        ]:
-            what = f"{len(dropped)} of its recordings were dropped when they were flown (keep), so they cannot be measured"
+        if dropped := sum(dropped_recording(run) is not None for run in runs.values()):
+            what = f"{dropped} of its recordings were dropped when they were flown (keep), so they cannot be measured"
             raise SetupError(path, what, "fly it with keep: {recordings: all} into another folder")
-        recorded = {
-            name: run for name, run in runs.items() if (run / RECORDING).is_file() or name in elsewhere
-        }
+        recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
         digests = journal.recordings()
         faults = [
-            fault
-            for name, run in recorded.items()
-            # Of one that lies elsewhere the digest is compared when it is fetched.
-            if name not in elsewhere
-            for fault in recording_faults(run, digests.get(name))
+            fault for name, run in recorded.items() for fault in recording_faults(run, digests.get(name))
         ]
         # Before any result is written: otherwise a fault would leave half of the campaign measured in the new
         # way.
@@ -212,7 +202,6 @@ def rescore_campaign(
         for run, packed in zip(recorded.values(), packed_results, strict=True):
             result = unpack_rescored(packed)
             journal.measure(result, write_result(run, result))
-            drop_again(journal, run, result)
     return finish_campaign(path, other_decomposition)
 
 

@@ -14,7 +14,6 @@ from decompositions import Decomposition
 from ..planning._honeypots import truth_sightings
 from ..planning._measures import measure_all, measures_of
 from ..planning._statements import report_statements
-from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT, campaign_of
 
@@ -30,15 +29,9 @@ _REMEDY_ELSEWHERE = f"restore it from a copy; a recording that was edited and is
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
-    A recording that is kept at a URL is fetched, and the copy deleted afterwards. The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
-    SetupError if the folder has no readable recording, one that differs from the recording of its result, or one without
-    a result that is damaged.
+    The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises SetupError if the folder
+    has no readable recording, one that differs from the recording of its result, or one without a result that is damaged.
     """
-    with open_recorded(folder) as recorded:
-        return _measured_again(recorded, decomposition)
-
-
-def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult:
     recording = folder / RECORDING
     if not recording.is_file():
         raise SetupError(folder, f"there is no {RECORDING} here", "name the folder of a run or of a campaign")

@@ -12,18 +12,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document, dump_json, is_default
+from bench.documents import Document, dump_json
 
 from ._files import write_whole
 from ._folder import RECORDING
 
 DROPPED = "recording.dropped"
-# Until the chain of evidence has its line: a note that the chain does not know is taken for a forgery.
-_PENDING = ".recording.dropped"
 
 
 class DroppedRecording(Document):
-    """A recording that is not in the run's folder: deleted when its session was over, or kept at a URL."""
+    """A recording that was deleted when its session was over."""
 
     format: Literal["rebar.dropped-recording/1"] = "rebar.dropped-recording/1"
     recording_sha256: str
@@ -35,25 +33,6 @@ class DroppedRecording(Document):
             description="Of the software that flew it: another one need not give the same recording again."
         ),
     ]
-    kept_at: Annotated[
-        str | None,
-        Field(exclude_if=is_default(None), description="URL at which it lies; absent: it was deleted."),
-    ] = None
-
-
-def note_pending(run: Path, note: DroppedRecording) -> None:
-    """Put the note of a recording that lies elsewhere into a run's folder, without effect as yet."""
-    write_whole(run / _PENDING, dump_json(note))
-
-
-def pending_note(run: Path) -> DroppedRecording | None:
-    """The note that waits for its line in the chain, if one does."""
-    return _read_note(run / _PENDING)
-
-
-def settle_note(run: Path) -> None:
-    """Let the waiting note stand for the recording. Its line in the chain must have been written before."""
-    (run / _PENDING).rename(run / DROPPED)
 
 
 def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapping[str, str]) -> None:
@@ -72,11 +51,10 @@ def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapp
 
 def dropped_recording(run: Path) -> DroppedRecording | None:
     """The note in a run's folder whose recording is gone; None without one, and for one that is damaged."""
-    return None if (run / RECORDING).is_file() else _read_note(run / DROPPED)
-
-
-def _read_note(path: Path) -> DroppedRecording | None:
+    note = run / DROPPED
+    if (run / RECORDING).is_file() or not note.is_file():
+        return None
     try:
-        return DroppedRecording.model_validate_json(path.read_bytes()) if path.is_file() else None
+        return DroppedRecording.model_validate_json(note.read_bytes())
     except ValidationError:
         return None

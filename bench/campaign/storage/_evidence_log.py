@@ -24,7 +24,7 @@ from bench.errors import Fault, SetupError
 FIRST_PREVIOUS = "0" * 64
 """What the first line has in place of the digest of the line before."""
 
-Kind = Literal["flown", "measured", "adopted", "dropped", "withdrawn"]
+Kind = Literal["flown", "measured", "dropped", "withdrawn"]
 
 
 class EvidenceEntry(Document):
@@ -34,8 +34,7 @@ class EvidenceEntry(Document):
     kind: Annotated[
         Kind,
         Field(
-            description="flown: the session ended; measured: its recording was measured again; adopted: the result was "
-            "there before the chain; dropped: its recording was deleted by the campaign's `keep`; withdrawn: the result is gone or no longer wanted."
+            description="flown: the session ended; measured: its recording was measured again; dropped: its recording was deleted by the campaign's `keep`; withdrawn: the result is gone or no longer wanted."
         ),
     ]
     realization: str

@@ -60,9 +60,7 @@ class Manifest(Document):
             "those of single agents."
         ),
     ] = None
-    evidence: Annotated[
-        EvidenceHead | None, Field(description="The chain in evidence.jsonl when this was written.")
-    ] = None
+    evidence: Annotated[EvidenceHead, Field(description="The chain in evidence.jsonl when this was written.")]
     versions: dict[str, str]
     files: Annotated[
         dict[str, str],
@@ -74,14 +72,14 @@ class Manifest(Document):
             description="SHA-256 of journal and logs, which hold times and process ids: they differ between two "
             "folders with the same results."
         ),
-    ] = {}
+    ]
     self_sha256: Annotated[
-        str | None,
+        str,
         Field(
             pattern="^[0-9a-f]{64}$",
             description="SHA-256 of this file with 64 zeros in the place of this digest.",
         ),
-    ] = None
+    ]
 
 
 def write_manifest(
@@ -133,9 +131,6 @@ def read_manifest(path: Path) -> Manifest | None:
         manifest = Manifest.model_validate(json.loads(content))
     except ValueError:
         return None
-    # A manifest from before it had a digest of its own says nothing about its own bytes.
-    if manifest.self_sha256 is None:
-        return manifest
     before, digest, after = content.rpartition(manifest.self_sha256.encode())
     unsigned = hashlib.sha256(before + _NO_SHA256 + after).hexdigest()
     return manifest if digest and unsigned == manifest.self_sha256 else None
@@ -168,12 +163,8 @@ def manifest_differences(path: Path) -> list[Fault]:
     changed = [
         name for name, digest in listed.items() if name in present and digest_of(path / name) != digest
     ]
-    # Manifests from before `host_files` list no logs, and none lists a journal that another process held open.
-    unlisted = {
-        name
-        for name in present - listed.keys()
-        if not (name == JOURNAL or (manifest.self_sha256 is None and _is_of_host(name)))
-    }
+    # None lists a journal that another process held open.
+    unlisted = present - listed.keys() - {JOURNAL}
     return [
         *(Fault(name, "is missing") for name in sorted(listed.keys() - present)),
         *(Fault(name, "has changed since the manifest was written") for name in changed),
@@ -186,7 +177,7 @@ def manifest_differences(path: Path) -> list[Fault]:
 def chain_fault(log: EvidenceLog, manifest: Manifest) -> Fault | None:
     """A fault if the chain of evidence does not begin with the lines that the manifest stands for."""
     stated = manifest.evidence
-    if stated is None or log.digest_at(stated.lines) == stated.head:
+    if log.digest_at(stated.lines) == stated.head:
         return None
     return Fault(
         str(log.path),

@@ -14,7 +14,7 @@ from bench.documents import dump_json, load_json_document
 from bench.simspec import SimSpec
 
 from .._versions import versions
-from ._dropped import drop_recording, dropped_recording, pending_note, settle_note
+from ._dropped import drop_recording, dropped_recording
 from ._files import digest_of, write_whole
 from ._folder import RECORDING, RESULT, CampaignFolder
 
@@ -79,10 +79,7 @@ class ResultStore:
         """Write a result into its run's folder, note it, and decide what becomes of its recording."""
         run = self._folder.run(result.realization)
         self._journal.finish(result, write_result(run, result))
-        if (note := pending_note(run)) is not None:
-            self._journal.drop(result.realization, note.policy)
-            settle_note(run)
-        elif self._drops(result):
+        if self._drops(result):
             self._journal.drop(result.realization, self.policy)
             drop_recording(run, str(result.recording_sha256), self.policy, versions())
 
