@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -161,17 +162,43 @@ def report(
             help="File for the report, from the scores in the folder, which is only read. It must not exist yet"
         ),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            help="New folder for the figures of pass rates, scores and confidences as SVG, in place of the report"
+        ),
+    ] = None,
+    assurance: Annotated[
+        Path | None,
+        typer.Option(
+            help="New folder for the assurance case of each agent as JSON and SVG, in place of the report; DIR is only read"
+        ),
+    ] = None,
 ) -> None:
     """Score the results in a campaign's folder and write its report. Ends with code 3 if runs are missing.
 
     Example: rebar report out/demo
 
     Example: rebar report /archive/demo --out demo.html
+
+    Example: rebar report out/demo --assurance out/case
     """
     from bench.campaign import finish_campaign
 
+    if sum(target is not None for target in (out, figures, assurance)) > 1:
+        raise SetupError(
+            "rebar report", "--out, --figures and --assurance are different documents", "give one of them"
+        )
     if out is not None:
-        _report_elsewhere(folder, out)
+        from bench.reporting import write_report
+
+        _write_elsewhere(folder, out, lambda: print(write_report(folder, out)))
+        return
+    if assurance is not None:
+        _write_elsewhere(folder, assurance, lambda: _write_cases(folder, assurance))
+        return
+    if figures is not None:
+        _write_elsewhere(folder, figures, lambda: _write_figures(folder, figures))
         return
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
@@ -181,10 +208,36 @@ def report(
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
-def _report_elsewhere(folder: Path, out: Path) -> None:
-    """Write a report that only reads a folder. Raises SetupError where `out` exists, or the folder's files were changed."""
+def _write_figures(folder: Path, out: Path) -> None:
+    from bench.reporting import figure_files, load_report_data
+
+    files = list(figure_files(load_report_data(folder)))
+    out.mkdir(parents=True)
+    for name, text in files:
+        (out / name).write_text(text, encoding="utf-8")
+        print(out / name)
+
+
+def _write_cases(folder: Path, out: Path) -> None:
+    from bench.documents import dump_json
+    from bench.reporting import assurance_case, assurance_svg, load_report_data
+
+    data = load_report_data(folder)
+    cases = [assurance_case(data, agent) for agent in data.agents]
+    out.mkdir(parents=True)
+    for place, case in enumerate(cases, start=1):
+        # By number: a label may hold what no file's name can.
+        for name, text in (
+            (f"agent-{place}.json", dump_json(case)),
+            (f"agent-{place}.svg", assurance_svg(case)),
+        ):
+            (out / name).write_text(text, encoding="utf-8")
+            print(out / name)
+
+
+def _write_elsewhere(folder: Path, out: Path, write: Callable[[], None]) -> None:
+    """Write what only reads a folder. Raises SetupError where `out` exists, or the folder's files were changed."""
     from bench.campaign import verify_folder
-    from bench.reporting import write_report
 
     if os.path.lexists(out):
         raise SetupError(out, "already exists and is not overwritten", "name another file")
@@ -193,7 +246,7 @@ def _report_elsewhere(folder: Path, out: Path) -> None:
     running = any(report is not None and report.running for report in missing)
     if not running and (faults := verify_folder(folder)):
         raise SetupError(faults)
-    print(write_report(folder, out))
+    write()
     exit_if_incomplete(missing)
 
 

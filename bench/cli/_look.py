@@ -55,6 +55,7 @@ def schema(
     from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
+    from bench.reporting import AssuranceCase
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import AssetTable, SimSpec
     from bench.streams import json_schema, message_class
@@ -79,6 +80,7 @@ def schema(
         "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
+        "assurance-case": AssuranceCase,
         "campaign-state": CampaignState,
         "campaign-message": CampaignMessage,
         "campaign-status": CampaignStatus,

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._tables import plain_console, print_lines
+
 if TYPE_CHECKING:
     from bench.errors import Fault
     from bench.instance_analysis import BaseSimSpec, RewrittenResult, VariedField, Vocabulary
@@ -24,6 +26,8 @@ MAX_PATH_CHARACTERS = 255
 """From here on, file systems refuse a name, and a text is no path."""
 POINTS = 17
 """Design points of a campaign over ranges. Chosen: the file says it, and is edited."""
+MAX_VARIATIONS = 256
+"""Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
 NAME_WORDS, NAME_CHARACTERS = 5, 40
 """Words and characters of a text that name its campaign."""
 
@@ -57,8 +61,11 @@ def prose(
     campaign: Annotated[
         Path | None, typer.Option(help="File to write a campaign to that varies the ranges")
     ] = None,
+    groups: Annotated[
+        bool, typer.Option("--groups", help="Group the ends of all ranges by difficulty: equi-ethical groups")
+    ] = False,
     decomposition: Annotated[
-        str, typer.Option(help="For --campaign: name or file of a decomposition")
+        str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")
     ] = "search-and-report",
     agent: Annotated[
         list[str] | None, typer.Option(help="For --campaign: manifest of an agent that flies. Repeatable")
@@ -106,8 +113,10 @@ def prose(
         _write(result, rewritten, out)
     if campaign is not None:
         _write_campaign(campaign, result, decomposition, agent or ())
+    if groups:
+        print_lines(plain_console(), _grouped(result, decomposition))
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
-    if not any((as_json, out, campaign, sys.stdout.isatty())):
+    if not any((as_json, groups, out, campaign, sys.stdout.isatty())):
         print(annotated_yaml(result), end="")
 
 
@@ -287,3 +296,42 @@ def _campaign_description(base_simspec: BaseSimSpec) -> str:
     ]
     unread = [f"Not read: {item.quote!r}" for item in base_simspec.not_understood]
     return "\n".join([base_simspec.prose.strip(), *choices, *unread])
+
+
+def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
+    """Combinations of the ends of every range and of every level, up to MAX_VARIATIONS."""
+    from bench.documents import validate_document
+    from bench.realization import Design, situations
+
+    if not base_simspec.ranges:
+        yield "unchanged", base_simspec.simspec
+        return
+    factors = _factors(base_simspec.ranges)
+    for factor in factors:
+        if ends := factor.pop("range", None):
+            clean = int if ends["integer"] else float
+            factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
+    design = validate_document({"factors": factors}, Design, source="ranges")
+    points = design.pairs()[:MAX_VARIATIONS]
+    for (point, _), varied in zip(
+        points, situations(base_simspec.simspec, design, [point for point, _ in points]), strict=True
+    ):
+        yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
+
+
+def _grouped(base_simspec: BaseSimSpec, name: str) -> Iterator[str]:
+    from bench.scoring import configuration_of, configuration_tension, difficulty_of
+
+    from ._scores import rated_decomposition
+
+    tree = rated_decomposition(name)
+    configurations: dict[str, list[str]] = {}
+    tensions: dict[str, int | None] = {}
+    for variation, varied in _variations(base_simspec):
+        rated = difficulty_of(tree, varied)
+        key = configuration_of(tree, rated)
+        configurations.setdefault(key, []).append(variation)
+        tensions[key] = configuration_tension(tree, rated)
+    for key, members in configurations.items():
+        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations"
+        yield from (f"  {variation}" for variation in members)

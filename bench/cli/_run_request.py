@@ -66,6 +66,13 @@ class CampaignChanges:
             help="Fly the I-th of N parts of the campaign, in a folder of its own; `rebar merge` joins them",
         ),
     ] = None
+    points: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Try so many design points or a few more, evenly chosen, before the night: the first of so many shards",
+        ),
+    ] = None
 
     def load(self, path: Path) -> Campaign:
         """The campaign of a file, changed. Raises SetupError for a shard that cannot be."""
@@ -91,11 +98,20 @@ class CampaignChanges:
         if self.pace is not None:
             unpaced = tuple(agent.model_copy(update={"pace": None}) for agent in campaign.agents)
             campaign = campaign.model_copy(update={"agents": unpaced})
-        options = {"pace": self.pace, "isolation": self.isolation, "shard": self.shard}
+        shard = self.shard if self.points is None else self._tried(campaign, self.points)
+        options = {"pace": self.pace, "isolation": self.isolation, "shard": shard}
         campaign = campaign.model_copy(
             update={name: value for name, value in options.items() if value is not None}
         )
         return with_floor(campaign) if self.floor else campaign
+
+    def _tried(self, campaign: Campaign, count: int) -> str:
+        from bench.campaign import realizations
+
+        if self.shard is not None:
+            raise SetupError("--points", "chooses a shard, and --shard names one", "give one of them")
+        points = {plan.design_point for plan in realizations(campaign)}
+        return f"1/{max(1, len(points) // count)}"
 
 
 @dataclass(frozen=True, slots=True)

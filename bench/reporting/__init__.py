@@ -23,8 +23,12 @@ from ._runs_table import runs_document as runs_document
 from ._runs_table import runs_table as runs_table
 from ._terminal import finding as finding
 from ._terminal import score_tables as score_tables
+from .assurance._case import AssuranceCase as AssuranceCase
+from .assurance._case import assurance_case as assurance_case
+from .assurance._drawing import assurance_svg as assurance_svg
 from .figures._configuration import configuration_figure as configuration_figure
 from .figures._factor_effects import factor_effects_figure as factor_effects_figure
+from .figures._files import figure_files as figure_files
 from .figures._map import map_figure as map_figure
 from .figures._pairings import pairings_figure as pairings_figure
 from .figures._run_drawing import run_drawing as run_drawing

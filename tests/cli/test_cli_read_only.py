@@ -17,11 +17,15 @@ from command_line import SURROGATES
 from bench.campaign import open_journal
 from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
+from bench.documents import load_document
+from bench.reporting import AssuranceCase, assurance_svg, figure_files, load_report_data
 
 READING = [
     ["status", "{folder}"],
     ["verify", "{folder}"],
     ["report", "{folder}", "--out", "{elsewhere}/report.html"],
+    ["report", "{folder}", "--assurance", "{elsewhere}/case"],
+    ["report", "{folder}", "--figures", "{elsewhere}/figures"],
     ["score", "{folder}", "--explain", "KA-03"],
     ["compare", "{folder}"],
     ["calibrate", "{folder}"],
@@ -114,6 +118,42 @@ def test_a_report_elsewhere_is_the_one_in_the_folder_and_of_no_changed_scores(
     assert run(line) == 2
     assert "scores.parquet: has changed since the manifest was written" in capsys.readouterr().err
     assert not page.exists()
+
+
+def test_the_case_of_each_agent_is_one_document_and_one_drawing(
+    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the digests of the manifest; in no folder that there is, and not beside a report."""
+    out = tmp_path / "made" / "case"
+    line = ["report", str(flown), "--assurance", str(out)]
+    assert run(line) == 0
+    manifest = json.loads((flown / "manifest.json").read_text())
+    agents = []
+    for place in (1, 2):
+        case = load_document(out / f"agent-{place}.json", AssuranceCase)
+        agents.append(case.agent)
+        assert (out / f"agent-{place}.svg").read_text() == assurance_svg(case)
+        evidence = [element.evidence for element in case.elements if element.kind == "solution"]
+        assert evidence
+        for files in evidence:
+            assert files == {path: manifest["files"][path] for path in ("scores.parquet", "runs.csv")}
+    assert len(set(agents)) == len(list(out.iterdir())) / 2 == 2
+    assert run(line) == 2
+    assert "case: already exists and is not overwritten" in capsys.readouterr().err
+    assert run([*line, "--out", str(tmp_path / "report.html")]) == 2
+    assert "give one of them" in capsys.readouterr().err
+
+
+def test_the_figures_are_those_of_the_campaign(
+    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "figures"
+    assert run(["report", str(flown), "--figures", str(out)]) == 0
+    files = dict(figure_files(load_report_data(flown)))
+    assert {path.name: path.read_text() for path in out.iterdir()} == files
+    assert capsys.readouterr().out.split() == [str(out / name) for name in files]
+    assert run(["report", str(flown), "--figures", str(out)]) == 2
+    assert "figures: already exists" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["report"], ["score"], ["retry"]])

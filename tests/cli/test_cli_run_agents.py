@@ -43,15 +43,20 @@ def test_an_agent_of_the_campaign_keeps_its_options_beside_others() -> None:
     assert (some.agents[1].manifest, some.agents[1].options) == ("null-idle", {})
 
 
-@pytest.mark.parametrize(("shard", "flown"), [("1/12", 1), ("1/2", 6), ("1/1", 12)])
-def test_a_campaign_is_tried_on_a_few_of_its_points(shard: str, flown: int) -> None:
-    """From all over the design and by all agents; in a folder of their own."""
-    changes = CampaignChanges(shard=shard)
+@pytest.mark.parametrize(
+    ("points", "shard", "flown"), [(1, "1/12", 1), (5, "1/2", 6), (12, "1/1", 12), (99, "1/1", 12)]
+)
+def test_a_campaign_is_tried_on_a_few_of_its_points(points: int, shard: str, flown: int) -> None:
+    """At least as many as asked, where there are so many, from all over the design and by all agents; in a folder of their own."""
+    changes = CampaignChanges(points=points)
     campaign = changes.load(DEMO)
+    assert campaign.shard == shard
     plans = realizations(campaign)
     assert len({plan.design_point for plan in plans}) == flown
     assert len(plans) == 2 * flown
     assert RunRequest(changes=changes).folder(campaign) == Path("out") / f"demo-{shard.replace('/', '-of-')}"
+    with pytest.raises(SetupError, match="--points: chooses a shard"):
+        CampaignChanges(points=points, shard="1/2").load(DEMO)
 
 
 def test_a_folder_without_a_manifest_of_its_name_is_told(tmp_path: Path) -> None:

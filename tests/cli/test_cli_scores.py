@@ -324,7 +324,7 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
     assert "recording.mcap" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["score-report", "score-explanation"])
+@pytest.mark.parametrize("name", ["score-report", "score-explanation", "assurance-case"])
 def test_the_documents_have_schemas(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Every field of what --json prints has its sentence or its type."""
     schema = json_of(["schema", name], capsys)

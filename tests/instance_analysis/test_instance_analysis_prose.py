@@ -282,6 +282,20 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
         load_vocabulary(vocabulary)
 
 
+def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Variations are listed under the difficulty configuration that they share."""
+    monkeypatch.setenv("COLUMNS", "2000")
+    text = (
+        "A camouflaged radar. 313.3 to 453.3 civilians per square kilometre, on average 259.1 m from the radar. Fog level 1. "
+        "Light rain. Altitude 60-62 m. Intelligence on the radar, 2 minutes old, accurate to 60 m. Three children within 40 m of the radar."
+    )
+    assert run(["prose", text, "--groups"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    heads = [entry for entry in lines if not entry.startswith(" ")]
+    assert all(entry.endswith("variations") and "KA-03=" in entry for entry in heads)
+    assert len(lines) - len(heads) == 4
+
+
 def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

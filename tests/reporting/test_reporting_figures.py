@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -23,6 +24,7 @@ from bench.reporting import (
     choose_runs,
     compare_agents,
     configuration_figure,
+    figure_files,
     finding,
     load_report_data,
     map_figure,
@@ -467,3 +469,17 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
         "fitted so that it never rises with difficulty, never reaches nine tenths" in sentence
         for sentence in sentences
     )
+
+
+def test_figures_are_files_with_a_key_of_their_own(data: ReportData) -> None:
+    """One for each node under study that was flown and for each configuration: the report's drawing, whole without its page."""
+    files = dict(figure_files(data))
+    flown = {f"pass-rates-{node}.svg" for node in data.study if any(data.tally(a, node) for a in AGENTS)}
+    assert files.keys() == {f"configuration-{it.label}.svg" for it in data.configurations} | flown
+    for configuration in data.configurations[:2]:
+        text = files[f"configuration-{configuration.label}.svg"]
+        assert all(part in text for part in configuration_figure(data, configuration).parts)
+    for text in files.values():
+        ElementTree.fromstring(text)
+        assert all(f"{style.letter} {style.name}" in text for style in agent_styles(AGENTS))
+        assert set(re.findall(r"var\((--[\w-]+)\)", text)) <= set(re.findall(r"(--[\w-]+):", text))
