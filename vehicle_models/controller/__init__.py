@@ -11,16 +11,15 @@ of the autopilots.
 - `safety/`: failsafes, fence, rally points, battery monitor, checks before arming, injected failures
 - `telemetry/`: streams (which client gets which message at which rate), contents of messages, texts, events
 - `payload/`: camera and gimbal
-- `logs/`: flight logs, their formats, their transfer and streaming
 - `files/`: MAVLink FTP, component metadata, packed parameters
 - `policies/`: what an autopilot must define: identity, parameters, modes (with arming), commands, setpoints,
   telemetry, missions, safety; with tables of what is plain data
-- `px4/`, `ardupilot/`: the nine policies of each autopilot, under the same file names
+- `px4/`, `ardupilot/`: the eight policies of each autopilot, under the same file names
 - `px4_wing/`: the identity and the parameters of PX4 on a fixed wing
 
 `_service.py` says which methods a service may have. `_controller.py` lists the services in the order in which
 they tick: to add one, write a module and a line there. A service never asks which autopilot it serves: it asks
-its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of nine files, and a
+its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of eight files, and a
 column in the tables of `policies/`.
 """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -20,11 +19,6 @@ from .links._link import Link
 from .links._links import link_counters
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
-from .logs._blocks import LogBlocks
-from .logs._recorder import FlightRecorder
-from .logs._storage import LogStorage
-from .logs._streaming import LogStreaming
-from .logs._transfer import LogTransfer
 from .missions._item_actions import ItemActions
 from .missions._mission_flight import MissionFlight
 from .missions._mission_plan import MissionPlan
@@ -124,7 +118,6 @@ class Controller:
         texts = Texts(radio, flight, identity.texts, identity.text_ending, identity.texts_for_stations_s)
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
-        self._logs = persistent.logs if persistent else LogStorage()
         self._camera: CameraComponent | None = None
         self._failure_injection: FailureInjection | None = None
         self._build_flight_services(manoeuvres)
@@ -225,8 +218,7 @@ class Controller:
                 context.parameters, failure_parameter, equipment.break_part, equipment.simulation_control
             )
             services.append(self._failure_injection)
-        # What is recorded is the state that all of them leave.
-        return [*services, *self._build_logs(), *self._build_telemetry()]
+        return [*services, *self._build_telemetry()]
 
     def _build_file_transfer(self) -> FileTransfer:
         identity = self._autopilot.identity
@@ -235,21 +227,9 @@ class Controller:
             {**metadata, **identity.files(self._context.parameters)},
             identity.files_writable,
             identity.folders,
-            functools.partial(self._logs.files, self._autopilot.logs),
             identity.memory_card,
         )
         return FileTransfer(self._context, files, identity.file_sessions)
-
-    def _build_logs(self) -> list[object]:
-        context, policy, storage = self._context, self._autopilot.logs, self._logs
-        identity, gps = self._autopilot.identity, self._autopilot.telemetry.gps_quality
-        recorder = FlightRecorder(context, policy, identity, gps, self._battery, storage)
-        return [
-            recorder,
-            LogTransfer(context, policy, recorder, storage),
-            LogStreaming(context, policy, recorder),
-            *([LogBlocks(context, policy, policy.blocks, recorder)] if policy.blocks else []),
-        ]
 
     def _build_calibration(self) -> list[object]:
         context = self._context
@@ -380,7 +360,7 @@ class Controller:
     def persistent_state(self) -> PersistentState:
         """What the next controller of the same vehicle starts with."""
         plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
-        return PersistentState(self.changed_parameters(), plans, self._signing, self._logs, self._counts())
+        return PersistentState(self.changed_parameters(), plans, self._signing, self._counts())
 
     def counters(self) -> dict[str, int]:
         """Messages that were dropped or made no sense, by name; since the first start."""

@@ -19,7 +19,7 @@ class ServedFiles:
     """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and
     those that were made.
 
-    `changing` gives served files that come and go. A path that begins with `memory_card` means the same without it.
+    A path that begins with `memory_card` means the same without it.
 
     Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC
     when the scratch area is full, EROFS where there is none.
@@ -30,19 +30,13 @@ class ServedFiles:
         contents: Mapping[str, FileContent],
         writable: bool = False,
         folders: tuple[str, ...] = (),
-        changing: Callable[[], Mapping[str, FileContent]] = dict,
         memory_card: str = "",
     ) -> None:
-        self._fixed = dict(contents)
-        self._changing = changing
+        self._contents = contents
         self._memory_card = f"{memory_card}/" if memory_card else ""
         self._writable = writable
         self._scratch: dict[str, bytearray] = {}
         self._folders: set[str] = set(folders)
-
-    @property
-    def _contents(self) -> Mapping[str, FileContent]:
-        return {**self._fixed, **self._changing()}
 
     def read(self, path: str) -> bytes | None:
         """A file's bytes, or None when there is none."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from ._commands import CommandPolicy
 from ._identity import IdentityPolicy
-from ._logs import LogPolicy
 from ._missions import MissionPolicy
 from ._modes import ModePolicy
 from ._parameters import ParameterPolicy
@@ -17,7 +16,7 @@ from ._telemetry import TelemetryPolicy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autopilot:
-    """The nine policies of one autopilot. The controller gives each to the services that ask it."""
+    """The eight policies of one autopilot. The controller gives each to the services that ask it."""
 
     identity: IdentityPolicy
     parameters: ParameterPolicy
@@ -27,4 +26,3 @@ class Autopilot:
     telemetry: TelemetryPolicy
     missions: MissionPolicy
     safety: SafetyPolicy
-    logs: LogPolicy

@@ -1,4 +1,4 @@
-"""PX4's modes (`modes.csv`): custom_mode = sub << 24 | main << 16; `nav_state` is that of vehicle_status.
+"""PX4's modes (`modes.csv`): custom_mode = sub << 24 | main << 16.
 
 A mode that cannot be armed shows system_status 0 on the ground.
 """

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from ..links._enums import MAV_CMD
 from ..links._signing import Signing
-from ..logs._storage import LogStorage
 from ..policies._commands import CommandPolicy
 from ..state._plan_store import MissionItem
 from ..state._service import Command, CommandHandler, CommandResult
@@ -26,7 +25,6 @@ class PersistentState:
     parameters: Mapping[str, float]
     plans: Mapping[int, tuple[MissionItem, ...]]
     signing: Signing
-    logs: LogStorage
     counts: Mapping[str, int]
 
 

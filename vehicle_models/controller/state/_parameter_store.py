@@ -89,10 +89,6 @@ class ParameterStore:
     def __getitem__(self, name: str) -> float:
         return self._values[name]
 
-    def values(self) -> Iterable[float]:
-        """Present values in the order of `definitions`."""
-        return self._values.values()
-
     def put(self, name: str, value: float, *, saves: bool = True) -> bool:
         """Store a value; True when that changed it. Raises KeyError for an unknown name; a value that is not
         finite is refused.

@@ -77,7 +77,6 @@ class Texts:
     _id: int = 0
     _kept: list[StatusText] | None = None  # while they are kept back
     listeners: list[Callable[[int, str], None]] = field(default_factory=list)
-    text_listeners: list[Callable[[int, str], None]] = field(default_factory=list)  # of texts alone
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {} if self._for_stations_s is None else {"HEARTBEAT": self._take_heartbeat}
@@ -121,8 +120,6 @@ class Texts:
 
     def send(self, severity: int, text: str) -> None:
         self.notify(severity, text)
-        for listener in self.text_listeners:
-            listener(severity, text)
         if self._kept is None:
             self._broadcast(severity, text)
         else:
