@@ -168,9 +168,7 @@ class Aircraft(LinkedVehicle, ABC):
         )
 
     def commands(self) -> frozenset[int]:
-        """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this
-        vehicle.
-        """
+        """Numbers of the MAVLink commands that its flight controller carries out, with its equipment."""
         return self._controller.commands()
 
     def changed_parameters(self) -> Mapping[str, float]:
@@ -207,9 +205,7 @@ class Aircraft(LinkedVehicle, ABC):
         )
 
     def _restart(self) -> None:
-        """Start a new flight controller on the same aircraft and the same links; messages that wait are
-        lost.
-        """
+        """Start a new flight controller on the same aircraft and links; waiting messages are lost."""
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:
@@ -261,9 +257,7 @@ class Aircraft(LinkedVehicle, ABC):
 
     @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Whether the last step was more than the airframe bears; `speed_before_mps` is the speed before
-        it.
-        """
+        """Whether the last step broke the airframe; `speed_before_mps` is the speed before it."""
 
     def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
         if isinstance(name, RealAutopilot | BoardAutopilot):

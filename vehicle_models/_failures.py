@@ -26,9 +26,7 @@ class _FailureChange:
 
 
 class Failures:
-    """Breaks and repairs parts; `active` names what is broken. While nothing is due, a step costs one
-    comparison.
-    """
+    """Breaks and repairs parts; `active` names the broken. Until something is due, a step is one comparison."""
 
     def __init__(
         self,

@@ -48,9 +48,7 @@ class Wing(Aircraft):
         battery.spend(self._wing.electric_w(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose
-        near it.
-        """
+        """A hit at over 2.5 m/s of sink or 18 m/s of speed, or lying on a side or nose near the ground."""
         motion, sinking = self._wing.motion, self._sinking_mps
         self._sinking_mps = motion.vd_mps
         if motion.up_m > _NEAR_GROUND_M:

@@ -110,9 +110,7 @@ def _command_cells(
 
 
 def _result_without_effect(autopilot: Autopilot, number: int, sender: MessageSender) -> str | None:
-    """What the policy answers to a command that no service carries out; None when it does not know the
-    command.
-    """
+    """The policy's answer to a command that no service carries out; None when it does not know it."""
     policy, results = autopilot.commands, set[str]()
     for value, armed in itertools.product(_TRIED_VALUES, (False, True)):
         flight = FlightState(

@@ -139,9 +139,7 @@ class CountedOrders:
         return self._truth.target_of(str(counted.order.intelligence))
 
     def marked_at_s(self, counted: CountedOrder, *, knowing: bool = False) -> Iterator[float]:
-        """The moments at which the target that an order is about was marked; with `knowing`, only by reports that
-        show knowledge of it.
-        """
+        """Moments at which the target of an order was marked; with `knowing`, by reports of knowledge alone."""
         target = self.target_of(counted)
         subjects = known_subjects if knowing else subjects_of_reports
         for report, subject in subjects(self._truth, self._tape):

@@ -328,9 +328,7 @@ class Controller:
         self._fly()
 
     def report(self) -> None:
-        """Send everything that is due at the present moment, and everything that was queued during the
-        step.
-        """
+        """Send everything that is due now, and everything that was queued during the step."""
         self._streams.send_due()
         self._context.radio.flush()
 

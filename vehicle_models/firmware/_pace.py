@@ -1,6 +1,4 @@
-"""How autopilot and physics share the host: pinned to one core, in step with every thread of the
-autopilot, or in real time.
-"""
+"""How autopilot and physics share the host: on one core, in step with every thread, or in real time."""
 
 from __future__ import annotations
 

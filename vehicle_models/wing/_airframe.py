@@ -98,9 +98,7 @@ class WingAirframe:
         return roll, pitch, min(max(attitude.thrust, 0.0), 1.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays
-        what it is.
-        """
+        """Roll, pitch, yaw in radians, and the share of full thrust; yaw, not steered, stays what it is."""
         return self._wanted
 
     def test_rotor(self, number: int, share: float) -> None:
@@ -207,9 +205,7 @@ def _toward(vn: float, ve: float, north: float, east: float) -> float:
 
 
 def _around(vn: float, ve: float, north: float, east: float, radius: float) -> float:
-    """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and
-    `east` of here.
-    """
+    """Acceleration to the right for a circle of `radius` (positive clockwise) around a place from here."""
     turn = math.copysign(1.0, radius)
     away = max(math.hypot(north, east), 0.1)
     capture = _toward(vn, ve, north, east)

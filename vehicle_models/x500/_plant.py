@@ -79,9 +79,7 @@ class X500Plant(JsbsimPlant):
         self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors
-        can give.
-        """
+        """Roll, pitch and yaw that the cascade steers to, radians; the share of full thrust."""
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
         return roll, pitch, yaw, thrust_n / FULL_THRUST_N
 
@@ -95,9 +93,7 @@ class X500Plant(JsbsimPlant):
 
 
 def has_crashed(motion: VehicleMotion, speed_before_mps: float) -> bool:
-    """Whether it hits the ground at more than 3 m/s, or lies on its side near it; `speed_before_mps` is that of one step
-    before.
-    """
+    """Whether it hits the ground at over 3 m/s (`speed_before_mps`: a step before), or lies on its side."""
     if motion.up_m > _NEAR_GROUND_M:
         return False
     # The angle between the body's down axis and the vertical, from roll and pitch.

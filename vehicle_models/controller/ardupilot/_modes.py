@@ -69,9 +69,7 @@ def knows_position(flight: FlightState) -> bool:
 
 
 def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
-    """The checks that keep the vehicle from being armed in its present mode, in the order in which they are
-    sent.
-    """
+    """The checks that keep the vehicle from being armed in its present mode, in the order of sending."""
     now_s = flight.time_s
     if now_s < STANDBY_S:
         return ("System not initialised",)

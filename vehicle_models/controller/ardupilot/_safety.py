@@ -135,9 +135,7 @@ def _rally_limit_m(p: ParameterStore) -> float:
 
 
 def battery_volts(flight: FlightState, p: ParameterStore) -> float:
-    """SIM_BATT_VOLTAGE is the voltage of a full battery; it falls as that of the vehicle's own battery
-    does.
-    """
+    """SIM_BATT_VOLTAGE is that of a full battery; it falls as that of the vehicle's own battery does."""
     return p["SIM_BATT_VOLTAGE"] * flight.battery_v / _FULL_BATTERY_V
 
 

@@ -1,6 +1,4 @@
-"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch
-area.
-"""
+"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over served files and a scratch area."""
 
 from __future__ import annotations
 

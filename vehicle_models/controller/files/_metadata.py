@@ -1,6 +1,4 @@
-"""Component metadata: compressed JSON files with checksums that explain parameters and events to a ground
-station.
-"""
+"""Component metadata: compressed JSON files that explain parameters and events to a ground station."""
 
 from __future__ import annotations
 

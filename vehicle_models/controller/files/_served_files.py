@@ -1,6 +1,4 @@
-"""Files behind MAVLink FTP: those that the vehicle serves, and a scratch area in memory for those of a
-client.
-"""
+"""Files behind MAVLink FTP: those that the vehicle serves, and a client's own in memory."""
 
 from __future__ import annotations
 
@@ -47,9 +45,7 @@ class ServedFiles:
         return content(query) if content else None
 
     def entries(self, path: str) -> list[str] | None:
-        """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where
-        there is no such folder.
-        """
+        """A folder as the protocol lists it, sorted (F name, tab, size; D name); None without it."""
         folder = self._name(path)
         if not self._is_folder(folder):
             return None

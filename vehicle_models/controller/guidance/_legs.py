@@ -102,9 +102,7 @@ class GotoLeg(Hold):
 
     @property
     def stays_at(self) -> NorthEast | None:
-        """The place where it stays, for a time or for ever; None on the way there, and where it passes
-        through.
-        """
+        """The place where it stays, for a time or for ever; None on the way, and where it passes through."""
         stays = self._stay_ns == math.inf or (self._arrived_ns is not None and self._stay_ns > 0.0)
         return self._goal if stays else None
 

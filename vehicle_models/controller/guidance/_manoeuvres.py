@@ -27,9 +27,7 @@ class Manoeuvre(ABC):
 
 
 class Hold(Manoeuvre):
-    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and
-    stay.
-    """
+    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly there and stay."""
 
     def __init__(
         self,

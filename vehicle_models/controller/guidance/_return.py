@@ -52,9 +52,7 @@ class Return(Manoeuvre):
         return self._land is not None
 
     def heights_m(self, origin_m: float) -> tuple[float, float]:
-        """Altitude at which it flies home, and how much that is above the ground there; `origin_m` is the altitude of the
-        local frame.
-        """
+        """Altitude of the way home, and its height above the ground there; `origin_m` is that of the frame."""
         return origin_m - self._cruise_down_m, self._home.down_m - self._cruise_down_m
 
     @property

@@ -94,9 +94,7 @@ class WingTakeoff(Takeoff):
 
 
 class WingLand(Land):
-    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the
-    place.
-    """
+    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare."""
 
     APPROACH_HEIGHT_M = 25.0
     # How far ahead on the path it aims.
@@ -147,9 +145,7 @@ class WingLand(Land):
         )
 
     def _along(self, flight: FlightState) -> NorthEast:
-        """The vehicle's place from the landing place: metres along the landing course, and to the right of
-        it.
-        """
+        """The vehicle's place from the landing place: metres along the course, and to the right of it."""
         north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
@@ -328,9 +324,7 @@ def _circle(
 
 
 def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
-    """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line,
-    whichever is more.
-    """
+    """The point of a line to aim at: ahead of the nearest by the lead or its distance, whichever is more."""
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
     if length < 1.0:
@@ -355,9 +349,7 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
 
 
 def _into_wind(flight: FlightState) -> NorthEast:
-    """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present
-    course.
-    """
+    """Course into the wind, and its speed, from airspeed and ground speed; in a calm the present course."""
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)

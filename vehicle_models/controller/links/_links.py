@@ -98,9 +98,7 @@ class UdpLink(Link):
             self._read(self._socket)
 
     def _read(self, sock: socket.socket) -> list[Address]:
-        """Read a socket within the bounds of one poll; returns known peers that have no socket of their own
-        yet.
-        """
+        """Read a socket within the bounds of one poll; returns known peers without a socket of their own."""
         frames = garbage = discarded = 0
         returning: dict[Address, None] = {}
         for _ in range(_DATAGRAMS_PER_POLL):
@@ -130,9 +128,7 @@ class UdpLink(Link):
         return list(returning)
 
     def _note_speaker(self, peer: Address) -> None:
-        """Make this peer the latest. The one that has been silent longest gives way, so that peers that come
-        and go cannot fill the list.
-        """
+        """Make this peer the latest; the one silent longest gives way, so that peers cannot fill the list."""
         peer_socket = self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             oldest = next(iter(self._peers))
@@ -140,9 +136,7 @@ class UdpLink(Link):
         self._peers[peer] = peer_socket
 
     def _open_peer_socket(self, peer: Address) -> None:
-        """Open a socket for this peer alone; where the system cannot, the link's own continues to receive
-        it.
-        """
+        """Open a socket for this peer alone; where the system cannot, the link's own receives it still."""
         if self._peers.get(peer, self._socket) is not None:
             # The peer was dropped meanwhile, or has a socket already.
             return

@@ -75,9 +75,7 @@ class Channel:
         return True
 
     def forward(self, frame: bytes) -> None:
-        """Queue a frame of another client unchanged, unless it is for a system that has never sent anything
-        here.
-        """
+        """Queue another client's frame unchanged, unless it is for a system that never sent anything here."""
         if (
             self._connected
             and target_system(frame) in (0, *self._known_systems)
@@ -119,9 +117,7 @@ class Radio:
     def broadcast(
         self, name: str, goes_over: Callable[[Channel], bool] | None = None, /, **fields: Any
     ) -> None:
-        """Queue a message on every channel, or those that `goes_over` admits; where the autopilot waits for clients, only
-        where one has sent something.
-        """
+        """Queue a message on the channels that `goes_over` admits, and that the autopilot may send to unasked."""
         self.broadcast_values(*wire_values(name, **fields), goes_over)
 
     def broadcast_values(

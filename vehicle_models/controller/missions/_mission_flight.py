@@ -175,9 +175,7 @@ class MissionFlight:
         self._passed = None
 
     def _begin(self, index: int) -> None:
-        """Fly the next item from `index` on that can be flown; the actions on the way are carried out
-        meanwhile.
-        """
+        """Fly the next item from `index` on that can be flown, and carry out the actions on the way."""
         flight = self._context.flight
         flown, actions = self._plan.next_flown(index)
         self._actions.begin(actions)

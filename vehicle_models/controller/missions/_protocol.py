@@ -343,9 +343,7 @@ class MissionProtocol:
         sender.answer("MISSION_ACK", type=verdict, mission_type=kind, **ids)
 
     def _item_of(self, m: Any, as_float: bool) -> MissionItem:
-        """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place
-        that is not on Earth.
-        """
+        """An item of a message, in 1e-7 degrees; a number too large for an integer is no place on Earth."""
         params = (m.param1, m.param2, m.param3, m.param4)
         item = MissionItem(m.command, m.frame, params, 0, 0, m.z, m.autocontinue, m.current)
         if not as_float:

@@ -43,9 +43,7 @@ _NO_CONTROLLER = (0, 0)
 
 @dataclass(frozen=True, slots=True)
 class _GimbalTarget:
-    """Pitch against the horizon; yaw against north when `locked`, else against the nose; and the rates of
-    both.
-    """
+    """Pitch against the horizon; yaw against north when `locked`, else the nose; and the rates of both."""
 
     pitch_rad: float
     yaw_rad: float
@@ -148,9 +146,7 @@ class Gimbal:
     def turn(
         self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float
     ) -> None:
-        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at
-        zero.
-        """
+        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at zero."""
         flight = self._context.flight
         self._place = None
         if flags & NEUTRAL:
@@ -301,9 +297,7 @@ def level_quaternion(pitch_rad: float, yaw_rad: float) -> tuple[float, float, fl
 def _controller(
     system: float, component: float, current: tuple[int, int], requester: tuple[int, int]
 ) -> tuple[int, int]:
-    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0
-    is no controller.
-    """
+    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes, -3 gives back, 0 is none."""
     if system == -2 or component == -2:
         return requester
     if system == -3 or component == -3:

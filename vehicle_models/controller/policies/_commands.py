@@ -50,14 +50,10 @@ class CommandPolicy:
     """
 
     fixed_results: Mapping[int, CommandResult | None]
-    """Results of commands that have no effect here; None: no answer. A command that nothing here knows is
-    UNSUPPORTED.
-    """
+    """Results of commands without effect; None: no answer. A command that is unknown here is UNSUPPORTED."""
 
     answer: Callable[[FlightState, Command], CommandAnswer | None]
-    """Answer to a command that has no effect but whose result depends on the state; None: as `fixed_results`
-    has it.
-    """
+    """Answer to a command without effect that depends on the state; None: as `fixed_results` has it."""
 
     accepts_mode_first: bool
     any_component: bool

@@ -105,9 +105,7 @@ def _not_available(wanted: FlightMode) -> Refusal:
 
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
-    """Bit 0 of the first parameter announces a custom mode, given as main and sub mode; without it the other bits
-    ask for a mode (source).
-    """
+    """Bit 0 of the first parameter announces main and sub mode; else its other bits ask for a mode (source)."""
     base, main, sub = params[:3]
     if not has_flag(base, MAV_MODE_FLAG.CUSTOM_MODE_ENABLED):
         if has_flag(base, MAV_MODE_FLAG.AUTO_ENABLED):

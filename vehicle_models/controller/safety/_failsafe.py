@@ -29,9 +29,7 @@ _BATTERY_OK = 1
 
 @dataclass(eq=False)
 class Failsafe:
-    """Watches links, sticks, battery and position; acts through the modes and shows the cause in
-    `flight.failsafe`.
-    """
+    """Watches links, sticks, battery, position; acts through the modes, shows the cause in the flight."""
 
     _context: ServiceContext
     _policy: SafetyPolicy
@@ -121,9 +119,7 @@ class Failsafe:
             self._act(reaction)
 
     def clear(self, cause: Cause) -> None:
-        """End the failsafe of a cause that is gone; back to the previous mode during the Hold, or where the
-        reaction resumes.
-        """
+        """End the failsafe of a cause that is gone; a Hold, or a reaction that resumes, leads back."""
         reaction = self._active.get(cause)
         if reaction is None:
             return

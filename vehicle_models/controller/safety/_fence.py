@@ -78,9 +78,7 @@ class Fence:
             self._context.texts.report(self._policy.cleared_text)
 
     def constrained(self, flight: FlightState, target: FlightTarget) -> FlightTarget:
-        """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through
-        the ceiling.
-        """
+        """The target as flown near the fence where the autopilot avoids it: slower, and below the ceiling."""
         self._holds_back = False
         margin_m = self._boundary.limits.ceiling_margin_m
         if margin_m is None or not self._boundary.enabled:

@@ -1,6 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT: from the client to the service that carries the command out, and the
-acknowledgement back.
-"""
+"""COMMAND_LONG and COMMAND_INT: from the client to the service, and the acknowledgement back."""
 
 from __future__ import annotations
 
@@ -56,9 +54,7 @@ class Commands:
         self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
 
     def _cancel(self, m: Any, sender: MessageSender) -> None:
-        """End a command that is in progress, and acknowledge that to its sender; anything else is not
-        answered.
-        """
+        """End a command in progress and acknowledge that to its sender; anything else is not answered."""
         if m.target_system == 0:
             # The specification forbids to broadcast a COMMAND_CANCEL.
             return

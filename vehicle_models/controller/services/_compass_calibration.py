@@ -1,6 +1,4 @@
-"""ArduPilot's calibration of compasses (source): DO_START_MAG_CAL, DO_ACCEPT_MAG_CAL, DO_CANCEL_MAG_CAL and the
-progress that clients follow.
-"""
+"""ArduPilot's calibration of compasses (source): DO_START_, DO_ACCEPT_, DO_CANCEL_MAG_CAL and progress."""
 
 from __future__ import annotations
 

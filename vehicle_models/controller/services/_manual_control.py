@@ -110,9 +110,7 @@ class ManualControl:
             self._take_over(flight)
 
     def _may_take_over(self, flight: FlightState) -> bool:
-        """Whether the present mode gives way to sticks; a failsafe does once its Hold is over, that of the
-        battery never.
-        """
+        """Whether the mode gives way to sticks: a failsafe's does behind its Hold, the battery's never."""
         if not flight.flying or flight.mode.behaviour not in self._guidance.limits.sticks.overrides:
             return False
         holds = flight.mode.behaviour is Behaviour.HOLD

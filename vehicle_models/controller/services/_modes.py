@@ -144,9 +144,7 @@ class Modes:
         return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _run_auxiliary(self, command: Command) -> CommandResult | None:
-        """DO_AUX_FUNCTION: what a switch of the radio would do. Only the functions that enter a mode are flown, and
-        only their upper position, which enters it.
-        """
+        """DO_AUX_FUNCTION, a switch of the radio: functions that enter a mode, by their upper position."""
         return self.run_auxiliary(*command.params[:2])
 
     def run_auxiliary(self, function: float, position: float) -> CommandResult:

@@ -42,9 +42,7 @@ _TO_CENTRE = 0.0
 
 @dataclass(eq=False)
 class Navigator:
-    """Carries out commands that fly somewhere; the policies define which of them exist, and when they are
-    refused.
-    """
+    """Commands that fly somewhere; the policies define which exist, and when they are refused."""
 
     _context: ServiceContext
     _policy: CommandPolicy
@@ -128,9 +126,7 @@ class Navigator:
         return CommandResult.ACCEPTED
 
     def _raised_takeoff_m(self, altitude_m: float) -> float:
-        """The altitude of a takeoff: at least the default height above home, and never below the vehicle; with a
-        text for either.
-        """
+        """Altitude of a takeoff: at least the default height above home and the vehicle; with a text."""
         context, flight, height_m = (
             self._context,
             self._context.flight,
@@ -217,9 +213,7 @@ class Navigator:
         return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _orbit(self, command: Command) -> CommandResult | None:
-        """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible
-        radius is accepted and not flown.
-        """
+        """Circle a place, by default here; a negative radius is anticlockwise, an impossible one not flown."""
         context, flight, limits = self._context, self._context.flight, self._guidance.limits
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m

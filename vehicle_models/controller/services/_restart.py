@@ -18,9 +18,7 @@ _REBOOTS = (1.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class PersistentState:
-    """What one flight controller leaves to the next: the contents of its flash memory, and the counts of a
-    session.
-    """
+    """What one flight controller leaves to the next: its flash memory, and the counts of a session."""
 
     parameters: Mapping[str, float]
     plans: Mapping[int, tuple[MissionItem, ...]]

@@ -202,9 +202,7 @@ class Setpoints:
         self._give(target, accelerates)
 
     def _is_known_combination(self, m: Any, setpoint: _Setpoint) -> bool:
-        """Whether every vector that is not masked holds numbers, and the vectors are a combination that
-        ArduPilot knows.
-        """
+        """Whether unmasked vectors hold numbers alone, in a combination that ArduPilot knows."""
         masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
         vectors = (setpoint.position, setpoint.velocity, setpoint.acceleration)
         for ignored, vector in zip(masked, vectors, strict=True):
@@ -307,9 +305,7 @@ class Setpoints:
         return manoeuvre
 
     def _ignores_mode(self) -> bool:
-        """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts
-        it.
-        """
+        """Whether the mode flies no setpoints and the autopilot does not complain about that; counts it."""
         if self._policy.complains or self._context.flight.mode.behaviour is Behaviour.OFFBOARD:
             return False
         self.ignored += 1

@@ -98,9 +98,7 @@ class Texts:
             listener(severity, text)
 
     def announce(self, event: FlightEvent, *values: float) -> None:
-        """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
-        it.
-        """
+        """Send the text of an event, with `values` in its braces; nothing where there is none."""
         self.report(self._by_event.get(event), *values)
 
     def report(self, status_text: StatusText | None, *values: float | str) -> None:

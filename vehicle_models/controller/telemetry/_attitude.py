@@ -28,9 +28,7 @@ def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, f
 
 
 class BodyAttitude:
-    """The attitude of the body against north-east-down at one moment, `time_ns`; `quaternion` is w, x, y,
-    z.
-    """
+    """The body's attitude against north-east-down at `time_ns`; `quaternion` is w, x, y, z."""
 
     __slots__ = ("_rows", "quaternion", "time_ns")
 
