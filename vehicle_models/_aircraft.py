@@ -8,15 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
-from bench.contracts import (
-    MavlinkTap,
-    SimTime,
-    Vector,
-    Vehicle,
-    VehicleCondition,
-    VehiclePlan,
-    VehicleState,
-)
+from bench.contracts import MavlinkTap, SimTime, Vector, Vehicle, VehicleCondition, VehiclePlan, VehicleState
 from bench.errors import SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
 

@@ -61,10 +61,7 @@ class Failures:
             self._next_ns = self._changes[0].at_ns if self._changes else None
 
     def break_part(self, kind: str, instance: int, breaks: bool) -> bool:
-        """Break or repair on command; instance 0 is all of them. False where there is no such part.
-
-        What the SimSpec broke stays broken.
-        """
+        """Break or repair on command, but for what the SimSpec broke; instance 0 is all. False without any."""
         if kind == "gps_off" and instance in (0, 1):
             self._set_gps(self._commanded, breaks)
         elif kind == "motor_off" and instance <= self._rotors:

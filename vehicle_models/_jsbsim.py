@@ -86,12 +86,7 @@ class JsbsimPlant:
     """
 
     def __init__(
-        self,
-        name: str,
-        place: StartPose,
-        feet_m: float,
-        step_s: float,
-        physics_hz: int = 200,
+        self, name: str, place: StartPose, feet_m: float, step_s: float, physics_hz: int = 200
     ) -> None:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
@@ -179,10 +174,7 @@ class JsbsimPlant:
 def _load(
     name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int
 ) -> jsbsim.FGFDMExec:
-    """A fresh, silent JSBSim standing on the ground.
-
-    Fresh, because a reset one does not repeat its first flight.
-    """
+    """A silent JSBSim standing on the ground; fresh, because a reset one does not repeat its first flight."""
     # The logger holds for the present thread alone, so it is set for every aircraft.
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     with ExitStack() as stack:

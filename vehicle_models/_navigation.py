@@ -37,10 +37,7 @@ _DECAY = 2.1461932
 
 
 class Navigation:
-    """The position error of one vehicle, in ENU metres.
-
-    `wander_m` and `noise_m` are standard deviations of each axis.
-    """
+    """The position error of a vehicle, ENU metres; `wander_m` and `noise_m` are deviations of each axis."""
 
     def __init__(self, gps: Gps, step_s: float, random: np.random.Generator) -> None:
         self._gps = gps
@@ -123,9 +120,7 @@ class Navigation:
 
 @dataclass(frozen=True, slots=True)
 class _Wander:
-    """One axis of the wander, exactly discretised: state (error, rate), transition row by row, and the
-    Cholesky factor of its noise.
-    """
+    """One axis of the wander: transition of (error, rate) in rows, and the Cholesky factor of its noise."""
 
     transition: tuple[float, float, float, float]
     noise: tuple[float, float, float]

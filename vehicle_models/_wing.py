@@ -23,10 +23,7 @@ _CRASH_TILT_RAD = math.radians(50.0)
 
 @contextmanager
 def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing]:
-    """Yield a fixed wing on its belly at home, its links open.
-
-    Raises SetupError for a link that cannot be opened or an unknown parameter.
-    """
+    """Yield a fixed wing on its belly at home, its links open. Raises SetupError as `open_x500` does."""
     with open_links(plan.links) as links:
         yield Wing(plan, links, tap)
 

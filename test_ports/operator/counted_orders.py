@@ -119,8 +119,7 @@ class CountedOrders:
         """The latest order of these kinds that was delivered before another was given; None without one."""
         earlier = reversed(self.all[: self.all.index(counted)])
         return next(
-            (other for other in earlier if other.order.kind in kinds and other.delivered_s is not None),
-            None,
+            (other for other in earlier if other.order.kind in kinds and other.delivered_s is not None), None
         )
 
     # What an order met.

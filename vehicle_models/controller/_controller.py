@@ -242,16 +242,7 @@ class Controller:
         modes, guidance = self._modes, self._guidance
         plan = MissionPlan(context, policy, boundary, self._plans)
         actions = ItemActions(
-            context,
-            policy,
-            plan,
-            modes,
-            guidance,
-            boundary,
-            self._home,
-            gimbal,
-            self._camera,
-            own_commands,
+            context, policy, plan, modes, guidance, boundary, self._home, gimbal, self._camera, own_commands
         )
         mission_mode = self._autopilot.modes.mission
         return MissionFlight(context, policy, mission_mode, modes, guidance, plan, actions, self._arming.arm)

@@ -9,13 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bench.contracts import (
-    MavlinkTap,
-    SimTime,
-    VehicleCondition,
-    VehiclePlan,
-    VehicleState,
-)
+from bench.contracts import MavlinkTap, SimTime, VehicleCondition, VehiclePlan, VehicleState
 from bench.errors import Fault, FirmwareFault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot
 from bench.temporary_folders import temporary_folder
@@ -75,12 +69,7 @@ class FirmwareX500(LinkedVehicle):
     """The quadrotor under a real autopilot."""
 
     def __init__(
-        self,
-        plan: VehiclePlan,
-        links: list[Link],
-        stack: ExitStack,
-        tap: MavlinkTap | None,
-        budgets: Budgets,
+        self, plan: VehiclePlan, links: list[Link], stack: ExitStack, tap: MavlinkTap | None, budgets: Budgets
     ) -> None:
         simspec = plan.simspec
         autopilot = simspec.vehicle.autopilot

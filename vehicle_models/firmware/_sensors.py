@@ -67,11 +67,7 @@ class Sensors:
         self._random = random
         self._draws: list[list[float]] = []
         a, b, c, d, e, f, g, h, i, j = random.standard_normal(_DRAWS).tolist()
-        self._accelerometer_bias = (
-            a * ACCELEROMETER.bias,
-            b * ACCELEROMETER.bias,
-            c * ACCELEROMETER.bias,
-        )
+        self._accelerometer_bias = (a * ACCELEROMETER.bias, b * ACCELEROMETER.bias, c * ACCELEROMETER.bias)
         self._gyro_bias = (d * GYRO.bias, e * GYRO.bias, f * GYRO.bias)
         self._magnetometer_bias = (g * MAGNETOMETER.bias, h * MAGNETOMETER.bias, i * MAGNETOMETER.bias)
         self._barometer_bias = j * BAROMETER.bias

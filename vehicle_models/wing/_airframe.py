@@ -84,10 +84,7 @@ class WingAirframe:
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
 
     def _given(self, target: FlightTarget, attitude: TargetAttitude) -> tuple[float, float, float]:
-        """A commanded attitude within the airframe's bounds.
-
-        Body rates are not flown; the wings are kept level instead.
-        """
+        """A commanded attitude within the airframe's bounds; in place of body rates wings are kept level."""
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
             return 0.0, pitch, throttle

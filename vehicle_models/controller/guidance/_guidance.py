@@ -53,10 +53,7 @@ class Manoeuvres:
         speed_mps: float | None = None,
         radius_m: float | None = None,
     ) -> Hold:
-        """Stay at a place.
-
-        `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
-        """
+        """Stay at a place; who cannot hover circles by `radius_m` (clockwise; None by the parameters)."""
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
     def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:

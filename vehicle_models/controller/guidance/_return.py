@@ -107,12 +107,7 @@ class ReturnPath:
     """The course of a return in time: up from where the vehicle comes to rest, then straight home."""
 
     def __init__(
-        self,
-        flight: FlightState,
-        home: NorthEast,
-        down_m: float,
-        path: PathLimits,
-        limits: FlightLimits,
+        self, flight: FlightState, home: NorthEast, down_m: float, path: PathLimits, limits: FlightLimits
     ) -> None:
         self._down_m = down_m
         self._start = stopping_place(flight)

@@ -26,10 +26,7 @@ _SIGNED = 0x01
 
 
 class FrameReader:
-    """Finds whole MAVLink 1 and 2 frames in a stream of bytes.
-
-    Garbage is skipped and counted, never raised.
-    """
+    """Finds whole MAVLink 1 and 2 frames in a stream of bytes; garbage is counted and never raises."""
 
     def __init__(self) -> None:
         self._rest = b""

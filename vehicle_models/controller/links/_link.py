@@ -26,10 +26,7 @@ _CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8
 
 
 class Inbox:
-    """Frames that wait, in a queue for each client.
-
-    They are taken in turn, so that one client's flood delays no other's message.
-    """
+    """Frames that wait, a queue for each client, taken in turn: one client's flood delays no other."""
 
     def __init__(self) -> None:
         self._queues: dict[object, deque[bytes]] = {}

@@ -365,10 +365,7 @@ def link_counters(links: Iterable[Link]) -> dict[str, int]:
 
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
-    """Yield every link, opened; leaving the block closes them all.
-
-    Raises SetupError with one fault for each link that fails.
-    """
+    """Yield every link, opened; leaving the block closes all. Raises SetupError with each fault."""
     with ExitStack() as stack:
         links: list[Link] = []
         faults: list[Fault] = []

@@ -104,10 +104,7 @@ class Channel:
 
 
 class Radio:
-    """All channels of a vehicle.
-
-    `waits_for_client` keeps unrequested messages off a channel until a client has sent something.
-    """
+    """All channels; `waits_for_client` keeps unrequested messages off one until a client has spoken."""
 
     def __init__(self, channels: list[Channel], tap: MavlinkTap | None, waits_for_client: bool) -> None:
         self.channels = channels

@@ -98,10 +98,7 @@ def _ticks(unix_us: int) -> int:
 
 
 def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
-    """The signing that a vehicle's links ask for.
-
-    Raises SetupError for a malformed key, or for different keys.
-    """
+    """The signing that links ask for. Raises SetupError for a malformed key, or for different keys."""
     keys = {link.signing_key for link in links if link.signing_key}
     if not keys:
         return Signing(b"", False, now_us)

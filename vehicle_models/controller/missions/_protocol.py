@@ -40,10 +40,7 @@ class _Transfer:
 
 
 class MissionProtocol:
-    """MISSION_COUNT, _ITEM, _ITEM_INT, _REQUEST*, _WRITE_PARTIAL_LIST, _CLEAR_ALL, _ACK.
-
-    One upload at a time, or one of each plan.
-    """
+    """MISSION_COUNT, _ITEM(_INT), _REQUEST*, _CLEAR_ALL, ...; one upload at a time, or one of each plan."""
 
     def __init__(self, context: ServiceContext, policy: MissionPolicy, plans: StoredPlans) -> None:
         self._context = context

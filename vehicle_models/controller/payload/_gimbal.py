@@ -53,10 +53,7 @@ class _GimbalTarget:
 
 
 class Gimbal:
-    """Turns and keeps the direction of the camera in the flight state.
-
-    The policy defines who may control it.
-    """
+    """Turns and keeps the camera's direction in the flight state; the policy says who may control it."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy, tilt_rad: float) -> None:
         self._context = context
@@ -184,7 +181,7 @@ class Gimbal:
         mode = command.params[0]
         if mode == MAV_MOUNT_MODE.NEUTRAL:
             self.turn(NEUTRAL, 0.0, 0.0, math.nan, math.nan)
-        return CommandResult.ACCEPTED if mode in tuple(MAV_MOUNT_MODE) else CommandResult.FAILED
+        return CommandResult.ACCEPTED if mode in range(MAV_MOUNT_MODE.WPNEXT_OFFSET) else CommandResult.FAILED
 
     def _mount_control(self, command: Command) -> CommandResult | None:
         """DO_MOUNT_CONTROL: pitch, roll and yaw in degrees, yaw from the nose; the mode behind them."""
@@ -241,10 +238,7 @@ class Gimbal:
         self.turn(m.flags, pitch, yaw, m.angular_velocity_y, m.angular_velocity_z)
 
     def _set_manual(self, m: Any, sender: MessageSender) -> None:
-        """Turn by sticks, which are shares of the highest rate.
-
-        Angles by stick are not offered, and a NaN is no rate.
-        """
+        """Turn by sticks, shares of the highest rate; angles by stick are not offered, and NaN is no rate."""
         if self._accepts(m, sender):
             self.turn(m.flags, math.nan, math.nan, m.pitch_rate * MAX_RATE_RADPS, m.yaw_rate * MAX_RATE_RADPS)
 

@@ -39,10 +39,7 @@ def roi_by_coordinates(command: Command) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandPolicy:
-    """Commands of an autopilot.
-
-    The functions change nothing; a refusal of None means that the command is carried out.
-    """
+    """Commands of an autopilot. The functions change nothing; a refusal of None carries the command out."""
 
     optional: frozenset[int]
     """Commands carried out of those that not every autopilot has: CONDITION_YAW, DO_PAUSE_CONTINUE,

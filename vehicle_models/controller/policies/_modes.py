@@ -16,10 +16,7 @@ from ..state._texts import WARNING, StatusText
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModePolicy:
-    """Modes and arming.
-
-    The functions change nothing; `has_setpoints` says whether setpoints arrive in time.
-    """
+    """Modes and arming. The functions change nothing; `has_setpoints`: setpoints arrive in time."""
 
     modes: tuple[FlightMode, ...]
     initial: FlightMode

@@ -36,10 +36,7 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class BatteryStep:
-    """A level of the battery: charge below `fraction`, or volts below `volts` for `lasts_s`.
-
-    `charge_state` is MAVLink's.
-    """
+    """Charge below `fraction`, or volts below `volts` for `lasts_s`; `charge_state` is MAVLink's."""
 
     reaction: Reaction
     charge_state: int

@@ -34,7 +34,7 @@ TELEMETRY = TelemetryPolicy(
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
     # MAV_BATTERY_TYPE_LION
     battery_type=3,
-    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.FIX_3D, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
+    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE["3D_FIX"], eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
     lost_fix_type=GPS_FIX_TYPE.NO_GPS,
     sensors=_sensors,
 )

@@ -132,11 +132,7 @@ class AccelerometerCalibration:
         fields = dict.fromkeys(("target_system", "target_component", "confirmation"), 0)
         unused = {f"param{number}": 0.0 for number in range(2, 8)}
         self._channel.send_message(
-            "COMMAND_LONG",
-            **fields,
-            command=MAV_CMD.ACCELCAL_VEHICLE_POS,
-            param1=float(position),
-            **unused,
+            "COMMAND_LONG", **fields, command=MAV_CMD.ACCELCAL_VEHICLE_POS, param1=float(position), **unused
         )
 
     def _take_position(self, command: Command) -> CommandResult:

@@ -17,10 +17,7 @@ _NO_COORDINATE = 2**31 - 1
 
 
 class Commands:
-    """Finds the service for each command.
-
-    An unknown command is UNSUPPORTED; a result of None is not acknowledged.
-    """
+    """Finds each command's service: an unknown one is UNSUPPORTED, a result of None not acknowledged."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
         self._context = context

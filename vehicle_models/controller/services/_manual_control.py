@@ -26,10 +26,7 @@ _PWM_RANGE_US = (800, 2200)
 
 
 class StickMovement:
-    """How fast the sticks move: shares of their travel in a second, smoothed.
-
-    The first position is no movement.
-    """
+    """How fast the sticks move: shares of their travel in a second, smoothed, from the second position on."""
 
     def __init__(self) -> None:
         self._rates: tuple[float, ...] = (0.0,) * 4

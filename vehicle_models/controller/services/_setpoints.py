@@ -59,10 +59,7 @@ class _Setpoint:
 
 
 class Setpoints:
-    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET.
-
-    `ignored` counts those that were not flown.
-    """
+    """SET_POSITION_TARGET_LOCAL_NED, _GLOBAL_INT, SET_ATTITUDE_TARGET; `ignored` were not flown."""
 
     def __init__(
         self, context: ServiceContext, policy: SetpointPolicy, guidance: Guidance, fence: FenceBoundary

@@ -93,10 +93,7 @@ class StickPositions:
 
 @value_class(frozen=True, slots=True)
 class TargetAttitude:
-    """An attitude or body rates to hold.
-
-    `thrust` is a share of full thrust; None leaves climbing to the target's velocity.
-    """
+    """Attitude or body rates; `thrust` is a share of full, None leaves climbing to the target's velocity."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0

@@ -20,10 +20,7 @@ _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
 
 
 class MotionTelemetry:
-    """Values in wire order.
-
-    SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth.
-    """
+    """In wire order; SIMSTATE, in a SITL the truth, is the estimate: agents must not learn the truth."""
 
     def __init__(self, context: ServiceContext, policy: TelemetryPolicy, attitude: AttitudeCache) -> None:
         self._context = context
