@@ -141,7 +141,7 @@ class Aircraft(LinkedVehicle, ABC):
         self._controller.report()
 
     def truth(self) -> VehicleState:
-        return self._vehicle_state((0.0, 0.0, 0.0))
+        return self._vehicle_state((0.0, 0.0, 0.0), (0.0, 0.0))
 
     def estimate(self) -> VehicleState:
         return self._vehicle_state(self._navigation.error_enu_m, self._navigation.velocity_error_en_mps)
@@ -273,11 +273,8 @@ class Aircraft(LinkedVehicle, ABC):
         flight.time_ns = self.time.ns - self._booted_ns
         if self._navigation.off == flight.gps_ok:
             flight.gps_lost_ns = flight.time_ns if self._navigation.off else None
-        flight.east_m, flight.north_m, flight.down_m = (
-            east - frame.home_east_m,
-            north - frame.home_north_m,
-            -up,
-        )
+        flight.east_m, flight.north_m = east - frame.home_east_m, north - frame.home_north_m
+        flight.down_m = -up
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m
         if flight.gps_epoch != self._navigation.fixes:
@@ -287,16 +284,10 @@ class Aircraft(LinkedVehicle, ABC):
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
             flight.fix_us = flight.time_us
         error_ve, error_vn = self._navigation.velocity_error_en_mps
-        flight.vn_mps, flight.ve_mps, flight.vd_mps = (
-            motion.vn_mps + error_vn,
-            motion.ve_mps + error_ve,
-            motion.vd_mps,
-        )
-        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = (
-            motion.roll_rad,
-            motion.pitch_rad,
-            _signed_heading(motion.yaw_rad),
-        )
+        flight.vn_mps, flight.ve_mps = motion.vn_mps + error_vn, motion.ve_mps + error_ve
+        flight.vd_mps = motion.vd_mps
+        flight.roll_rad, flight.pitch_rad = motion.roll_rad, motion.pitch_rad
+        flight.yaw_rad = _signed_heading(motion.yaw_rad)
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
         flight.halfway = self._plant.halfway
         flight.airspeed_mps = motion.airspeed_mps
@@ -305,18 +296,13 @@ class Aircraft(LinkedVehicle, ABC):
         flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.terminals()
 
-    def _vehicle_state(
-        self, error: Vector, velocity_error_en_mps: tuple[float, float] = (0.0, 0.0)
-    ) -> VehicleState:
-        motion: VehicleMotion = self._plant.motion
+    def _vehicle_state(self, error: Vector, velocity_error_en_mps: tuple[float, float]) -> VehicleState:
+        motion = self._plant.motion
+        error_ve, error_vn = velocity_error_en_mps
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
-            velocity_enu_mps=(
-                motion.ve_mps + velocity_error_en_mps[0],
-                motion.vn_mps + velocity_error_en_mps[1],
-                -motion.vd_mps,
-            ),
+            velocity_enu_mps=(motion.ve_mps + error_ve, motion.vn_mps + error_vn, -motion.vd_mps),
             roll_rad=motion.roll_rad,
             pitch_rad=motion.pitch_rad,
             yaw_rad=_signed_heading(motion.yaw_rad),

@@ -129,18 +129,11 @@ class Failures:
         for index, failure in enumerate(timeline):
             field = f"vehicle.failures[{index}]"
             if failure.instance is not None and failure.instance > self._rotors:
-                faults.append(
-                    Fault(
-                        f"{field}.instance",
-                        f"there is no rotor {failure.instance}",
-                        f"there are {self._rotors}",
-                    )
-                )
+                what = f"there is no rotor {failure.instance}"
+                faults.append(Fault(f"{field}.instance", what, f"there are {self._rotors}"))
             if failure.link is not None and failure.link not in self._links:
-                names = ", ".join(self._links) or "none"
-                faults.append(
-                    Fault(f"{field}.link", f"there is no link {failure.link!r}", f"there are {names}")
-                )
+                what, names = f"there is no link {failure.link!r}", ", ".join(self._links) or "none"
+                faults.append(Fault(f"{field}.link", what, f"there are {names}"))
         if faults:
             raise SetupError(faults)
 
@@ -150,7 +143,6 @@ def _failure_changes(timeline: Sequence[Failure]) -> list[_FailureChange]:
     for order, failure in enumerate(timeline):
         moments.append(_FailureChange(round(failure.at_s * 1e9), order, failure, breaks=True))
         if failure.duration_s is not None:
-            moments.append(
-                _FailureChange(round((failure.at_s + failure.duration_s) * 1e9), order, failure, breaks=False)
-            )
+            end_ns = round((failure.at_s + failure.duration_s) * 1e9)
+            moments.append(_FailureChange(end_ns, order, failure, breaks=False))
     return moments

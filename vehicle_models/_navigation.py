@@ -87,12 +87,8 @@ class Navigation:
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
     def _dead_reckon(self) -> None:
-        (e, n, u), (ve, vn), (ae, an), span = (
-            self.error_enu_m,
-            self.velocity_error_en_mps,
-            self._bias_en_mps2,
-            self._step_s,
-        )
+        (e, n, u), (ve, vn), (ae, an) = self.error_enu_m, self.velocity_error_en_mps, self._bias_en_mps2
+        span = self._step_s
         self.velocity_error_en_mps = (ve, vn) = (ve + ae * span, vn + an * span)
         self.error_enu_m = (e + ve * span, n + vn * span, u)
 
@@ -103,11 +99,8 @@ class Navigation:
         self._north = self._wander.step(self._north, c, d)
         self.fix_error_enu_m = (self._east[0] + noise * e, self._north[0] + noise * f, 1.5 * noise * g)
         if self._drift_en_mps:
-            (away_e, away_n), (drift_e, drift_n), (fix_e, fix_n, fix_u) = (
-                self._drifted_en_m,
-                self._drift_en_mps,
-                self.fix_error_enu_m,
-            )
+            (away_e, away_n), (drift_e, drift_n) = self._drifted_en_m, self._drift_en_mps
+            fix_e, fix_n, fix_u = self.fix_error_enu_m
             self._drifted_en_m = (away_e, away_n) = (away_e + drift_e * FIX_S, away_n + drift_n * FIX_S)
             self.fix_error_enu_m = (fix_e + away_e, fix_n + away_n, fix_u)
         self.fixes += 1

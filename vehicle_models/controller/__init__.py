@@ -45,6 +45,7 @@ from .state._flight_state import ReferencePoint as ReferencePoint
 from .state._flight_state import TargetAttitude as TargetAttitude
 from .state._shaping import MotionShaping as MotionShaping
 from .telemetry._attitude import attitude_quaternion as attitude_quaternion
+from .telemetry._attitude import turned_to_body as turned_to_body
 
 AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}
 WING_AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4_WING}

@@ -46,18 +46,14 @@ class ArduPilotKind:
     estimate_hz: float | None = 50.0
     logs: Sequence[str] = ("logs/*.BIN",)
 
-    def program(self, firmware: Path) -> Path:
-        return firmware
-
     def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
         assert isinstance(autopilot, RealAutopilot)
-        return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
+        return program_identity(Path(autopilot.firmware), autopilot.pace)
 
     def faults(self, vehicle: VehicleSpec) -> list[Fault]:
         autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
-        firmware = Path(autopilot.firmware)
-        return program_faults(self.program(firmware), [])
+        return program_faults(Path(autopilot.firmware), [])
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
@@ -83,15 +79,9 @@ class ArduPilotKind:
             (plan.folder / _DEFAULTS_FILE).write_text("".join(lines), encoding="utf-8")
             latitude_e7, longitude_e7 = body.home_e7
             home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
-            program_path = self.program(Path(autopilot.firmware).resolve())
-            command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
-            command += [
-                "--start-time",
-                str(self._start_s(plan)),
-                "--defaults",
-                _DEFAULTS_FILE,
-                f"-I{instance}",
-            ]
+            command = [str(Path(autopilot.firmware).resolve()), "--model", "JSON", "--speedup", str(_SPEEDUP)]
+            command += ["--home", home, "--start-time", str(self._start_s(plan))]
+            command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
             program.run(command, cores)
 
             def port(first_number: int) -> TcpPort:

@@ -22,14 +22,14 @@ from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware, SimulatesParts
+from ._firmware import Budgets, FirmwareKind, FirmwarePlan, RunningFirmware
 from ._gate import Gate
 from ._line_budget import SAMPLE_RATES_HZ
 from ._pace import Keeper, held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
 from ._px4_board import Px4BoardKind
-from ._simulated_parts import SimulatedParts, parts_fault
+from ._simulated_parts import SimulatedParts
 from ._telemetry import Telemetry
 
 KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
@@ -112,7 +112,7 @@ class FirmwareX500(LinkedVehicle):
             raise FirmwareFault(
                 f"{self._kind.name} has sent no MAVLink heartbeat in {max(boot_s, _HELLO_S):g} s{running.last_words()}"
             )
-        if isinstance(running, KeepsRealTime):
+        if running.keeps_real_time:
             # The agent starts now, for seconds, and a board that gets no sensors meanwhile has no estimate any more.
             self._keeper = Keeper(lambda: self._stand(running))
             self._stack.callback(self._keeper.close)
@@ -126,8 +126,11 @@ class FirmwareX500(LinkedVehicle):
         self._failures.apply(self.time.ns)
         if self._parts:
             gps_off, charge = self._body.navigation.off, self._battery.fraction
-            if left := self._parts.tell(running, self.time.ns, gps_off=gps_off, charge=charge):
-                raise parts_fault(self._kind.name, left)
+            if left := self._parts.tell(self.time.ns, gps_off=gps_off, charge=charge):
+                raise FirmwareFault(
+                    f"{self._kind.name} has not confirmed {', '.join(left)}, by which the bench's receiver and battery "
+                    "reach it: ArduCopter 4.6.3 has these names, others may not, and a charge needs BATT_MONITOR 4"
+                )
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
@@ -212,10 +215,8 @@ class FirmwareX500(LinkedVehicle):
             self._plan.controller_hz,
         )
         self._running = running = self._stack.enter_context(self._kind.open(plan))
-        # Asked once: the answer takes 30 us.
-        if isinstance(running, SimulatesParts):
-            vehicle = self._plan.simspec.vehicle
-            self._parts = SimulatedParts(running, self._telemetry, vehicle, self._battery.fraction)
+        vehicle = self._plan.simspec.vehicle
+        self._parts = SimulatedParts(running, self._telemetry, vehicle, self._battery.fraction)
         return running
 
     def _stand(self, running: RunningFirmware) -> None:
@@ -225,7 +226,7 @@ class FirmwareX500(LinkedVehicle):
             frames = port.read()
             if port is running.estimate_port:
                 self._telemetry.take(frames)
-        if isinstance(running, KeepsRealTime):
+        if running.keeps_real_time:
             running.wait_step()
 
     def _advance(self, running: RunningFirmware) -> None:

@@ -87,19 +87,6 @@ class ThreadWatch:
         self._threads.close()
 
 
-@contextmanager
-def open_watch(pid: int, check_alive: CheckAlive) -> Generator[ThreadWatch | None]:
-    """A watch of this process, closed behind the block; None where the system does not show whether threads sleep."""
-    if unseen_reason():
-        yield None
-        return
-    watch = ThreadWatch(pid, check_alive)
-    try:
-        yield watch
-    finally:
-        watch.close()
-
-
 def quiet_fault() -> Fault | None:
     """Why no autopilot can be flown at pace `quiet` on this host; None where it can."""
     if not (reason := unseen_reason()):

@@ -18,7 +18,7 @@ from bench.errors import Fault, FirmwareFault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
 
 from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import message_id
+from ..controller.links._frames import KINDS, message_id
 from ..controller.links._serial import SerialDevice
 from ..x500 import ROTORS
 from ._agent_parameters import AgentParameters
@@ -26,10 +26,9 @@ from ._airframe import board_parameters
 from ._board_gate import BoardGate
 from ._board_line import BoardLine
 from ._board_memory import BoardMemory
-from ._body import Body
 from ._firmware import FirmwarePlan, RunningFirmware
 from ._hil import HIL_ACTUATOR_CONTROLS, actuator_controls
-from ._line_budget import LineBudget, message_number, plan_line
+from ._line_budget import LineBudget, plan_line
 from ._mavlink_ports import MavlinkPort
 from ._program import CONSOLE_FILE
 from ._px4_samples import Px4Samples
@@ -208,10 +207,12 @@ class BoardPort:
 class RunningBoard(RunningFirmware):
     """A board on its line, with the sensors that the bench simulates for it."""
 
+    keeps_real_time = True
+
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
     ) -> None:
-        body: Body = plan.body
+        body = plan.body
         self.armed: bool | None = False
         self._line, self._budget, self._clock = line, budget, line.clock
         self._samples = Px4Samples(plan.simspec, body)
@@ -235,10 +236,10 @@ class RunningBoard(RunningFirmware):
 
     def ask_for_streams(self) -> None:
         """Ask for every planned message at its rate, and for the version."""
-        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(message_number("AUTOPILOT_VERSION")))
+        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(KINDS["AUTOPILOT_VERSION"].id))
         for name, rate_hz in self._budget.streams_hz.items():
             interval_us = 1e6 / rate_hz if rate_hz else -1.0
-            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(message_number(name)), interval_us)
+            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(KINDS[name].id), interval_us)
 
     def fly_sample(self, *, new_fix: bool) -> None:
         """One sample, sent at its moment: the first of a step at once, the others a period apart."""
@@ -325,12 +326,10 @@ class RunningBoard(RunningFirmware):
             raise FirmwareFault(f"the board on {path} left hardware-in-the-loop mode")
         patience_s = SILENT_S if self._answered else FIRST_ANSWER_S
         if now_s - self._answered_s > patience_s:
-            since = "no HIL_ACTUATOR_CONTROLS" if self._answered else "no HIL_ACTUATOR_CONTROLS at all"
-            hint = (
-                ""
-                if self._answered
-                else (
-                    ": its MAVLink link needs a rate above 5000 B/s (MAV_x_RATE), and its firmware the module pwm_out_sim"
-                )
+            at_all, hint = "", ""
+            if not self._answered:
+                at_all = " at all"
+                hint = ": its MAVLink link needs a rate above 5000 B/s (MAV_x_RATE), and its firmware the module pwm_out_sim"
+            raise FirmwareFault(
+                f"no HIL_ACTUATOR_CONTROLS{at_all} came from the board on {path} for {patience_s:g} s{hint}"
             )
-            raise FirmwareFault(f"{since} came from the board on {path} for {patience_s:g} s{hint}")

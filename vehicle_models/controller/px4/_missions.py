@@ -44,8 +44,8 @@ def _shown_frame(item: MissionItem, as_float: bool) -> int:
     if item.frame in PLACELESS:
         return item.frame
     if item.frame in ABOVE_SEA:
-        return MAV_FRAME.GLOBAL if as_float else MAV_FRAME.GLOBAL_INT
-    return MAV_FRAME.GLOBAL_RELATIVE_ALT if as_float else MAV_FRAME.GLOBAL_RELATIVE_ALT_INT
+        return int(MAV_FRAME.GLOBAL if as_float else MAV_FRAME.GLOBAL_INT)
+    return int(MAV_FRAME.GLOBAL_RELATIVE_ALT if as_float else MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 
 
 def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:

@@ -148,14 +148,12 @@ class Failsafe:
 
     def charge_state(self) -> int:
         """MAV_BATTERY_CHARGE_STATE."""
-        return (
-            self._settings.battery[self._battery_step - 1].charge_state if self._battery_step else _BATTERY_OK
-        )
+        step = self._battery_step
+        return self._settings.battery[step - 1].charge_state if step else _BATTERY_OK
 
     def _take_heartbeat(self, m: Any, sender: MessageSender) -> None:
-        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(
-            sender.system, self._context.parameters
-        ):
+        parameters = self._context.parameters
+        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(sender.system, parameters):
             return
         self._station_ns = self._context.flight.time_ns
         if self._station_lost:
@@ -278,9 +276,8 @@ class Failsafe:
         """Change the mode, marked as the failsafe's own change and not the operator's."""
         flight = self._context.flight
         # Neither a return nor a hold can be flown without a position.
-        if behaviour in (Behaviour.RETURN, Behaviour.HOLD) and (
-            flight.home is None or not flight.position_ok
-        ):
+        lost = flight.home is None or not flight.position_ok
+        if lost and behaviour in (Behaviour.RETURN, Behaviour.HOLD):
             behaviour = Behaviour.LAND
         self._acting = True
         if behaviour is not Behaviour.TERMINATE:

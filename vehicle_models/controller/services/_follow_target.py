@@ -72,10 +72,8 @@ class FollowTarget(Manoeuvre):
         elif self._angle_rad is None:
             self._angle_rad = math.atan2(flight.east_m - east, flight.north_m - north)
         self._adjust(flight, follow)
-        distance_m, angle_rad = (
-            follow.distance_m + self._distance_change_m,
-            self._angle_rad + self._angle_change_rad,
-        )
+        distance_m = follow.distance_m + self._distance_change_m
+        angle_rad = self._angle_rad + self._angle_change_rad
         offset = (distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad))
         ground = flight.home.down_m if flight.home else 0.0
         return FlightTarget(

@@ -84,13 +84,9 @@ class Setpoints:
 
     def tick(self) -> None:
         """Stop the vehicle when no setpoints arrive any more, where that is no failsafe."""
-        if (
-            not self._policy.fails_safe_when_lost
-            and self._lapses
-            and not self.fresh()
-            and isinstance(self._guidance.manoeuvre, FollowSetpoints)
-        ):
-            self._guidance.manoeuvre.lapse(self._context.flight)
+        manoeuvre, lapses = self._guidance.manoeuvre, self._lapses and not self._policy.fails_safe_when_lost
+        if lapses and not self.fresh() and isinstance(manoeuvre, FollowSetpoints):
+            manoeuvre.lapse(self._context.flight)
             self._lapses = False
 
     def fresh(self) -> bool:
@@ -125,11 +121,8 @@ class Setpoints:
             acceleration = _turned(acceleration, flight.yaw_rad)
             yaw += flight.yaw_rad
         if frame in ("body", "offset"):
-            position = (
-                position[0] + flight.north_m,
-                position[1] + flight.east_m,
-                position[2] + flight.down_m,
-            )
+            north, east, down = position
+            position = (north + flight.north_m, east + flight.east_m, down + flight.down_m)
         setpoint = _Setpoint(position, velocity, acceleration, yaw, _yaw_rate(m))
         self._take("SET_POSITION_TARGET_LOCAL_NED", m, setpoint)
 
@@ -168,12 +161,9 @@ class Setpoints:
         """Position, velocity and acceleration with NaN for what the mask leaves out."""
         policy = self._policy
         grouped = policy.axes_in_groups
-        if (
-            m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED
-            and policy.local_frames.get(m.coordinate_frame) == "body-velocity"
-        ):
+        if m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED:
             # The body tilts, so one missing axis leaves all three unknown.
-            grouped = True
+            grouped |= policy.local_frames.get(m.coordinate_frame) == "body-velocity"
         mask = m.type_mask
         velocity, acceleration = (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz)
         return (

@@ -75,17 +75,8 @@ class TargetTelemetry:
         altitude = f.origin.altitude_m - target.down_m
         yaw = target.yaw_rad if target.yaw_rad is not None else _NAN
         motion = (*target.velocity_ned_mps, *target.acceleration_ned_mps2)
-        return (
-            f.time_ms,
-            latitude,
-            longitude,
-            altitude,
-            *motion,
-            yaw,
-            target.yawrate_radps,
-            _GLOBAL_MASK,
-            _GLOBAL,
-        )
+        place = (latitude, longitude, altitude)
+        return (f.time_ms, *place, *motion, yaw, target.yawrate_radps, _GLOBAL_MASK, _GLOBAL)
 
     def _navigation_output(self) -> Values:
         f, target = self._flight, self._flight.target
