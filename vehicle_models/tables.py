@@ -22,7 +22,7 @@ from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
 from .controller.missions._item_actions import effect_of
-from .controller.policies._command_table import COMMAND_NAMES
+from .controller.policies._tables import COMMAND_NAMES
 from .controller.state._parameter_store import Parameter
 from .controller.state._plan_store import MISSION, MissionItem
 from .controller.state._service import Command, CommandResult, MessageSender
@@ -76,10 +76,7 @@ def command_table() -> Rows:
 
 def _commands_carried_out(autopilot: str) -> tuple[frozenset[int], frozenset[int]]:
     """The commands that a multicopter carries out without a gimbal, and with one."""
-    without, with_gimbal = (
-        _built_commands(autopilot, vehicle) for vehicle in ({}, {"camera": {"gimbal": True}})
-    )
-    return without, with_gimbal
+    return _built_commands(autopilot, {}), _built_commands(autopilot, {"camera": {"gimbal": True}})
 
 
 def _built_commands(autopilot: str, vehicle: Mapping[str, object]) -> frozenset[int]:

@@ -26,6 +26,7 @@ column in the tables of `policies/`.
 from __future__ import annotations
 
 from ._controller import Controller as Controller
+from ._controller import Equipment as Equipment
 from .ardupilot import ARDUPILOT as ARDUPILOT
 from .guidance._guidance import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
@@ -33,8 +34,7 @@ from .guidance._wing import WingTarget as WingTarget
 from .links._link import Link as Link
 from .links._links import link_counters as link_counters
 from .links._links import open_links as open_links
-from .payload._equipment import Equipment as Equipment
-from .policies._autopilot import Autopilot as Autopilot
+from .policies import Autopilot as Autopilot
 from .px4 import PX4 as PX4
 from .px4_wing import PX4_WING as PX4_WING
 from .services._restart import PersistentState as PersistentState

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from bench.contracts import MavlinkTap
+from bench.simspec import Camera
 
 from .._geodesy import LocalFrame
 from ._message_router import COMPONENT, MessageRouter
@@ -24,12 +26,11 @@ from .missions._mission_flight import MissionFlight
 from .missions._mission_plan import MissionPlan
 from .missions._protocol import MissionProtocol
 from .payload._camera import CameraComponent
-from .payload._equipment import Equipment
 from .payload._gimbal import Gimbal
-from .policies._autopilot import Autopilot
+from .policies import Autopilot
 from .policies._identity import CalibrationProtocol
 from .safety._failsafe import Failsafe
-from .safety._failure_injection import FailureInjection
+from .safety._failure_injection import BreakPart, FailureInjection
 from .safety._fence import Fence
 from .safety._health import Health
 from .safety._rally import Rally
@@ -75,6 +76,21 @@ R = TypeVar("R")
 
 # Looked up once, because every step compares with it.
 _TERMINATE = Behaviour.TERMINATE
+
+
+@dataclass(frozen=True, slots=True)
+class Equipment:
+    """The camera, whose `gimbal` and `mavlink` define what of it is on the links, and what the bench offers.
+
+    `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
+    serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
+    of the simulation: an agent would choose the situation in which it is tested.
+    """
+
+    camera: Camera | None = None
+    truth: Callable[[], tuple[Any, ...]] | None = None
+    break_part: BreakPart | None = None
+    simulation_control: bool = True
 
 
 class Controller:

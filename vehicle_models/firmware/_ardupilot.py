@@ -16,7 +16,7 @@ from ..x500 import ROTORS
 from ._airframe import BATTERY_NOMINAL_V, ardupilot_parameters, charge_percent, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, encoded_state, rotor_share
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, RunningFirmware, program_faults, program_identity
+from ._firmware import FirmwarePlan, RunningFirmware, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import TcpPort
 from ._pace import core_of
@@ -62,9 +62,28 @@ class ArduPilotKind:
         with ExitStack() as stack:
             environment = {"PATH": "/usr/bin:/bin"}
             program = stack.enter_context(open_program(self.name, plan.folder, environment, "dsss"))
-            physics = _Physics(program, plan.budgets)
-            stack.callback(physics.close)
-            instance = stack.enter_context(claimed_instance(physics.open))
+            physics: list[ArduPilotLink] = []
+
+            def bind(number: int) -> bool:
+                """Bind the physics' port of this number; False where it, or the first that ArduPilot needs, is taken."""
+                offset = _PORTS_PER_INSTANCE * number
+                if program.network_fault and not _is_free(_SERIAL0_PORT + offset):
+                    return False
+                try:
+                    link = ArduPilotLink(
+                        PHYSICS_PORT + offset,
+                        check_alive=program.check_alive,
+                        connect_s=plan.budgets.connect_s,
+                        answer_s=plan.budgets.answer_s,
+                        unbound=program.new_socket(socket.SOCK_DGRAM),
+                    )
+                except OSError:
+                    return False
+                stack.callback(link.close)
+                physics.append(link)
+                return True
+
+            instance = stack.enter_context(claimed_instance(bind))
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             parameters = merged(
                 ardupilot_parameters(
@@ -96,7 +115,7 @@ class ArduPilotKind:
             first, second, third = port(_SERIAL0_PORT), port(_SERIAL1_PORT), port(_SERIAL2_PORT)
             # Nothing of it runs before its first port has a client.
             first.open(plan.budgets.connect_s)
-            running = RunningArduPilot(body, plan.battery, program, physics.link, cores)
+            running = RunningArduPilot(body, plan.battery, program, physics[0], cores)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
             running.estimate_port = third
             running.connections = [first, second, third]
@@ -106,37 +125,6 @@ class ArduPilotKind:
         """When its receiver's clock begins, in seconds since 1970: without it, at the host's time, and no two flights agree."""
         boot_s = self.boot_s if plan.autopilot.boot_s is None else plan.autopilot.boot_s
         return min(math.floor(plan.simspec.environment.start_utc.timestamp() - boot_s), _LAST_START_S)
-
-
-class _Physics:
-    """The physics' port, bound before ArduPilot starts."""
-
-    link: ArduPilotLink
-
-    def __init__(self, program: FirmwareProgram, budgets: Budgets) -> None:
-        self._program, self._budgets = program, budgets
-        self._stack = ExitStack()
-
-    def open(self, instance: int) -> bool:
-        """Bind the port of this number; False where it, or the first that ArduPilot needs, is taken."""
-        program, offset = self._program, _PORTS_PER_INSTANCE * instance
-        if program.network_fault and not _is_free(_SERIAL0_PORT + offset):
-            return False
-        try:
-            self.link = ArduPilotLink(
-                PHYSICS_PORT + offset,
-                check_alive=program.check_alive,
-                connect_s=self._budgets.connect_s,
-                answer_s=self._budgets.answer_s,
-                unbound=program.new_socket(socket.SOCK_DGRAM),
-            )
-        except OSError:
-            return False
-        self._stack.callback(self.link.close)
-        return True
-
-    def close(self) -> None:
-        self._stack.close()
 
 
 def _is_free(port: int) -> bool:

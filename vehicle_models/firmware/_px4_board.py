@@ -184,9 +184,6 @@ class BoardPort:
             self._waiting.append(frame)
             self._waiting_bytes += len(frame)
 
-    def close(self) -> None:
-        """The line is the board's."""
-
     def deliver(self, frames: list[bytes]) -> None:
         """What the board has sent."""
         self._received += [frame for frame in frames if not self._parameters.expects(frame)]

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import cells_by_command, commands_with, parameter_indices
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..policies._tables import cells_by_command, commands_with, parameter_indices
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import (
     ABOVE_GROUND,

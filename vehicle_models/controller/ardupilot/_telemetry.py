@@ -7,7 +7,7 @@ import math
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..links._frames import KINDS
 from ..policies._choices import choices
-from ..policies._message_table import messages_with
+from ..policies._tables import messages_with
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import Behaviour, FlightState, GpsQuality
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position

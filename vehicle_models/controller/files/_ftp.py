@@ -36,9 +36,7 @@ _BY_ERRNO = {
 
 
 class _FtpRefusal(Exception):
-    def __init__(self, error: int, number: int | None = None) -> None:
-        self.error = error
-        self.data = bytes([error]) if number is None else bytes([error, number & 0xFF])
+    """Its argument is the MAV_FTP_ERR to answer. What the files refuse is an OSError."""
 
 
 @dataclass(slots=True)
@@ -148,14 +146,10 @@ class FileTransfer:
             if handler is None:
                 raise _FtpRefusal(MAV_FTP_ERR.UNKNOWNCOMMAND)
             data = handler(request)
-        except _FtpRefusal as refused:
+        except (_FtpRefusal, OSError) as error:
+            reason, nak = _reason(error), MAV_FTP_OPCODE.NAK
             return _payload(
-                request.sequence + 1,
-                request.session,
-                MAV_FTP_OPCODE.NAK,
-                request.opcode,
-                request.offset,
-                refused.data,
+                request.sequence + 1, request.session, nak, request.opcode, request.offset, reason
             )
         # The answer to an opening carries the number of the new session.
         session = (
@@ -180,10 +174,7 @@ class FileTransfer:
     def _open_to_write(self, request: _Request, *, truncate: bool) -> bytes:
         """Open a file for writing; the answer is the size that the file had, as on PX4."""
         number = self._free_session(request)
-        try:
-            size = self._files.create(request.path, truncate)
-        except OSError as error:
-            raise _refused(error) from error
+        size = self._files.create(request.path, truncate)
         self._sessions[number] = _Session(b"", self._flight.time_ns, request.path)
         self._opened = number
         return struct.pack("<I", size)
@@ -200,32 +191,26 @@ class FileTransfer:
     def _write(self, request: _Request) -> bytes:
         session = self._session(request.session)
         if session.writes is None:
-            raise _FtpRefusal(MAV_FTP_ERR.FAILERRNO, errno.EBADF)
-        try:
-            return struct.pack("<I", self._files.write(session.writes, request.offset, request.data))
-        except OSError as error:
-            raise _refused(error) from error
+            raise OSError(errno.EBADF, "not open for writing")
+        return struct.pack("<I", self._files.write(session.writes, request.offset, request.data))
 
     def _rename(self, request: _Request) -> bytes:
         old, _, new = request.data.partition(b"\0")
         new = new.split(b"\0", 1)[0]
         if not new:
-            raise _FtpRefusal(MAV_FTP_ERR.FAILERRNO, errno.EINVAL)
+            raise OSError(errno.EINVAL, "no second path")
         return self._change(
             self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace")
         )
 
     def _change(self, change: Callable[..., None], *arguments: str | int) -> bytes:
-        try:
-            change(*arguments)
-        except OSError as error:
-            raise _refused(error) from error
+        change(*arguments)
         return b""
 
     def _read(self, request: _Request) -> bytes:
         session = self._session(request.session)
         if session.writes is not None:
-            raise _FtpRefusal(MAV_FTP_ERR.FAILERRNO, errno.EBADF)
+            raise OSError(errno.EBADF, "not open for reading")
         if request.offset >= len(session.content):
             raise _FtpRefusal(MAV_FTP_ERR.EOF)
         return session.content[request.offset : request.offset + (request.size or DATA)]
@@ -316,11 +301,13 @@ class FileTransfer:
     _opened = 0
 
 
-def _refused(error: OSError) -> _FtpRefusal:
-    """The protocol's error for a POSIX number: one of its own where it has one."""
+def _reason(error: Exception) -> bytes:
+    """The protocol's error; for a POSIX number one of its own where it has one, else the number behind FAILERRNO."""
+    if not isinstance(error, OSError):
+        return bytes(error.args)
     number = error.errno or errno.EIO
-    error_code = _BY_ERRNO.get(number)
-    return _FtpRefusal(error_code) if error_code else _FtpRefusal(MAV_FTP_ERR.FAILERRNO, number)
+    own = _BY_ERRNO.get(number)
+    return bytes([own]) if own else bytes([MAV_FTP_ERR.FAILERRNO, number & 0xFF])
 
 
 def _payload(

@@ -215,11 +215,8 @@ class FollowSetpoints(Manoeuvre):
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._setpoint is None:
             return self._rest.target(flight, limits)
-        return (
-            self._with_integrated_velocity(self._setpoint, flight)
-            if any(self._accelerates)
-            else self._setpoint
-        )
+        accelerates = any(self._accelerates)
+        return self._with_integrated_velocity(self._setpoint, flight) if accelerates else self._setpoint
 
     def _with_integrated_velocity(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
         estimated = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
@@ -235,9 +232,8 @@ class FollowSetpoints(Manoeuvre):
         horizontally, vertically = self._accelerates
         setpoint_velocity = target.velocity_ned_mps
         north, east = velocity[:2] if horizontally else setpoint_velocity[:2]
-        return replace(
-            target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2])
-        )
+        down = velocity[2] if vertically else setpoint_velocity[2]
+        return replace(target, velocity_ned_mps=(north, east, down))
 
 
 def stopping_m(speed_mps: float) -> float:

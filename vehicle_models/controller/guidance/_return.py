@@ -18,12 +18,9 @@ class Return(Manoeuvre):
         self._home = home
         distance_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
         height_m = home.down_m - flight.down_m
-        if limits.return_climbs_by_m is not None:
-            cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
-        else:
-            cruise_m = (
-                height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
-            )
+        cruise_m = max(limits.return_height_m, height_m + (limits.return_climbs_by_m or 0.0))
+        if limits.return_climbs_by_m is None and distance_m < limits.return_near_m:
+            cruise_m = height_m
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
         self._climb = Hold(flight, stopping_place(flight), self._cruise_down_m)
         # Above home; never a climb.
@@ -141,8 +138,7 @@ class ReturnPath:
             return False
         way_s = (flight.time_ns - self._way_begun_ns) * 1e-9
         climb_s = (flight.time_ns - self._begun_ns) * 1e-9
-        over: bool = way_s > self._way.duration_s and climb_s > self._climb.duration_s
-        return over
+        return bool(way_s > self._way.duration_s and climb_s > self._climb.duration_s)
 
     def _at(self, target: FlightTarget, flight: FlightState, way_s: float) -> FlightTarget:
         way_m, speed_mps, accel_mps2 = self._way.at(way_s)

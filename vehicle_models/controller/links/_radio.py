@@ -32,16 +32,12 @@ class Channel:
         self._packer = packer
         self._sequence = 0
         self._queue: list[bytes] = []
-        self._connected = link.connected()
-
-    @property
-    def connected(self) -> bool:
-        """Whether there is a receiver; decided once a step, so that all of a step is sent or nothing."""
-        return self._connected
+        # Whether there is a receiver; decided once a step, so that all of a step is sent or nothing.
+        self.connected = link.connected()
 
     def send(self, number: int, values: Iterable[Any]) -> None:
         """Queue a message for every client of this channel; values in wire order."""
-        if not self._connected:
+        if not self.connected:
             return
         frame: bytes | None
         if self._uses_v1:
@@ -77,7 +73,7 @@ class Channel:
     def forward(self, frame: bytes) -> None:
         """Queue another client's frame unchanged, unless it is for a system that never sent anything here."""
         if (
-            self._connected
+            self.connected
             and target_system(frame) in (0, *self._known_systems)
             and not (self._uses_v1 and frame[0] == _V2)
         ):
@@ -88,7 +84,7 @@ class Channel:
 
     def begin(self) -> None:
         """Begin a step."""
-        self._connected = self.link.connected() and not self.link.silenced
+        self.connected = self.link.connected() and not self.link.silenced
         # Messages that arrive during a simulated loss of the link are lost, not delayed.
         if self.link.silenced:
             self.link.inbox.clear()

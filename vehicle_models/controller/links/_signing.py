@@ -10,13 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from bench.contracts import LinkSpec
 from bench.errors import SetupError
-
-if TYPE_CHECKING:
-    pass
 
 _SIGNED, _SIGNATURE = 0x01, 13
 _UNIX_2015_S = 1_420_070_400

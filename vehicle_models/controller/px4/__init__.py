@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..policies._autopilot import Autopilot
+from ..policies import Autopilot
 from ._commands import COMMANDS, SETPOINTS
 from ._identity import IDENTITY
 from ._missions import MISSIONS

@@ -6,9 +6,9 @@ import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..policies._setpoints import SetpointPolicy
+from ..policies._tables import fixed_results
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState
 from ..state._service import Command, CommandResult, Refusal

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import commands_with
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..policies._tables import commands_with
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
 from ..state._texts import CRITICAL

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..links._enums import GPS_FIX_TYPE
 from ..policies._choices import choices
-from ..policies._message_table import messages_with, rates_hz
+from ..policies._tables import messages_with, rates_hz
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import FlightState, GpsQuality
 from ._modes import knows_position, ready

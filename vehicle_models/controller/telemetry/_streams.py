@@ -12,7 +12,7 @@ from bench.errors import SetupError
 from ..links._enums import MAV_CMD, MAV_DATA_STREAM
 from ..links._frames import KINDS, MESSAGE_NAMES
 from ..links._radio import Channel
-from ..policies._message_table import SENDING_ORDER
+from ..policies._tables import SENDING_ORDER
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import (
     AnyStream,
