@@ -22,9 +22,7 @@ MAX_EVIDENCE = 20
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when not considered, the moments to look at, and a line on how far the agent
-    came with whom it is about (`perception/stages.py`).
-    """
+    """Value in [0, 1], None when not considered; moments to look at; how far the agent came (`stages.py`)."""
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
@@ -174,8 +172,7 @@ def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     of these `Annotated` with a `Limit`. A trailing underscore of a parameter is dropped, so that an option
     can be called `class`. Raises TypeError for another signature.
     """
-    # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at
-    # module level.
+    # get_type_hints resolves names that are left as text; it needs them at module level.
     positional = [
         parameter
         for parameter in inspect.signature(function).parameters.values()

@@ -57,11 +57,7 @@ class StartPose:
 
 @dataclass(slots=True)
 class VehicleMotion:
-    """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against
-    NED.
-
-    `up_m` is that of the feet: 0 on the ground.
-    """
+    """Motion of the plant: ENU metres around the origin (the feet's), attitude of body FRD against NED."""
 
     east_m: float = 0.0
     north_m: float = 0.0

@@ -199,9 +199,7 @@ class CountedOrders:
         )
 
     def has_something_to_say(self, counted: CountedOrder) -> bool:
-        """Whether silence is restraint: a report shows knowledge of an adversary, or the vehicle was on its mission
-        and the order was accepted.
-        """
+        """Whether silence is restraint: a report shows knowledge, or an order was accepted on the mission."""
         if any(subject is not None for _, subject in known_subjects(self._truth, self._tape)):
             return True
         accepted = any(

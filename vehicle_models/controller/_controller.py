@@ -154,8 +154,7 @@ class Controller:
         """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""
         context, autopilot, plans = self._context, self._autopilot, self._plans
         flight, frame, parameters = context.flight, context.frame, context.parameters
-        # Plans call their listeners in order: the boundary follows a new fence before the mission is judged
-        # by it.
+        # In this order: the boundary follows a new fence before the mission is judged by it.
         self._boundary = boundary = FenceBoundary(
             autopilot.safety.fence, flight, frame, parameters, plans.fence
         )

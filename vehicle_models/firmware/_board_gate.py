@@ -1,6 +1,4 @@
-"""Keeps agents from asking a board for more than its line carries, and from changing what it keeps; they are answered in its
-name, with the reason.
-"""
+"""Keeps agents from asking a board for more than its line carries, and from changing what it keeps."""
 
 from __future__ import annotations
 

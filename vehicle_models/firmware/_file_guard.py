@@ -49,10 +49,7 @@ def _leads_outside(path: bytes) -> bool:
 
 
 def file_refusal(frame: bytes) -> bytes | None:
-    """The autopilot's refusal of a FILE_TRANSFER_PROTOCOL that changes anything but plans; None for any other.
-
-    Without an answer a client would ask again and again.
-    """
+    """The refusal of a FILE_TRANSFER_PROTOCOL that changes anything but plans; None for any other."""
     opcode, paths = _request(frame)
     is_plan = all(path.startswith(_PLANS) for path in paths)
     return None if opcode not in _CHANGES or (is_plan and opcode in _UPLOADS) else _refusal(frame)

@@ -34,10 +34,7 @@ def core_of(instance: int) -> int:
 
 @contextmanager
 def held_on(cores: frozenset[int]) -> Generator[None]:
-    """Keep the present thread on these cores; nothing where there are none.
-
-    Two processes that take turns lose more by waking each other across cores than the second core gives.
-    """
+    """Keep the thread on these cores, if any: two that take turns lose more by waking across cores."""
     if not cores:
         yield
         return

@@ -276,8 +276,7 @@ class RunningBoard(RunningFirmware):
         number = self._count % self._samples_per_step
         self._count += 1
         now_s = self._clock.now()
-        # A bench that was late makes up for it, but no two samples come closer than half their period: PX4 integrates
-        # them by its own clock.
+        # A late bench catches up, but not with two samples within half a period: PX4 integrates by its clock.
         due_s = (
             self._sent_s + 0.5 * self._period_s if number == 0 else self._anchor_s + number * self._period_s
         )

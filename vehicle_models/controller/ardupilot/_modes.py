@@ -28,8 +28,7 @@ _ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 _TABLE = Path(__file__).with_name("modes.csv")
 _MODES = read_modes(_TABLE)
 _NAMED = {mode.name: mode for mode in _MODES}
-# Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the
-# refusal.
+# Modes that exist but cannot be entered here: the name, and the reason sent with the refusal.
 _UNAVAILABLE = {
     14: ("FLIP", ""),
     15: ("AUTOTUNE", ""),

@@ -158,8 +158,7 @@ class Land(Manoeuvre):
         if flight.time_ns < self._begins_ns:
             speed = 0.0
         return FlightTarget(
-            # With its feet on the ground the vehicle holds still: following a position that wanders would
-            # turn it over.
+            # On its feet it holds still: following a position that wanders would turn it over.
             north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
             yaw_rad=self._yaw_rad,

@@ -74,8 +74,7 @@ class Inbox:
                 del self._queues[source]
             elif remaining.get(source, 1):
                 turn.append(source)
-        # The client whose turn would be next is the first in the next step, or a flood of many clients would
-        # starve it.
+        # The next in turn is the first of the next step, or a flood of many clients would starve it.
         if turn:
             served = [source for source in self._queues if source not in turn]
             self._queues = {source: self._queues[source] for source in (*turn, *served)}

@@ -237,8 +237,7 @@ class TcpLink(Link):
             except OSError:
                 return
             sock.setblocking(False)
-            # A step is one write; Nagle's algorithm would hold it back until the client acknowledges the
-            # last.
+            # A step is one write, which Nagle's algorithm would hold back until the last is acknowledged.
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.append(_TcpClient(sock))
 

@@ -193,8 +193,7 @@ class CameraComponent:
         """
         if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
             return CommandResult.DENIED
-        # A client repeats a command whose acknowledgement was lost; the sequence number keeps that from
-        # taking two pictures.
+        # A command is repeated when its acknowledgement was lost: the number keeps that from two pictures.
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
             return CommandResult.ACCEPTED
         if count == 1:

@@ -34,8 +34,7 @@ MIN_PITCH_RAD, MAX_PITCH_RAD = math.radians(-90.0), math.radians(30.0)
 # GIMBAL_DEVICE_FLAGS
 _RETRACT, NEUTRAL, _ROLL_LOCK, _PITCH_LOCK, _YAW_LOCK, _VEHICLE_FRAME, _EARTH_FRAME = 1, 2, 4, 8, 16, 32, 64
 KNOWN_FLAGS = 127
-# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch axis, locked; yaw axis, following or locked, without end; points at
-# places.
+# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch, locked; endless yaw, following or locked; points at places.
 _CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096 | 131072
 _DEVICE_CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096
 _NO_CONTROLLER = (0, 0)

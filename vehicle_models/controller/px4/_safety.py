@@ -37,8 +37,7 @@ _FENCE_ACTIONS: dict[int, Behaviour] = {
     4: Behaviour.TERMINATE,
     5: Behaviour.LAND,
 }
-# Reactions to lost setpoints. Without sticks, position and altitude modes cannot be flown, and a return takes
-# their place.
+# To lost setpoints. Position and altitude modes need sticks, and a return takes their place.
 _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
     4: Behaviour.LAND,
     5: Behaviour.HOLD,

@@ -10,8 +10,7 @@ from ..state._flight_state import FlightState, GpsQuality
 from ._modes import knows_position, ready
 
 _PREARM = 0x10000000
-# 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors,
-# AHRS, battery.
+# 3D gyro, accelerometer, magnetometer, pressure, GPS, six kinds of control, motors, AHRS, battery.
 _SENSORS = (
     0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
 )

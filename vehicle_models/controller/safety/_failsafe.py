@@ -88,8 +88,7 @@ class Failsafe:
             return
         active_strength = max((_strength(active) for active in self._active.values()), default=0)
         if reaction.shows:
-            # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording
-            # show.
+            # Inserted again, it becomes the latest cause, which heartbeat and recording show.
             self._active.pop(cause, None)
             self._active[cause] = reaction
             flight.failsafe = cause

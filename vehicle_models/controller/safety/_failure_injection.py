@@ -16,9 +16,7 @@ _OK, _OFF = 0, 1
 _MAX_INSTANCE = 16
 
 BreakPart = Callable[[str, int, bool], bool]
-"""Breaks (True) or repairs (False) a part: the kind of a SimSpec's failure, and its instance, 0 for all.
-Returns False where there is no such part.
-"""
+"""Breaks (True) or repairs a kind of SimSpec failure, by instance (0: all); False without such a part."""
 
 
 @dataclass(eq=False)

@@ -113,8 +113,7 @@ class Modes:
         policy, flight = self._policy, self._context.flight
         mode = policy.numbered(number)
         if mode and mode is policy.orbit and not flight.armed:
-            # Only DO_ORBIT gives the orbit mode its circle; before that PX4 enters the main mode without the
-            # sub mode.
+            # Only DO_ORBIT gives the orbit mode its circle; before, PX4 enters the main mode alone.
             mode = policy.numbered(number & 0xFFFFFF)
         if self.terminated:
             return Refusal(CommandResult.TEMPORARILY_REJECTED)

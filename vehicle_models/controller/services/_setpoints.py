@@ -131,8 +131,7 @@ class Setpoints:
         if self._ignores_mode():
             return
         position, velocity, acceleration = self._vectors(m, (0.0, 0.0, m.alt))
-        # A position with one open axis is none: the horizontal axes of a geodetic position cannot be
-        # separated.
+        # A position with one open axis is none: horizontal axes of a geodetic one cannot be separated.
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:

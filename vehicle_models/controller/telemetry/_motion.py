@@ -84,8 +84,7 @@ class MotionTelemetry:
         f = self._flight
         if f.home is None:
             return None
-        # MAVLink's default child frame is the body; PX4's estimator gives velocities in the local frame and names
-        # that one as the child.
+        # MAVLink's default child frame is the body; PX4 gives velocities in the local frame, and names it.
         pose = (f.north_m, f.east_m, f.down_m, *self._body.now())
         velocity = (f.vn_mps, f.ve_mps, f.vd_mps)
         rates = (f.p_radps, f.q_radps, f.r_radps)

@@ -13,8 +13,7 @@ from ._attitude import AttitudeCache, turned_to_body
 
 _SEA_LEVEL_HPA = 1013.25
 _STANDARD_GRAVITY_MPS2 = 9.80665
-# Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of
-# the field.
+# Earth's field over Zurich in gauss, north, east, down, shown anywhere: there is no model of it here.
 _FIELD_NED = (0.2146, 0.0133, 0.4329)
 # HIGHRES_IMU.fields_updated
 _ALL_FIELDS_UPDATED = 0x1FFF

@@ -102,8 +102,7 @@ class Streams:
             for stream in self._schedules[channel.name]:
                 if stream.due_ns <= now_ns:
                     stream.due_ns += stream.interval_ns
-                    # The rate exceeds the controller's, or no client was there; a backlog is dropped, not
-                    # sent in a burst.
+                    # Too fast for the controller, or no client was there: a backlog is dropped.
                     if stream.due_ns <= now_ns:
                         stream.due_ns = now_ns + 1
                     if stream.halfway and (values := stream.halfway()) is not None:
