@@ -15,7 +15,7 @@ from bench.simspec import BoardAutopilot, RealAutopilot, generator
 from ._battery import BatteryModel
 from ._geodesy import LocalFrame, TangentPlane
 from ._gusts import mean_wind_ned_mps
-from ._jsbsim import StartPose, VehicleMotion
+from ._jsbsim import JsbsimPlant, StartPose
 from ._linked_vehicle import LinkedVehicle
 from ._navigation import Navigation
 from .controller import (
@@ -54,25 +54,6 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
         return
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
-
-
-class Plant(Protocol):
-    """What the vehicle needs of its flight dynamics."""
-
-    halfway: tuple[float, ...]
-
-    @property
-    def motion(self) -> VehicleMotion: ...
-
-    def set_wind_ned_mps(self, wind: Vector) -> None: ...
-
-    def set_gust_ned_mps(self, gust: Vector) -> None: ...
-
-    def advance(self) -> None: ...
-
-    def specific_force_mps2(self) -> Vector: ...
-
-    def set_works(self, rotor: int, works: bool) -> None: ...
 
 
 class SteeredAirframe(Airframe, Protocol):
@@ -240,7 +221,7 @@ class Aircraft(LinkedVehicle, ABC):
         return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
 
     @abstractmethod
-    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
         """The plant standing at `place`, and what steers it."""
 
     @abstractmethod
@@ -253,16 +234,12 @@ class Aircraft(LinkedVehicle, ABC):
 
     def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
         if isinstance(name, RealAutopilot | BoardAutopilot):
-            raise SetupError(
-                "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"
-            )
-        try:
-            return self.autopilots[name]
-        except KeyError:
-            known = ", ".join(self.autopilots)
-            raise SetupError(
-                "vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}"
-            ) from None
+            what = "real autopilots fly the model x500 alone"
+            raise SetupError("vehicle.autopilot", what, "use it, or an imitation")
+        if name not in self.autopilots:
+            what = f"this aircraft does not carry {name!r}"
+            raise SetupError("vehicle.autopilot", what, f"use {', '.join(self.autopilots)}")
+        return self.autopilots[name]
 
     def _sense(self) -> None:
         """Write estimate and sensor readings into the state that the services read."""
@@ -318,7 +295,7 @@ class X500(Aircraft):
     hover_thrust = HOVER_THRUST
     rotors = 4
 
-    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
         self._x500 = X500Plant(place, self.step_s)
         return self._x500, X500Airframe(self._x500, self._frame, self.step_s)
 

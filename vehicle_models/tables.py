@@ -39,15 +39,8 @@ PARAMETER_SECTIONS: dict[str, Autopilot] = {**AUTOPILOTS, "wing": WING_AUTOPILOT
 
 SIMULATED_SENSORS = (
     *("HIL_STATE", "HIL_STATE_QUATERNION", "HIL_SENSOR", "HIL_GPS", "HIL_OPTICAL_FLOW", "HIL_RC_INPUTS_RAW"),
-    *(
-        "HIL_CONTROLS",
-        "HIL_ACTUATOR_CONTROLS",
-        "SIM_STATE",
-        "SIMSTATE",
-        "GPS_INPUT",
-        "GPS_INJECT_DATA",
-        "GPS_RTCM_DATA",
-    ),
+    *("HIL_CONTROLS", "HIL_ACTUATOR_CONTROLS", "SIM_STATE", "SIMSTATE"),
+    *("GPS_INPUT", "GPS_INJECT_DATA", "GPS_RTCM_DATA"),
     *("VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP"),
     *("GLOBAL_VISION_POSITION_ESTIMATE", "OPTICAL_FLOW", "OPTICAL_FLOW_RAD", "ODOMETRY"),
 )
@@ -206,9 +199,8 @@ def parameters_read() -> dict[str, set[str]]:
             continue
         for name in AUTOPILOTS:
             # What neither autopilot's folder holds is read for both.
-            if path.parent.name == name or not set(AUTOPILOTS) & set(
-                path.relative_to(Path(__file__).parent).parts
-            ):
+            shared = not set(AUTOPILOTS) & set(path.relative_to(Path(__file__).parent).parts)
+            if shared or path.parent.name == name:
                 names_by_section[name] |= looked_up & known[name]
     for name, autopilot in AUTOPILOTS.items():
         # The policies name these, and services look them up by that name.

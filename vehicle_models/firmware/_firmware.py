@@ -122,11 +122,8 @@ def program_faults(program: Path, other_files: Sequence[Path]) -> list[Fault]:
     """Faults of files that are missing, or of a program that cannot be executed."""
     missing = [path for path in (program, *other_files) if not path.exists()]
     if missing:
-        return [
-            Fault(
-                FIRMWARE_FIELD, f"{missing[0]} does not exist", "docs/real-autopilots.md says what is needed"
-            )
-        ]
+        remedy = "docs/real-autopilots.md says what is needed"
+        return [Fault(FIRMWARE_FIELD, f"{missing[0]} does not exist", remedy)]
     if not program.is_file() or not os.access(program, os.X_OK):
         return [Fault(FIRMWARE_FIELD, f"{program} is not an executable file", f"chmod +x {program}")]
     return []

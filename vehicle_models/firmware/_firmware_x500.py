@@ -134,9 +134,8 @@ class FirmwareX500(LinkedVehicle):
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
-        falling_mps = (
-            math.hypot(*self._body.velocity_ned_mps()) if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
-        )
+        speed_mps = math.hypot(*self._body.velocity_ned_mps())
+        falling_mps = speed_mps if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
         try:
             self._advance(running)
             self._watch_silence(running)
@@ -204,15 +203,10 @@ class FirmwareX500(LinkedVehicle):
         # Outermost, so that it is removed last: the program writes here until it is killed.
         folder = self._stack.enter_context(temporary_folder("autopilot")).resolve()
         self._stack.callback(self._keep_artefacts, folder)
+        parts, links = (self._body, self._battery), [link.spec for link in self._links]
+        budgets, controller_hz = self._budgets, self._plan.controller_hz
         plan = FirmwarePlan(
-            self._plan.simspec,
-            self._autopilot,
-            self._body,
-            self._battery,
-            [link.spec for link in self._links],
-            folder,
-            self._budgets,
-            self._plan.controller_hz,
+            self._plan.simspec, self._autopilot, *parts, links, folder, budgets, controller_hz
         )
         self._running = running = self._stack.enter_context(self._kind.open(plan))
         vehicle = self._plan.simspec.vehicle
@@ -316,11 +310,8 @@ class FirmwareX500(LinkedVehicle):
         messages = [
             f"{message_name(number)} {self.time.s - sent.s:.2f} s before" for sent, number in self._last_heard
         ]
-        return (
-            f"; the last messages of clients: {', '.join(messages)}"
-            if messages
-            else "; no client had sent a message"
-        )
+        last = f"the last messages of clients: {', '.join(messages)}"
+        return f"; {last if messages else 'no client had sent a message'}"
 
     def _stop_rotors(self) -> None:
         for rotor in range(len(ROTORS)):
@@ -350,9 +341,8 @@ class FirmwareX500(LinkedVehicle):
             what = f"a board keeps real time, and the pace is {self._plan.simspec.pace.mode}"
             faults.append(Fault("pace.mode", what, "fly with --pace realtime"))
         if isinstance(self._autopilot, BoardAutopilot) and self._plan.controller_hz > SAMPLE_RATES_HZ[-1]:
-            faults.append(
-                Fault("controller_hz", f"{self._plan.controller_hz} Hz is too fast for a board", "use 50")
-            )
+            what = f"{self._plan.controller_hz} Hz is too fast for a board"
+            faults.append(Fault("controller_hz", what, "use 50"))
         if self._kind.samples_hz % self._plan.controller_hz:
             rates = "use 25, 50, 100 or 200"
             faults.append(Fault("controller_hz", f"{self._plan.controller_hz} Hz does not divide", rates))

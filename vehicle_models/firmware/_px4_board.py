@@ -135,21 +135,15 @@ def _check(line: BoardLine) -> None:
     """Raise SetupError unless the board simulates: else the agent would arm real motors."""
     device = line.device.path
     if line.state.armed:
-        raise SetupError(
-            DEVICE_FIELD, f"the board on {device} is armed", "disarm it; take the propellers off"
-        )
+        what = f"the board on {device} is armed"
+        raise SetupError(DEVICE_FIELD, what, "disarm it; take the propellers off")
     mode = line.parameter("SYS_HITL")
     if mode is None or mode.value != 1.0 or not line.state.in_simulation:
         said = "does not have SYS_HITL" if mode is None else f"has SYS_HITL {mode.value:g}"
         state = "in" if line.state.in_simulation else "not in"
-        raise SetupError(
-            DEVICE_FIELD,
-            f"the board on {device} {said} and is {state} hardware-in-the-loop mode",
-            (
-                "take the propellers off, set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart the board "
-                "(docs/hardware.md)"
-            ),
-        )
+        what = f"the board on {device} {said} and is {state} hardware-in-the-loop mode"
+        remedy = "take the propellers off, set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart the board"
+        raise SetupError(DEVICE_FIELD, what, f"{remedy} (docs/hardware.md)")
 
 
 class BoardPort:

@@ -74,9 +74,8 @@ class X500Plant(JsbsimPlant):
         for put, speed in zip(self._rotors, speeds, strict=True):
             put(0.0 if speed < 0.0 else 1.0 if speed > 1.0 else speed)
 
-    def set_works(self, number: int, works: bool) -> None:
-        """Let a rotor (by its index in ROTORS) turn as commanded, or stop it."""
-        self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
+    def set_works(self, rotor: int, works: bool) -> None:
+        self.write(f"works-{ROTORS[rotor]}", 1.0 if works else 0.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch and yaw that the cascade steers to, radians; the share of full thrust."""

@@ -25,8 +25,7 @@ _BURST_PER_STEP = 8
 _BURST_BYTES = 35 * 1024
 # Whose last answers are remembered.
 _MAX_CLIENTS = 64
-
-
+_OPENINGS = (MAV_FTP_OPCODE.OPENFILERO, MAV_FTP_OPCODE.CREATEFILE, MAV_FTP_OPCODE.OPENFILEWO)
 _BY_ERRNO = {
     errno.EEXIST: MAV_FTP_ERR.FILEEXISTS,
     errno.ENOENT: MAV_FTP_ERR.FILENOTFOUND,
@@ -137,6 +136,7 @@ class FileTransfer:
 
     def _answer(self, request: _Request, sender: MessageSender) -> bytes:
         """The payload to send back; empty where a burst answers instead."""
+        session, opcode = request.session, MAV_FTP_OPCODE.ACK
         try:
             if request.size > DATA:
                 raise _FtpRefusal(MAV_FTP_ERR.INVALIDDATASIZE)
@@ -147,20 +147,11 @@ class FileTransfer:
                 raise _FtpRefusal(MAV_FTP_ERR.UNKNOWNCOMMAND)
             data = handler(request)
         except (_FtpRefusal, OSError) as error:
-            reason, nak = _reason(error), MAV_FTP_OPCODE.NAK
-            return _payload(
-                request.sequence + 1, request.session, nak, request.opcode, request.offset, reason
-            )
-        # The answer to an opening carries the number of the new session.
-        session = (
-            self._opened
-            if request.opcode
-            in (MAV_FTP_OPCODE.OPENFILERO, MAV_FTP_OPCODE.CREATEFILE, MAV_FTP_OPCODE.OPENFILEWO)
-            else request.session
-        )
-        return _payload(
-            request.sequence + 1, session, MAV_FTP_OPCODE.ACK, request.opcode, request.offset, data
-        )
+            opcode, data = MAV_FTP_OPCODE.NAK, _reason(error)
+        else:
+            # The answer to an opening carries the number of the new session.
+            session = self._opened if request.opcode in _OPENINGS else session
+        return _payload(request.sequence + 1, session, opcode, request.opcode, request.offset, data)
 
     def _open(self, request: _Request) -> bytes:
         number = self._free_session(request)
@@ -182,9 +173,8 @@ class FileTransfer:
     def _free_session(self, request: _Request) -> int:
         """The number of the session to be opened."""
         number = 0 if self._max_sessions == 1 else request.session
-        if len(self._sessions) >= self._max_sessions and (
-            self._max_sessions == 1 or number not in self._sessions
-        ):
+        is_new = self._max_sessions == 1 or number not in self._sessions
+        if is_new and len(self._sessions) >= self._max_sessions:
             raise _FtpRefusal(MAV_FTP_ERR.NOSESSIONSAVAILABLE)
         return number
 

@@ -44,14 +44,9 @@ class Inbox:
 
     def put(self, source: object, frame: bytes) -> bool:
         """False when too much of this client waits, or of too many clients."""
-        queue = self._queues.get(source)
-        if queue is None:
-            if len(self._queues) >= 4 * MAX_CLIENTS:
-                return False
-            queue = self._queues[source] = deque()
-        if len(queue) >= INBOX_FRAMES:
+        if not self.room(source):
             return False
-        queue.append(frame)
+        self._queues.setdefault(source, deque()).append(frame)
         self._waiting += 1
         return True
 

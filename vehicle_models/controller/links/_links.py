@@ -376,9 +376,8 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
             except OSError as error:
                 remedy = "choose a free port and an address of this machine"
                 address = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
-                faults.append(
-                    Fault(f"link {spec.name}", f"{address} cannot be opened: {error.strerror}", remedy)
-                )
+                what = f"{address} cannot be opened: {error.strerror}"
+                faults.append(Fault(f"link {spec.name}", what, remedy))
             else:
                 stack.callback(link.close)
                 links.append(link)
@@ -411,12 +410,8 @@ def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.s
         else:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
         # A sender need only be reachable from where it sends to; on loopback it binds there.
-        host = (
-            spec.host
-            if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost"
-            else ""
-        )
-        opened.bind((host, port))
+        local = spec.host.startswith("127.") or spec.host == "localhost"
+        opened.bind((spec.host if local or spec.kind != "udp_out" else "", port))
         opened.setblocking(False)
         stack.pop_all()
     return opened

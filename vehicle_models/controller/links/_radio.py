@@ -72,11 +72,8 @@ class Channel:
 
     def forward(self, frame: bytes) -> None:
         """Queue another client's frame unchanged, unless it is for a system that never sent anything here."""
-        if (
-            self.connected
-            and target_system(frame) in (0, *self._known_systems)
-            and not (self._uses_v1 and frame[0] == _V2)
-        ):
+        known = target_system(frame) in (0, *self._known_systems)
+        if self.connected and known and not (self._uses_v1 and frame[0] == _V2):
             self._queue.append(frame)
 
     def _sign(self, unsigned: bytes) -> bytes:

@@ -348,9 +348,8 @@ class MissionFlight:
     # Requests of clients.
 
     def _choose(self, number: int) -> bool:
-        if not self._plan.first <= number < len(self._plan.items) and not (
-            self._policy.home_first and number == 0
-        ):
+        is_home = self._policy.home_first and number == 0
+        if not is_home and not self._plan.first <= number < len(self._plan.items):
             return False
         started = self._started
         self._reset(max(number, self._plan.first))
@@ -393,13 +392,11 @@ class MissionFlight:
         return CommandResult.ACCEPTED
 
     def _start_landing(self, command: Command) -> CommandResult | None:
-        starts = [
-            number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START
-        ]
-        if not starts or not self._context.flight.mission_ready:
+        commands = [item.command for item in self._plan.items]
+        if MAV_CMD.DO_LAND_START not in commands or not self._context.flight.mission_ready:
             self._context.texts.send_all(self._policy.no_landing_texts)
             return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
-        self._choose(starts[0])
+        self._choose(commands.index(MAV_CMD.DO_LAND_START))
         if refusal := self._modes.enter(self._mode):
             return refusal.result
         return CommandResult.ACCEPTED

@@ -65,11 +65,9 @@ class Gimbal:
         self._write(context.flight)
 
     def handlers(self) -> Mapping[str, MessageHandler]:
-        old: dict[str, MessageHandler] = {}
-        if MAV_CMD.DO_MOUNT_CONTROL in self._policy.optional:
-            old["MOUNT_CONTROL"] = self._take_mount_message
+        old: dict[str, MessageHandler] = {"MOUNT_CONTROL": self._take_mount_message}
         return {
-            **old,
+            **(old if MAV_CMD.DO_MOUNT_CONTROL in self._policy.optional else {}),
             "GIMBAL_MANAGER_SET_PITCHYAW": self._set_pitch_yaw,
             "GIMBAL_MANAGER_SET_ATTITUDE": self._set_attitude,
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self._set_manual,

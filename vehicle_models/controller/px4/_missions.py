@@ -23,15 +23,13 @@ _INT_FRAMES = (MAV_FRAME.GLOBAL_INT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 
 def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult | None:
     placeless = item.frame in PLACELESS
-    if not placeless and (
-        item.frame not in ABOVE_SEA | ABOVE_HOME or (as_float and item.frame in _INT_FRAMES)
-    ):
+    known = item.frame in ABOVE_SEA | ABOVE_HOME and not (as_float and item.frame in _INT_FRAMES)
+    if not placeless and not known:
         return MissionResult.UNSUPPORTED_FRAME
     if item.command not in (_WITHOUT_PLACE if placeless else _WITH_PLACE):
         return MissionResult.UNSUPPORTED
-    if item.command in _ROI and item.params[0] not in (
-        _ROI_KINDS_WITHOUT_PLACE if placeless else _ROI_KINDS_WITH_PLACE
-    ):
+    roi_kinds = _ROI_KINDS_WITHOUT_PLACE if placeless else _ROI_KINDS_WITH_PLACE
+    if item.command in _ROI and item.params[0] not in roi_kinds:
         return MissionResult.INVALID_PARAM1
     if kind == MISSION:
         return MissionResult.ERROR if item.command in (*_FENCE_AREAS, MAV_CMD.NAV_RALLY_POINT) else None

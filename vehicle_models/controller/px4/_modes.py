@@ -90,10 +90,9 @@ def _refuse_mode(
         return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
     if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
         return None
-    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith(
-        "EXTERNAL"
-    )
-    unavailable = unavailable or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
+    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE)
+    unavailable |= wanted.name.startswith("EXTERNAL")
+    unavailable |= wanted.behaviour is Behaviour.PILOT and flight.sticks is None
     if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
         return _not_available(wanted)
     return None

@@ -147,12 +147,8 @@ class AccelerometerCalibration:
         position in its place, and TEMPORARILY_REJECTED.
         """
         about_position = message.command <= len(_POSITIONS)
-        if (
-            self._state is _State.WAITING
-            and self._acknowledgeable
-            and about_position
-            and message.result == CommandResult.TEMPORARILY_REJECTED
-        ):
+        rejected = message.result == CommandResult.TEMPORARILY_REJECTED
+        if self._state is _State.WAITING and self._acknowledgeable and about_position and rejected:
             self._acknowledgeable = False
             self._begin_sample()
 

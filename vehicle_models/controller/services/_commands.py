@@ -68,11 +68,8 @@ class Commands:
         if answer:
             self.answer(command, answer)
             return
-        result = (
-            handler(command)
-            if handler
-            else policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
-        )
+        fixed = policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
+        result = handler(command) if handler else fixed
         if result is not None:
             self._acknowledge(command, result)
 

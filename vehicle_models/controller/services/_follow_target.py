@@ -92,9 +92,8 @@ class FollowTarget(Manoeuvre):
         sticks = (flight.sticks.throttle, flight.sticks.pitch, flight.sticks.roll)
         up, forward, right = (beyond_dead_zone(stick, _DEAD_ZONE) * flight.step_s for stick in sticks)
         self._height_change_m = _bounded(self._height_change_m + up * _CLIMB_MPS, follow.height_m)
-        self._distance_change_m = _bounded(
-            self._distance_change_m + forward * _DISTANCE_MPS, follow.distance_m
-        )
+        change_m = self._distance_change_m + forward * _DISTANCE_MPS
+        self._distance_change_m = _bounded(change_m, follow.distance_m)
         around_radps = min(_AROUND_RADPS, follow.speed_mps / (follow.distance_m + self._distance_change_m))
         self._angle_change_rad = math.remainder(self._angle_change_rad + right * around_radps, 2.0 * math.pi)
 

@@ -76,9 +76,8 @@ class ManualControl:
 
     def tick(self) -> None:
         flight = self._context.flight
-        if self._received_ns is None or flight.time_ns - self._received_ns < round(
-            min(self._guidance.limits.sticks.lost_after_s, 1e6) * 1e9
-        ):
+        lost_ns = round(min(self._guidance.limits.sticks.lost_after_s, 1e6) * 1e9)
+        if self._received_ns is None or flight.time_ns - self._received_ns < lost_ns:
             return
         self._received_ns = None
         self._movement = StickMovement()

@@ -133,13 +133,8 @@ class Streams:
         rates = {"HEARTBEAT": 1.0, **sets[name]}
         # A link without streams gets none of the gimbal either.
         if sets[name]:
-            rates.update(
-                {
-                    name: hz
-                    for name, hz in self._policy.gimbal_rates_hz.items()
-                    if KINDS[name].id in self._values
-                }
-            )
+            gimbal = self._policy.gimbal_rates_hz.items()
+            rates |= {message: hz for message, hz in gimbal if KINDS[message].id in self._values}
         for message, hz in rates.items():
             self._schedule(channel, KINDS[message].id, round(1e9 / hz))
 

@@ -39,10 +39,8 @@ class TargetTelemetry:
     def _attitude_target(self) -> Values | None:
         f = self._flight
         roll, pitch, yaw, thrust = self._context.airframe.commanded_attitude()
-        attitude = f.target.attitude
-        rates = (
-            attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
-        )
+        given = f.target.attitude.rates_radps if f.target.attitude else None
+        rates = given or (0.0, 0.0, f.target.yawrate_radps)
         return (f.time_ms, *attitude_quaternion(roll, pitch, yaw), *rates, thrust, 0)
 
     def _local_target(self) -> Values | None:
