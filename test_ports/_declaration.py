@@ -22,9 +22,7 @@ MAX_EVIDENCE = 20
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when not considered, the moments to look at, and a line on how far the agent
-    came with whom it is about (`perception/stages.py`).
-    """
+    """Value in [0, 1], None when not considered; moments to look at; how far the agent came (`stages.py`)."""
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
@@ -94,13 +92,9 @@ class DeclaredOption:
         if self.kind is int:
             return type(value) is int and value >= 0, "a whole number, not negative"
         # bool is a subclass of int in Python, and true is no number in a decomposition.
-        number = (
-            isinstance(value, int | float)
-            and not isinstance(value, bool)
-            and math.isfinite(value)
-            and value >= 0
-        )
-        return number, "a number, finite and not negative"
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False, "a number, finite and not negative"
+        return math.isfinite(value) and value >= 0, "a number, finite and not negative"
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,12 +143,10 @@ class DeclaredMeasure:
         known = {option.name: option for option in self.options}
         if unknown := sorted(set(options) - set(known)):
             stated = f"known: {', '.join(known)}" if known else "it has no options"
-            raise ValueError(
-                f"measure {self.name!r}: unknown option {', '.join(map(repr, unknown))}; {stated}"
-            )
-        if missing := [
-            name for name, option in known.items() if option.default is None and name not in options
-        ]:
+            named = ", ".join(map(repr, unknown))
+            raise ValueError(f"measure {self.name!r}: unknown option {named}; {stated}")
+        required = [name for name, option in known.items() if option.default is None]
+        if missing := [name for name in required if name not in options]:
             raise ValueError(f"measure {self.name!r}: needs option {', '.join(map(repr, missing))}")
         try:
             return {known[name].parameter: known[name].read(value) for name, value in options.items()}
@@ -174,24 +166,14 @@ def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     of these `Annotated` with a `Limit`. A trailing underscore of a parameter is dropped, so that an option
     can be called `class`. Raises TypeError for another signature.
     """
-    # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at
-    # module level.
-    positional = [
-        parameter
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.kind is not inspect.Parameter.KEYWORD_ONLY
-    ]
-    if len(positional) != 2:
-        raise TypeError(
-            f"measure {function.__name__!r} must take the tape, the SimSpec, and options after a '*'"
-        )
+    name, parameters = function.__name__, inspect.signature(function).parameters.values()
+    options = [parameter for parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
+    if len(parameters) - len(options) != 2:
+        raise TypeError(f"measure {name!r} must take the tape, the SimSpec, and options after a '*'")
+    # get_type_hints resolves names that are left as text; it needs them at module level.
     kinds = get_type_hints(function, include_extras=True)
-    options = tuple(
-        _option(function.__name__, parameter, kinds.get(parameter.name))
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-    )
-    return DeclaredMeasure(function.__name__, options, function)
+    declared = tuple(_option(name, parameter, kinds.get(parameter.name)) for parameter in options)
+    return DeclaredMeasure(name, declared, function)
 
 
 def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) -> DeclaredOption:

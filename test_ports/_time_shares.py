@@ -100,9 +100,7 @@ def fresh_share(
 
 
 def free_to_report_s(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> float:
-    """Seconds of a span in which the agent was to report: inside `rules.report_windows`, not ordered to stop reporting,
-    and with the operator's link up.
-    """
+    """Seconds of a span in a report window, without an order to stop reporting, the operator's link up."""
     windows = simspec.rules.report_windows
     silences = [
         (order.time.s, order.value.kind == "stop_reporting")

@@ -8,22 +8,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
-from bench.contracts import (
-    MavlinkTap,
-    SimTime,
-    Vector,
-    Vehicle,
-    VehicleCondition,
-    VehiclePlan,
-    VehicleState,
-)
+from bench.contracts import MavlinkTap, SimTime, Vector, Vehicle, VehicleCondition, VehiclePlan, VehicleState
 from bench.errors import SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
 from ._battery import BatteryModel
 from ._geodesy import LocalFrame, TangentPlane
 from ._gusts import mean_wind_ned_mps
-from ._jsbsim import StartPose, VehicleMotion
+from ._jsbsim import JsbsimPlant, StartPose
 from ._linked_vehicle import LinkedVehicle
 from ._navigation import Navigation
 from .controller import (
@@ -62,25 +54,6 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
         return
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
-
-
-class Plant(Protocol):
-    """What the vehicle needs of its flight dynamics."""
-
-    halfway: tuple[float, ...]
-
-    @property
-    def motion(self) -> VehicleMotion: ...
-
-    def set_wind_ned_mps(self, wind: Vector) -> None: ...
-
-    def set_gust_ned_mps(self, gust: Vector) -> None: ...
-
-    def advance(self) -> None: ...
-
-    def specific_force_mps2(self) -> Vector: ...
-
-    def set_works(self, rotor: int, works: bool) -> None: ...
 
 
 class SteeredAirframe(Airframe, Protocol):
@@ -149,7 +122,7 @@ class Aircraft(LinkedVehicle, ABC):
         self._controller.report()
 
     def truth(self) -> VehicleState:
-        return self._vehicle_state((0.0, 0.0, 0.0))
+        return self._vehicle_state((0.0, 0.0, 0.0), (0.0, 0.0))
 
     def estimate(self) -> VehicleState:
         return self._vehicle_state(self._navigation.error_enu_m, self._navigation.velocity_error_en_mps)
@@ -168,9 +141,7 @@ class Aircraft(LinkedVehicle, ABC):
         )
 
     def commands(self) -> frozenset[int]:
-        """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this
-        vehicle.
-        """
+        """Numbers of the MAVLink commands that its flight controller carries out, with its equipment."""
         return self._controller.commands()
 
     def changed_parameters(self) -> Mapping[str, float]:
@@ -207,9 +178,7 @@ class Aircraft(LinkedVehicle, ABC):
         )
 
     def _restart(self) -> None:
-        """Start a new flight controller on the same aircraft and the same links; messages that wait are
-        lost.
-        """
+        """Start a new flight controller on the same aircraft and links; waiting messages are lost."""
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:
@@ -252,7 +221,7 @@ class Aircraft(LinkedVehicle, ABC):
         return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
 
     @abstractmethod
-    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
         """The plant standing at `place`, and what steers it."""
 
     @abstractmethod
@@ -261,22 +230,16 @@ class Aircraft(LinkedVehicle, ABC):
 
     @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Whether the last step was more than the airframe bears; `speed_before_mps` is the speed before
-        it.
-        """
+        """Whether the last step broke the airframe; `speed_before_mps` is the speed before it."""
 
     def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
         if isinstance(name, RealAutopilot | BoardAutopilot):
-            raise SetupError(
-                "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"
-            )
-        try:
-            return self.autopilots[name]
-        except KeyError:
-            known = ", ".join(self.autopilots)
-            raise SetupError(
-                "vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}"
-            ) from None
+            what = "real autopilots fly the model x500 alone"
+            raise SetupError("vehicle.autopilot", what, "use it, or an imitation")
+        if name not in self.autopilots:
+            what = f"this aircraft does not carry {name!r}"
+            raise SetupError("vehicle.autopilot", what, f"use {', '.join(self.autopilots)}")
+        return self.autopilots[name]
 
     def _sense(self) -> None:
         """Write estimate and sensor readings into the state that the services read."""
@@ -287,11 +250,8 @@ class Aircraft(LinkedVehicle, ABC):
         flight.time_ns = self.time.ns - self._booted_ns
         if self._navigation.off == flight.gps_ok:
             flight.gps_lost_ns = flight.time_ns if self._navigation.off else None
-        flight.east_m, flight.north_m, flight.down_m = (
-            east - frame.home_east_m,
-            north - frame.home_north_m,
-            -up,
-        )
+        flight.east_m, flight.north_m = east - frame.home_east_m, north - frame.home_north_m
+        flight.down_m = -up
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m
         if flight.gps_epoch != self._navigation.fixes:
@@ -301,16 +261,10 @@ class Aircraft(LinkedVehicle, ABC):
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
             flight.fix_us = flight.time_us
         error_ve, error_vn = self._navigation.velocity_error_en_mps
-        flight.vn_mps, flight.ve_mps, flight.vd_mps = (
-            motion.vn_mps + error_vn,
-            motion.ve_mps + error_ve,
-            motion.vd_mps,
-        )
-        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = (
-            motion.roll_rad,
-            motion.pitch_rad,
-            _signed_heading(motion.yaw_rad),
-        )
+        flight.vn_mps, flight.ve_mps = motion.vn_mps + error_vn, motion.ve_mps + error_ve
+        flight.vd_mps = motion.vd_mps
+        flight.roll_rad, flight.pitch_rad = motion.roll_rad, motion.pitch_rad
+        flight.yaw_rad = _signed_heading(motion.yaw_rad)
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
         flight.halfway = self._plant.halfway
         flight.airspeed_mps = motion.airspeed_mps
@@ -319,18 +273,13 @@ class Aircraft(LinkedVehicle, ABC):
         flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.terminals()
 
-    def _vehicle_state(
-        self, error: Vector, velocity_error_en_mps: tuple[float, float] = (0.0, 0.0)
-    ) -> VehicleState:
-        motion: VehicleMotion = self._plant.motion
+    def _vehicle_state(self, error: Vector, velocity_error_en_mps: tuple[float, float]) -> VehicleState:
+        motion = self._plant.motion
+        error_ve, error_vn = velocity_error_en_mps
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
-            velocity_enu_mps=(
-                motion.ve_mps + velocity_error_en_mps[0],
-                motion.vn_mps + velocity_error_en_mps[1],
-                -motion.vd_mps,
-            ),
+            velocity_enu_mps=(motion.ve_mps + error_ve, motion.vn_mps + error_vn, -motion.vd_mps),
             roll_rad=motion.roll_rad,
             pitch_rad=motion.pitch_rad,
             yaw_rad=_signed_heading(motion.yaw_rad),
@@ -346,7 +295,7 @@ class X500(Aircraft):
     hover_thrust = HOVER_THRUST
     rotors = 4
 
-    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
         self._x500 = X500Plant(place, self.step_s)
         return self._x500, X500Airframe(self._x500, self._frame, self.step_s)
 

@@ -26,9 +26,7 @@ class _FailureChange:
 
 
 class Failures:
-    """Breaks and repairs parts; `active` names what is broken. While nothing is due, a step costs one
-    comparison.
-    """
+    """Breaks and repairs parts; `active` names the broken. Until something is due, a step is one comparison."""
 
     def __init__(
         self,
@@ -63,10 +61,7 @@ class Failures:
             self._next_ns = self._changes[0].at_ns if self._changes else None
 
     def break_part(self, kind: str, instance: int, breaks: bool) -> bool:
-        """Break or repair on command; instance 0 is all of them. False where there is no such part.
-
-        What the SimSpec broke stays broken.
-        """
+        """Break or repair on command, but for what the SimSpec broke; instance 0 is all. False without any."""
         if kind == "gps_off" and instance in (0, 1):
             self._set_gps(self._commanded, breaks)
         elif kind == "motor_off" and instance <= self._rotors:
@@ -134,18 +129,11 @@ class Failures:
         for index, failure in enumerate(timeline):
             field = f"vehicle.failures[{index}]"
             if failure.instance is not None and failure.instance > self._rotors:
-                faults.append(
-                    Fault(
-                        f"{field}.instance",
-                        f"there is no rotor {failure.instance}",
-                        f"there are {self._rotors}",
-                    )
-                )
+                what = f"there is no rotor {failure.instance}"
+                faults.append(Fault(f"{field}.instance", what, f"there are {self._rotors}"))
             if failure.link is not None and failure.link not in self._links:
-                names = ", ".join(self._links) or "none"
-                faults.append(
-                    Fault(f"{field}.link", f"there is no link {failure.link!r}", f"there are {names}")
-                )
+                what, names = f"there is no link {failure.link!r}", ", ".join(self._links) or "none"
+                faults.append(Fault(f"{field}.link", what, f"there are {names}"))
         if faults:
             raise SetupError(faults)
 
@@ -155,7 +143,6 @@ def _failure_changes(timeline: Sequence[Failure]) -> list[_FailureChange]:
     for order, failure in enumerate(timeline):
         moments.append(_FailureChange(round(failure.at_s * 1e9), order, failure, breaks=True))
         if failure.duration_s is not None:
-            moments.append(
-                _FailureChange(round((failure.at_s + failure.duration_s) * 1e9), order, failure, breaks=False)
-            )
+            end_ns = round((failure.at_s + failure.duration_s) * 1e9)
+            moments.append(_FailureChange(end_ns, order, failure, breaks=False))
     return moments

@@ -49,9 +49,7 @@ class TangentPlane:
 
 
 class LocalFrame:
-    """North and east metres around home, as flight controllers use them; the plane's own origin is the
-    scene's.
-    """
+    """North and east metres around home, as flight controllers use them; the plane's origin is the scene's."""
 
     def __init__(self, plane: TangentPlane, home_east_m: float, home_north_m: float) -> None:
         self.home_east_m, self.home_north_m = home_east_m, home_north_m

@@ -45,9 +45,7 @@ class Gusts:
         return self._w20_mps == 0.0
 
     def step(self, height_m: float, airspeed_mps: float) -> Vector:
-        """The gust velocity over the next step, north, east, down, in m/s; taken at 0.5 m/s of airspeed at
-        least.
-        """
+        """Gust velocity (m/s NED) over the next step; taken at 0.5 m/s of airspeed at least."""
         # Drawing numbers in blocks is faster than one at a time.
         if not self._draws:
             self._draws = self._random.standard_normal((_BLOCK, 3)).tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -57,11 +58,7 @@ class StartPose:
 
 @dataclass(slots=True)
 class VehicleMotion:
-    """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against
-    NED.
-
-    `up_m` is that of the feet: 0 on the ground.
-    """
+    """Motion of the plant: ENU metres around the origin (the feet's), attitude of body FRD against NED."""
 
     east_m: float = 0.0
     north_m: float = 0.0
@@ -78,7 +75,7 @@ class VehicleMotion:
     airspeed_mps: float = 0.0
 
 
-class JsbsimPlant:
+class JsbsimPlant(ABC):
     """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a
     time.
 
@@ -86,20 +83,12 @@ class JsbsimPlant:
     """
 
     def __init__(
-        self,
-        name: str,
-        place: StartPose,
-        feet_m: float,
-        step_s: float,
-        physics_hz: int = 200,
+        self, name: str, place: StartPose, feet_m: float, step_s: float, physics_hz: int = 200
     ) -> None:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
-            raise SetupError(
-                "controller_hz",
-                f"{1 / step_s:g} Hz does not divide {physics_hz} Hz",
-                "use 25, 50, 100 or 200",
-            )
+            what = f"{1 / step_s:g} Hz does not divide {physics_hz} Hz"
+            raise SetupError("controller_hz", what, "use 25, 50, 100 or 200")
         self._plane = TangentPlane(place.latitude_deg, place.longitude_deg)
         self._ground_m = place.altitude_m + feet_m
         self._fdm = _load(name, place, self._plane, feet_m, physics_hz)
@@ -134,6 +123,10 @@ class JsbsimPlant:
         put_north(north / _FT)
         put_east(east / _FT)
         put_down(down / _FT)
+
+    @abstractmethod
+    def set_works(self, rotor: int, works: bool) -> None:
+        """Let a rotor (numbered from 0) turn as commanded, or stop it."""
 
     def specific_force_mps2(self) -> Vector:
         """What an accelerometer at the centre of gravity feels, body FRD; (0, 0, -9.81) at rest."""
@@ -179,10 +172,7 @@ class JsbsimPlant:
 def _load(
     name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int
 ) -> jsbsim.FGFDMExec:
-    """A fresh, silent JSBSim standing on the ground.
-
-    Fresh, because a reset one does not repeat its first flight.
-    """
+    """A silent JSBSim standing on the ground; fresh, because a reset one does not repeat its first flight."""
     # The logger holds for the present thread alone, so it is set for every aircraft.
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     with ExitStack() as stack:

@@ -37,10 +37,7 @@ _DECAY = 2.1461932
 
 
 class Navigation:
-    """The position error of one vehicle, in ENU metres.
-
-    `wander_m` and `noise_m` are standard deviations of each axis.
-    """
+    """The position error of a vehicle, ENU metres; `wander_m` and `noise_m` are deviations of each axis."""
 
     def __init__(self, gps: Gps, step_s: float, random: np.random.Generator) -> None:
         self._gps = gps
@@ -90,12 +87,8 @@ class Navigation:
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
     def _dead_reckon(self) -> None:
-        (e, n, u), (ve, vn), (ae, an), span = (
-            self.error_enu_m,
-            self.velocity_error_en_mps,
-            self._bias_en_mps2,
-            self._step_s,
-        )
+        (e, n, u), (ve, vn), (ae, an) = self.error_enu_m, self.velocity_error_en_mps, self._bias_en_mps2
+        span = self._step_s
         self.velocity_error_en_mps = (ve, vn) = (ve + ae * span, vn + an * span)
         self.error_enu_m = (e + ve * span, n + vn * span, u)
 
@@ -106,11 +99,8 @@ class Navigation:
         self._north = self._wander.step(self._north, c, d)
         self.fix_error_enu_m = (self._east[0] + noise * e, self._north[0] + noise * f, 1.5 * noise * g)
         if self._drift_en_mps:
-            (away_e, away_n), (drift_e, drift_n), (fix_e, fix_n, fix_u) = (
-                self._drifted_en_m,
-                self._drift_en_mps,
-                self.fix_error_enu_m,
-            )
+            (away_e, away_n), (drift_e, drift_n) = self._drifted_en_m, self._drift_en_mps
+            fix_e, fix_n, fix_u = self.fix_error_enu_m
             self._drifted_en_m = (away_e, away_n) = (away_e + drift_e * FIX_S, away_n + drift_n * FIX_S)
             self.fix_error_enu_m = (fix_e + away_e, fix_n + away_n, fix_u)
         self.fixes += 1
@@ -123,9 +113,7 @@ class Navigation:
 
 @dataclass(frozen=True, slots=True)
 class _Wander:
-    """One axis of the wander, exactly discretised: state (error, rate), transition row by row, and the
-    Cholesky factor of its noise.
-    """
+    """One axis of the wander: transition of (error, rate) in rows, and the Cholesky factor of its noise."""
 
     transition: tuple[float, float, float, float]
     noise: tuple[float, float, float]

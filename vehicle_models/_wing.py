@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 from bench.contracts import MavlinkTap, VehiclePlan
 
-from ._aircraft import Aircraft, Plant, SteeredAirframe
+from ._aircraft import Aircraft, SteeredAirframe
 from ._battery import BatteryModel
-from ._jsbsim import StartPose
+from ._jsbsim import JsbsimPlant, StartPose
 from .controller import WING_AUTOPILOTS, WingManoeuvres, open_links
 from .wing import WingAirframe, WingPlant
 
@@ -23,10 +23,7 @@ _CRASH_TILT_RAD = math.radians(50.0)
 
 @contextmanager
 def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing]:
-    """Yield a fixed wing on its belly at home, its links open.
-
-    Raises SetupError for a link that cannot be opened or an unknown parameter.
-    """
+    """Yield a fixed wing on its belly at home, its links open. Raises SetupError as `open_x500` does."""
     with open_links(plan.links) as links:
         yield Wing(plan, links, tap)
 
@@ -39,7 +36,7 @@ class Wing(Aircraft):
     hover_thrust = 0.27
     rotors = 1
 
-    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
         self._wing = WingPlant(place, self.step_s)
         self._sinking_mps = 0.0
         return self._wing, WingAirframe(self._wing, self._frame, self.step_s)
@@ -48,9 +45,7 @@ class Wing(Aircraft):
         battery.spend(self._wing.electric_w(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose
-        near it.
-        """
+        """A hit at over 2.5 m/s of sink or 18 m/s of speed, or lying on a side or nose near the ground."""
         motion, sinking = self._wing.motion, self._sinking_mps
         self._sinking_mps = motion.vd_mps
         if motion.up_m > _NEAR_GROUND_M:

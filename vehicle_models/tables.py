@@ -22,7 +22,7 @@ from .controller.links._frames import Packer
 from .controller.links._radio import Channel
 from .controller.links._signing import open_signing
 from .controller.missions._item_actions import effect_of
-from .controller.policies._command_table import COMMAND_NAMES
+from .controller.policies._tables import COMMAND_NAMES
 from .controller.state._parameter_store import Parameter
 from .controller.state._plan_store import MISSION, MissionItem
 from .controller.state._service import Command, CommandResult, MessageSender
@@ -39,15 +39,8 @@ PARAMETER_SECTIONS: dict[str, Autopilot] = {**AUTOPILOTS, "wing": WING_AUTOPILOT
 
 SIMULATED_SENSORS = (
     *("HIL_STATE", "HIL_STATE_QUATERNION", "HIL_SENSOR", "HIL_GPS", "HIL_OPTICAL_FLOW", "HIL_RC_INPUTS_RAW"),
-    *(
-        "HIL_CONTROLS",
-        "HIL_ACTUATOR_CONTROLS",
-        "SIM_STATE",
-        "SIMSTATE",
-        "GPS_INPUT",
-        "GPS_INJECT_DATA",
-        "GPS_RTCM_DATA",
-    ),
+    *("HIL_CONTROLS", "HIL_ACTUATOR_CONTROLS", "SIM_STATE", "SIMSTATE"),
+    *("GPS_INPUT", "GPS_INJECT_DATA", "GPS_RTCM_DATA"),
     *("VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP"),
     *("GLOBAL_VISION_POSITION_ESTIMATE", "OPTICAL_FLOW", "OPTICAL_FLOW_RAD", "ODOMETRY"),
 )
@@ -76,10 +69,7 @@ def command_table() -> Rows:
 
 def _commands_carried_out(autopilot: str) -> tuple[frozenset[int], frozenset[int]]:
     """The commands that a multicopter carries out without a gimbal, and with one."""
-    without, with_gimbal = (
-        _built_commands(autopilot, vehicle) for vehicle in ({}, {"camera": {"gimbal": True}})
-    )
-    return without, with_gimbal
+    return _built_commands(autopilot, {}), _built_commands(autopilot, {"camera": {"gimbal": True}})
 
 
 def _built_commands(autopilot: str, vehicle: Mapping[str, object]) -> frozenset[int]:
@@ -110,9 +100,7 @@ def _command_cells(
 
 
 def _result_without_effect(autopilot: Autopilot, number: int, sender: MessageSender) -> str | None:
-    """What the policy answers to a command that no service carries out; None when it does not know the
-    command.
-    """
+    """The policy's answer to a command that no service carries out; None when it does not know it."""
     policy, results = autopilot.commands, set[str]()
     for value, armed in itertools.product(_TRIED_VALUES, (False, True)):
         flight = FlightState(
@@ -211,9 +199,8 @@ def parameters_read() -> dict[str, set[str]]:
             continue
         for name in AUTOPILOTS:
             # What neither autopilot's folder holds is read for both.
-            if path.parent.name == name or not set(AUTOPILOTS) & set(
-                path.relative_to(Path(__file__).parent).parts
-            ):
+            shared = not set(AUTOPILOTS) & set(path.relative_to(Path(__file__).parent).parts)
+            if shared or path.parent.name == name:
                 names_by_section[name] |= looked_up & known[name]
     for name, autopilot in AUTOPILOTS.items():
         # The policies name these, and services look them up by that name.

@@ -31,12 +31,7 @@ class FaultSpan:
 def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpan]:
     """Failures and outages of that kind that begin before the mission's time limit, in order of time."""
     failures = [
-        FaultSpan(
-            failure.kind,
-            failure.at_s,
-            failure.until_s,
-        )
-        for failure in simspec.vehicle.failures
+        FaultSpan(failure.kind, failure.at_s, failure.until_s) for failure in simspec.vehicle.failures
     ]
     # A failure is of the vehicle and may last to the end; an outage is around it and always ends.
     # An agent with a perception of its own meets no outage of the bench's detector.

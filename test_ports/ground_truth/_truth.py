@@ -212,8 +212,7 @@ class GroundTruth:
     def _seconds_near(self, actor: int, bystanders: list[int]) -> float:
         if not bystanders:
             return 0.0
-        # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration
-        # by that.
+        # Scaled to the planned mission: who ends a run early must not drop out of consideration by that.
         times, positions = self.samples()
         distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [actor]], axis=2).min(axis=1)
         exposed = distance_m < self.simspec.rules.no_mark_within_m

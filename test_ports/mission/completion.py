@@ -72,8 +72,7 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
     if isinstance(down, Finding):
         return down
     limit_s = simspec.mission.time_limit_s
-    # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1, so this divides by no
-    # 0.
+    # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1.
     x = (limit_s - down) / (limit_s * (1.0 - share))
     return shown(min(1.0, max(0.0, x)), down, f"down after {down:.1f} s of {limit_s:g} s")
 

@@ -119,8 +119,7 @@ class CountedOrders:
         """The latest order of these kinds that was delivered before another was given; None without one."""
         earlier = reversed(self.all[: self.all.index(counted)])
         return next(
-            (other for other in earlier if other.order.kind in kinds and other.delivered_s is not None),
-            None,
+            (other for other in earlier if other.order.kind in kinds and other.delivered_s is not None), None
         )
 
     # What an order met.
@@ -139,9 +138,7 @@ class CountedOrders:
         return self._truth.target_of(str(counted.order.intelligence))
 
     def marked_at_s(self, counted: CountedOrder, *, knowing: bool = False) -> Iterator[float]:
-        """The moments at which the target that an order is about was marked; with `knowing`, only by reports that
-        show knowledge of it.
-        """
+        """Moments at which the target of an order was marked; with `knowing`, by reports of knowledge alone."""
         target = self.target_of(counted)
         subjects = known_subjects if knowing else subjects_of_reports
         for report, subject in subjects(self._truth, self._tape):
@@ -202,9 +199,7 @@ class CountedOrders:
         )
 
     def has_something_to_say(self, counted: CountedOrder) -> bool:
-        """Whether silence is restraint: a report shows knowledge of an adversary, or the vehicle was on its mission
-        and the order was accepted.
-        """
+        """Whether silence is restraint: a report shows knowledge, or an order was accepted on the mission."""
         if any(subject is not None for _, subject in known_subjects(self._truth, self._tape)):
             return True
         accepted = any(

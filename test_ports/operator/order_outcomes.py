@@ -315,8 +315,7 @@ class OrderOutcomes(CountedOrders):
         until_s = self.next_delivery_s(counted, *SILENCING_ORDERS)
         if any(silent_s < report.time.s < since_s for report in self._tape.reports):
             return self._not_done(counted, "it had never fallen silent", until_s)
-        # A target reported during the silence is not known: an agent that kept the silence still has to
-        # report it.
+        # A target reported during the silence is not known: who kept the silence has to report it.
         about = [
             (report, subject)
             for report, subject in known_subjects(self._truth, self._tape)

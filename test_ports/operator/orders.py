@@ -298,8 +298,7 @@ def _after_landing(tape: Tape, outcomes: OrderOutcomes, counted: CountedOrder) -
     down = _states_since_landing(tape, counted.since_s, until_s)
     if not down:
         outcome = outcomes.outcome(counted)
-        # Another order sent it elsewhere, or it was rightly still under way: that it did not land is no
-        # fault.
+        # Another order sent it elsewhere, or it was rightly under way: not to have landed is no fault.
         excused = math.isfinite(until_s) or outcome is None or outcome.obeyed
         return None if excused else OrderOutcome(counted, False, "it never came down")
     down_s = max(down[0].time.s, counted.since_s)

@@ -56,9 +56,7 @@ class ActorViews:
         return Finding(self.share, tuple(evidence))
 
     def steadiness(self, role: str, end_s: float, verb: str) -> Finding:
-        """The share of the worse half of the views over that of the better half; 0 where both are, and with fewer than two
-        views.
-        """
+        """Share of the worse half of the views over the better half's; 0 for two of 0, and below two views."""
         if len(self) < 2:
             return nothing_shown(end_s, f"role {role} was in clear view {len(self)} times")
         # Halves by count and not by time: an aircraft may see most of the actors in a few seconds.

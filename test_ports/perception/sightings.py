@@ -72,9 +72,7 @@ class Sightings:
         return np.asarray(np.isin(self.actor, list(actors)))
 
     def first_s(self, within: Bools | None = None) -> dict[int, float]:
-        """When each actor first was in one of the sightings `within` (s,), or in any; without those that never were. In
-        order of the sightings.
-        """
+        """First moment of each actor that was in the sightings `within` (s,), or in any."""
         rows = np.arange(len(self.actor)) if within is None else np.flatnonzero(within)
         _, first = np.unique(self.actor[rows], return_index=True)
         firsts = rows[np.sort(first)]

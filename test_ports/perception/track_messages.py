@@ -167,9 +167,7 @@ class NearestActors:
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """Rows of tracks (r,) and actors (a,) of one class, with their distances (r, a); `sighted_m` (r, a) is infinite where
-    the actor had not been shown.
-    """
+    """Tracks (r,) and actors (a,) of a class, distances (r, a); `sighted_m` is infinite for the unshown."""
 
     tracks: Counts
     actors: Counts
@@ -213,9 +211,7 @@ def _held_as(truth: GroundTruth, actor: int, track: AgentTrack, time_s: float, b
 
 
 def known_people(tape: Tape, simspec: SimSpec, people: Collection[int], time_s: float) -> float:
-    """How many of these bystanders the agent's tracks had held up to a moment, each counted with the greatest credibility
-    of a message that did.
-    """
+    """How many of these people tracks had held up to a moment, each by its most credible message."""
     messages = TrackMessages.of(tape, simspec)
 
     def greatest_up_to_each() -> Floats:

@@ -24,13 +24,7 @@ from ..perception.looks import are_looks
 from ..perception.sightings import Sightings
 from ..perception.stages import with_stages
 from ..perception.track_messages import TrackMessages
-from .credibility import (
-    false_report,
-    first_known_s,
-    known_reports,
-    known_subjects,
-    shows_knowledge,
-)
+from .credibility import false_report, first_known_s, known_reports, known_subjects, shows_knowledge
 
 CLEARLY_FAR_M = 15.0
 """Beyond the no-mark distance and this: a bystander that an agent declares there was not seen.

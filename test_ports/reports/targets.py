@@ -122,9 +122,7 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
 
 
 def _asked_in_order(truth: GroundTruth) -> list[tuple[Target, Target]]:
-    """Pairs of a more and a less urgent target, of which the agent was told of the more urgent no later, and no order
-    puts the other first.
-    """
+    """Pairs of a more and a less urgent target, told of no later, where no order puts the other first."""
     told_s: dict[int | None, float] = {}
     for item in sorted(truth.simspec.intelligence, key=lambda item: item.delivered_s):
         told_s.setdefault(truth.target_of(item.id), item.delivered_s)

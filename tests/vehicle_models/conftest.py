@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from log_client import two_links as two_links
 from vehicle_client import copter as copter
 from vehicle_client import make as make
 from vehicle_client import px4 as px4

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vehicle_models.controller import turned_to_body
 from vehicle_models.firmware._sensors import (
     ACCELEROMETER,
     BAROMETER,
@@ -16,7 +17,6 @@ from vehicle_models.firmware._sensors import (
     MAGNETOMETER,
     Sensors,
     magnetic_field_ned_gauss,
-    turned_to_body,
 )
 
 FIELD = (0.2150, 0.0117, 0.4320)

@@ -31,6 +31,8 @@ PX4_BOTH = {
         mavlink.MAV_CMD_NAV_LOITER_UNLIM,
         mavlink.MAV_CMD_IMAGE_START_CAPTURE,
         mavlink.MAV_CMD_VIDEO_START_CAPTURE,
+        mavlink.MAV_CMD_LOGGING_START,
+        mavlink.MAV_CMD_LOGGING_STOP,
         611,
         mavlink.MAV_CMD_DO_REPOSITION,
     ),
@@ -43,8 +45,6 @@ PX4_BOTH = {
         mavlink.MAV_CMD_DO_GO_AROUND,
         mavlink.MAV_CMD_DO_SET_ACTUATOR,
         mavlink.MAV_CMD_RUN_PREARM_CHECKS,
-        mavlink.MAV_CMD_LOGGING_START,
-        mavlink.MAV_CMD_LOGGING_STOP,
     ),
     CANCELLED: (mavlink.MAV_CMD_DO_LAND_START,),
     None: (

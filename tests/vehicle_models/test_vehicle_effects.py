@@ -86,11 +86,6 @@ ELSEWHERE: dict[str, dict[str, tuple[str, ...]]] = {
             "RTL_TYPE",
         ),
         "identity": ("MAV_SYS_ID",),
-        "logs": (
-            "SDLOG_BACKEND",
-            "SDLOG_MODE",
-        ),
-        "logs_storage": ("SDLOG_UTC_OFFSET",),
         "manoeuvres": ("COM_RC_OVERRIDE",),
         "remarks": (
             "SIM_BAT_DRAIN",
@@ -110,12 +105,6 @@ ELSEWHERE: dict[str, dict[str, tuple[str, ...]]] = {
             "SIM_BATT_VOLTAGE",
             "SYSID_MYGCS",
         ),
-        "log_blocks": (
-            "LOG_BACKEND_TYPE",
-            "LOG_DISARMED",
-            "LOG_MAV_BUFSIZE",
-        ),
-        "logs_ardupilot": ("LOG_FILE_DSRMROT",),
         "remarks": (
             "TERRAIN_ENABLE",
             "TERRAIN_SPACING",

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from vehicle_client import Client, Make, mavlink, of, simspec
 
-from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
 from vehicle_models.controller.files._served_files import ServedFiles
+from vehicle_models.controller.links._enums import MAV_FTP_ERR, MAV_FTP_OPCODE
 
 _HEAD = struct.Struct("<HBBBBBBI")
 NAMES = ("a", "b", "d", "d/a", "d/e", "d/e/a", "a/b")
@@ -44,12 +44,12 @@ class Ftp:
 
     def done(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
         reply, answer = self.ask(opcode, data, offset)
-        assert reply == FtpOpcode.ACK, answer
+        assert reply == MAV_FTP_OPCODE.ACK, answer
         return answer
 
     def refused(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
         reply, answer = self.ask(opcode, data, offset)
-        assert reply == FtpOpcode.NAK
+        assert reply == MAV_FTP_OPCODE.NAK
         return answer
 
 
@@ -57,33 +57,33 @@ def test_a_client_keeps_a_file_of_its_own(make: Make) -> None:
     """Created, written in pieces, read back, checked, listed, cut, renamed into a folder, removed."""
     ftp = Ftp(make())
     content = random.Random(3).randbytes(600)
-    ftp.done(FtpOpcode.MAKE_FOLDER, b"plans")
-    assert ftp.done(FtpOpcode.CREATE, b"plans/one.bin") == struct.pack("<I", 0)
+    ftp.done(MAV_FTP_OPCODE.CREATEDIRECTORY, b"plans")
+    assert ftp.done(MAV_FTP_OPCODE.CREATEFILE, b"plans/one.bin") == struct.pack("<I", 0)
     for at in range(0, len(content), 200):
-        assert ftp.done(FtpOpcode.WRITE, content[at : at + 200], offset=at) == struct.pack("<I", 200)
-    assert ftp.refused(FtpOpcode.READ) == bytes([FtpError.ERRNO, errno.EBADF])
-    ftp.done(FtpOpcode.TERMINATE)
-    assert ftp.done(FtpOpcode.LIST, b"plans") == b"Fone.bin\t600\0"
-    assert b"Dplans\0" in ftp.done(FtpOpcode.LIST, b"/")
+        assert ftp.done(MAV_FTP_OPCODE.WRITEFILE, content[at : at + 200], offset=at) == struct.pack("<I", 200)
+    assert ftp.refused(MAV_FTP_OPCODE.READFILE) == bytes([MAV_FTP_ERR.FAILERRNO, errno.EBADF])
+    ftp.done(MAV_FTP_OPCODE.TERMINATESESSION)
+    assert ftp.done(MAV_FTP_OPCODE.LISTDIRECTORY, b"plans") == b"Fone.bin\t600\0"
+    assert b"Dplans\0" in ftp.done(MAV_FTP_OPCODE.LISTDIRECTORY, b"/")
     assert (
-        struct.unpack("<I", ftp.done(FtpOpcode.CRC32, b"plans/one.bin"))[0]
+        struct.unpack("<I", ftp.done(MAV_FTP_OPCODE.CALCFILECRC, b"plans/one.bin"))[0]
         == zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
     )
-    assert ftp.done(FtpOpcode.OPEN, b"plans/one.bin") == struct.pack("<I", 600)
-    assert b"".join(ftp.done(FtpOpcode.READ, offset=at) for at in (0, 239, 478)) == content
-    assert ftp.refused(FtpOpcode.WRITE, b"x") == bytes([FtpError.ERRNO, errno.EBADF])
-    ftp.done(FtpOpcode.TERMINATE)
-    assert ftp.done(FtpOpcode.OPEN_WRITE, b"plans/one.bin") == struct.pack("<I", 600)
-    ftp.done(FtpOpcode.WRITE, b"new", offset=1)
-    ftp.done(FtpOpcode.TERMINATE)
-    ftp.done(FtpOpcode.TRUNCATE, b"plans/one.bin", offset=5)
-    ftp.done(FtpOpcode.RENAME, b"plans/one.bin\0two.bin")
-    ftp.done(FtpOpcode.OPEN, b"two.bin")
-    assert ftp.done(FtpOpcode.READ) == content[:1] + b"new" + content[4:5]
-    ftp.done(FtpOpcode.RESET)
-    ftp.done(FtpOpcode.REMOVE_FOLDER, b"plans")
-    ftp.done(FtpOpcode.REMOVE, b"two.bin")
-    assert ftp.refused(FtpOpcode.OPEN, b"two.bin") == bytes([FtpError.NOT_FOUND])
+    assert ftp.done(MAV_FTP_OPCODE.OPENFILERO, b"plans/one.bin") == struct.pack("<I", 600)
+    assert b"".join(ftp.done(MAV_FTP_OPCODE.READFILE, offset=at) for at in (0, 239, 478)) == content
+    assert ftp.refused(MAV_FTP_OPCODE.WRITEFILE, b"x") == bytes([MAV_FTP_ERR.FAILERRNO, errno.EBADF])
+    ftp.done(MAV_FTP_OPCODE.TERMINATESESSION)
+    assert ftp.done(MAV_FTP_OPCODE.OPENFILEWO, b"plans/one.bin") == struct.pack("<I", 600)
+    ftp.done(MAV_FTP_OPCODE.WRITEFILE, b"new", offset=1)
+    ftp.done(MAV_FTP_OPCODE.TERMINATESESSION)
+    ftp.done(MAV_FTP_OPCODE.TRUNCATEFILE, b"plans/one.bin", offset=5)
+    ftp.done(MAV_FTP_OPCODE.RENAME, b"plans/one.bin\0two.bin")
+    ftp.done(MAV_FTP_OPCODE.OPENFILERO, b"two.bin")
+    assert ftp.done(MAV_FTP_OPCODE.READFILE) == content[:1] + b"new" + content[4:5]
+    ftp.done(MAV_FTP_OPCODE.RESETSESSION)
+    ftp.done(MAV_FTP_OPCODE.REMOVEDIRECTORY, b"plans")
+    ftp.done(MAV_FTP_OPCODE.REMOVEFILE, b"two.bin")
+    assert ftp.refused(MAV_FTP_OPCODE.OPENFILERO, b"two.bin") == bytes([MAV_FTP_ERR.FILENOTFOUND])
 
 
 def test_what_cannot_be_written_is_refused(make: Make) -> None:
@@ -91,36 +91,40 @@ def test_what_cannot_be_written_is_refused(make: Make) -> None:
     changes a file.
     """
     ftp = Ftp(make())
-    ftp.done(FtpOpcode.MAKE_FOLDER, b"kept")
+    ftp.done(MAV_FTP_OPCODE.CREATEDIRECTORY, b"kept")
     for opcode, path in (
-        (FtpOpcode.CREATE, b"etc/extras/all_events.json.xz"),
-        (FtpOpcode.OPEN_WRITE, b"etc"),
-        (FtpOpcode.TRUNCATE, b"etc/extras/parameters.json.xz"),
-        (FtpOpcode.RENAME, b"etc\0mine"),
-        (FtpOpcode.CREATE, b"../outside"),
+        (MAV_FTP_OPCODE.CREATEFILE, b"etc/extras/all_events.json.xz"),
+        (MAV_FTP_OPCODE.OPENFILEWO, b"etc"),
+        (MAV_FTP_OPCODE.TRUNCATEFILE, b"etc/extras/parameters.json.xz"),
+        (MAV_FTP_OPCODE.RENAME, b"etc\0mine"),
+        (MAV_FTP_OPCODE.CREATEFILE, b"../outside"),
     ):
-        assert ftp.refused(opcode, path) == bytes([FtpError.PROTECTED]), path
-    assert ftp.refused(FtpOpcode.MAKE_FOLDER, b"kept") == bytes([FtpError.EXISTS])
-    assert ftp.refused(FtpOpcode.CREATE, b"nowhere/file") == bytes([FtpError.NOT_FOUND])
-    assert ftp.refused(FtpOpcode.REMOVE, b"nothing") == bytes([FtpError.NOT_FOUND])
-    assert ftp.refused(FtpOpcode.RENAME, b"kept") == bytes([FtpError.ERRNO, errno.EINVAL])
-    assert ftp.refused(FtpOpcode.WRITE, b"x") == bytes([FtpError.INVALID_SESSION])
-    ftp.done(FtpOpcode.CREATE, b"kept/big")
-    assert ftp.refused(FtpOpcode.WRITE, b"x", offset=2**32 - 2) == bytes([FtpError.ERRNO, errno.ENOSPC])
-    assert ftp.refused(FtpOpcode.REMOVE_FOLDER, b"kept") == bytes([FtpError.ERRNO, errno.ENOTEMPTY])
+        assert ftp.refused(opcode, path) == bytes([MAV_FTP_ERR.FILEPROTECTED]), path
+    assert ftp.refused(MAV_FTP_OPCODE.CREATEDIRECTORY, b"kept") == bytes([MAV_FTP_ERR.FILEEXISTS])
+    assert ftp.refused(MAV_FTP_OPCODE.CREATEFILE, b"nowhere/file") == bytes([MAV_FTP_ERR.FILENOTFOUND])
+    assert ftp.refused(MAV_FTP_OPCODE.REMOVEFILE, b"nothing") == bytes([MAV_FTP_ERR.FILENOTFOUND])
+    assert ftp.refused(MAV_FTP_OPCODE.RENAME, b"kept") == bytes([MAV_FTP_ERR.FAILERRNO, errno.EINVAL])
+    assert ftp.refused(MAV_FTP_OPCODE.WRITEFILE, b"x") == bytes([MAV_FTP_ERR.INVALIDSESSION])
+    ftp.done(MAV_FTP_OPCODE.CREATEFILE, b"kept/big")
+    assert ftp.refused(MAV_FTP_OPCODE.WRITEFILE, b"x", offset=2**32 - 2) == bytes(
+        [MAV_FTP_ERR.FAILERRNO, errno.ENOSPC]
+    )
+    assert ftp.refused(MAV_FTP_OPCODE.REMOVEDIRECTORY, b"kept") == bytes(
+        [MAV_FTP_ERR.FAILERRNO, errno.ENOTEMPTY]
+    )
 
 
 def test_ardupilot_takes_no_files(make: Make) -> None:
     ftp = Ftp(make(simspec("ardupilot")))
     for opcode in (
-        FtpOpcode.CREATE,
-        FtpOpcode.OPEN_WRITE,
-        FtpOpcode.REMOVE,
-        FtpOpcode.MAKE_FOLDER,
-        FtpOpcode.REMOVE_FOLDER,
-        FtpOpcode.TRUNCATE,
+        MAV_FTP_OPCODE.CREATEFILE,
+        MAV_FTP_OPCODE.OPENFILEWO,
+        MAV_FTP_OPCODE.REMOVEFILE,
+        MAV_FTP_OPCODE.CREATEDIRECTORY,
+        MAV_FTP_OPCODE.REMOVEDIRECTORY,
+        MAV_FTP_OPCODE.TRUNCATEFILE,
     ):
-        assert ftp.refused(opcode, b"mine") == bytes([FtpError.PROTECTED])
+        assert ftp.refused(opcode, b"mine") == bytes([MAV_FTP_ERR.FILEPROTECTED])
 
 
 def test_the_scratch_area_has_an_end() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from vehicle_client import Client, Make, mavlink, of, simspec
 
-from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
+from vehicle_models.controller.links._enums import MAV_FTP_ERR, MAV_FTP_OPCODE
 
 REQUEST = 512
 
@@ -49,17 +49,17 @@ def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[A
 
 def fetch(client: Client, path: str) -> bytes:
     """A whole file by open, read, terminate."""
-    (opened,) = ftp(client, FtpOpcode.OPEN, path.encode(), seq=10)
-    assert opened[0] == FtpOpcode.ACK
+    (opened,) = ftp(client, MAV_FTP_OPCODE.OPENFILERO, path.encode(), seq=10)
+    assert opened[0] == MAV_FTP_OPCODE.ACK
     (size,) = struct.unpack("<I", opened[5])
     data, seq = b"", 11
     while len(data) < size:
-        (answer,) = ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)
+        (answer,) = ftp(client, MAV_FTP_OPCODE.READFILE, size=239, offset=len(data), seq=seq)
         data, seq = data + answer[5], seq + 1
-    assert ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes(
-        [FtpError.END_OF_FILE]
+    assert ftp(client, MAV_FTP_OPCODE.READFILE, size=239, offset=len(data), seq=seq)[0][5] == bytes(
+        [MAV_FTP_ERR.EOF]
     )
-    assert ftp(client, FtpOpcode.TERMINATE, seq=seq + 1)[0][0] == FtpOpcode.ACK
+    assert ftp(client, MAV_FTP_OPCODE.TERMINATESESSION, seq=seq + 1)[0][0] == MAV_FTP_OPCODE.ACK
     return data
 
 
@@ -156,20 +156,22 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     cannot be.
     """
     client = make()
-    assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
-    listed = ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=2)[0][5]
+    assert ftp(client, MAV_FTP_OPCODE.RESETSESSION, seq=1)[0][0] == MAV_FTP_OPCODE.ACK
+    listed = ftp(client, MAV_FTP_OPCODE.LISTDIRECTORY, b"/etc/extras", seq=2)[0][5]
     assert [part.split(b"\t")[0] for part in listed.split(b"\0")[:-1]] == [
         b"Fall_events.json.xz",
         b"Fcomponent_general.json.xz",
         b"Fparameters.json.xz",
     ]
-    assert ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=3, offset=3)[0][5] == bytes([FtpError.END_OF_FILE])
-    whole = fetch(client, "/etc/extras/parameters.json.xz")
-    ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=4)
-    assert ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes(
-        [FtpError.NO_SESSIONS]
+    assert ftp(client, MAV_FTP_OPCODE.LISTDIRECTORY, b"/etc/extras", seq=3, offset=3)[0][5] == bytes(
+        [MAV_FTP_ERR.EOF]
     )
-    answers = ftp(client, FtpOpcode.BURST, seq=6, size=239)
+    whole = fetch(client, "/etc/extras/parameters.json.xz")
+    ftp(client, MAV_FTP_OPCODE.OPENFILERO, b"/etc/extras/parameters.json.xz", seq=4)
+    assert ftp(client, MAV_FTP_OPCODE.OPENFILERO, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes(
+        [MAV_FTP_ERR.NOSESSIONSAVAILABLE]
+    )
+    answers = ftp(client, MAV_FTP_OPCODE.BURSTREADFILE, seq=6, size=239)
     while not answers[-1][3]:
         answers += [
             (op, length, requested, complete, offset, data)
@@ -183,20 +185,22 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
         ]
     assert b"".join(message[5] for message in answers) == whole
     assert [message[3] for message in answers[:-1]] == [0] * (len(answers) - 1)
-    (checksum,) = ftp(client, FtpOpcode.CRC32, b"etc/extras/parameters.json.xz", seq=7)
+    (checksum,) = ftp(client, MAV_FTP_OPCODE.CALCFILECRC, b"etc/extras/parameters.json.xz", seq=7)
     assert struct.unpack("<I", checksum[5])[0] == plain_crc(whole)
     refusals = {
-        (FtpOpcode.OPEN, b"@PARAM/param.pck"): FtpError.NO_SESSIONS,
-        (FtpOpcode.CRC32, b"nothing"): FtpError.NOT_FOUND,
-        (FtpOpcode.LIST, b"nowhere"): FtpError.NOT_FOUND,
-        (FtpOpcode.REMOVE, b"etc/extras/parameters.json.xz"): FtpError.PROTECTED,
-        (99, b""): FtpError.UNKNOWN_COMMAND,
+        (MAV_FTP_OPCODE.OPENFILERO, b"@PARAM/param.pck"): MAV_FTP_ERR.NOSESSIONSAVAILABLE,
+        (MAV_FTP_OPCODE.CALCFILECRC, b"nothing"): MAV_FTP_ERR.FILENOTFOUND,
+        (MAV_FTP_OPCODE.LISTDIRECTORY, b"nowhere"): MAV_FTP_ERR.FILENOTFOUND,
+        (MAV_FTP_OPCODE.REMOVEFILE, b"etc/extras/parameters.json.xz"): MAV_FTP_ERR.FILEPROTECTED,
+        (99, b""): MAV_FTP_ERR.UNKNOWNCOMMAND,
     }
     for seq, ((opcode, data), error) in enumerate(refusals.items(), start=20):
-        assert ftp(client, opcode, data, seq=seq) == [(FtpOpcode.NAK, 1, opcode, 0, 0, bytes([error]))]
+        assert ftp(client, opcode, data, seq=seq) == [(MAV_FTP_OPCODE.NAK, 1, opcode, 0, 0, bytes([error]))]
     client.fly(11.0)  # the session that nobody used is closed by now
-    assert ftp(client, FtpOpcode.OPEN, b"@PARAM/param.pck", seq=40)[0][5] == bytes([FtpError.NOT_FOUND])
-    assert ftp(client, FtpOpcode.READ, seq=41)[0][5] == bytes([FtpError.INVALID_SESSION])
+    assert ftp(client, MAV_FTP_OPCODE.OPENFILERO, b"@PARAM/param.pck", seq=40)[0][5] == bytes(
+        [MAV_FTP_ERR.FILENOTFOUND]
+    )
+    assert ftp(client, MAV_FTP_OPCODE.READFILE, seq=41)[0][5] == bytes([MAV_FTP_ERR.INVALIDSESSION])
 
 
 def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
@@ -204,7 +208,7 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
     from pymavlink.mavftp import MAVFTP
 
     client = make(simspec("ardupilot"))
-    assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
+    assert ftp(client, MAV_FTP_OPCODE.RESETSESSION, seq=1)[0][0] == MAV_FTP_OPCODE.ACK
     decoded = MAVFTP.ftp_param_decode(fetch(client, "@PARAM/param.pck?withdefaults=1"))
     assert decoded is not None
     values = {name.decode(): value for name, value, _ in decoded.params}

@@ -44,6 +44,19 @@ def test_what_needs_turning_fails_and_can_be_cancelled(make: Make) -> None:
     assert client.texts()[-1] == "[cal] calibration cancelled\t"
 
 
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_there_are_no_logs_to_download(make: Make, autopilot: str) -> None:
+    """A client that lists logs hears at once that there are none, whatever range it asks for; data never come."""
+    client = make(simspec(autopilot))
+    client.fly(5.0)
+    for start, end in ((0, 0xFFFF), (3, 7)):
+        client.send(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
+        (entry,) = of("LOG_ENTRY", client.fly(0.1))
+        assert (entry.id, entry.num_logs, entry.last_log_num, entry.time_utc, entry.size) == (0, 0, 0, 0, 0)
+    client.send(mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 90))
+    assert not of("LOG_DATA", client.fly(0.1))
+
+
 def ask(client: Client, line: str, seconds: float = 0.2) -> str:
     """Write a line to the shell, in two pieces, and return what it prints."""
     data = f"{line}\n".encode()

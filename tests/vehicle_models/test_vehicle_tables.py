@@ -9,8 +9,7 @@ from vehicle_client import Make, mavlink, simspec
 
 from bench.cli._app import run
 from bench.contracts import load_plugin
-from vehicle_models.controller.policies._command_table import COMMAND_NAMES
-from vehicle_models.controller.policies._message_table import SENDING_ORDER
+from vehicle_models.controller.policies._tables import COMMAND_NAMES, SENDING_ORDER
 from vehicle_models.tables import CONFORMANCE, VERDICTS, command_table, parameter_table, parameters_read
 
 CELLS_BY_COMMAND = {int(number): (px4, ardupilot) for number, _, px4, ardupilot in command_table()[1:]}

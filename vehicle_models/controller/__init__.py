@@ -11,22 +11,22 @@ of the autopilots.
 - `safety/`: failsafes, fence, rally points, battery monitor, checks before arming, injected failures
 - `telemetry/`: streams (which client gets which message at which rate), contents of messages, texts, events
 - `payload/`: camera and gimbal
-- `logs/`: flight logs, their formats, their transfer and streaming
 - `files/`: MAVLink FTP, component metadata, packed parameters
 - `policies/`: what an autopilot must define: identity, parameters, modes (with arming), commands, setpoints,
   telemetry, missions, safety; with tables of what is plain data
-- `px4/`, `ardupilot/`: the nine policies of each autopilot, under the same file names
+- `px4/`, `ardupilot/`: the eight policies of each autopilot, under the same file names
 - `px4_wing/`: the identity and the parameters of PX4 on a fixed wing
 
 `_service.py` says which methods a service may have. `_controller.py` lists the services in the order in which
 they tick: to add one, write a module and a line there. A service never asks which autopilot it serves: it asks
-its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of nine files, and a
+its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of eight files, and a
 column in the tables of `policies/`.
 """
 
 from __future__ import annotations
 
 from ._controller import Controller as Controller
+from ._controller import Equipment as Equipment
 from .ardupilot import ARDUPILOT as ARDUPILOT
 from .guidance._guidance import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
@@ -34,8 +34,7 @@ from .guidance._wing import WingTarget as WingTarget
 from .links._link import Link as Link
 from .links._links import link_counters as link_counters
 from .links._links import open_links as open_links
-from .payload._equipment import Equipment as Equipment
-from .policies._autopilot import Autopilot as Autopilot
+from .policies import Autopilot as Autopilot
 from .px4 import PX4 as PX4
 from .px4_wing import PX4_WING as PX4_WING
 from .services._restart import PersistentState as PersistentState
@@ -46,6 +45,7 @@ from .state._flight_state import ReferencePoint as ReferencePoint
 from .state._flight_state import TargetAttitude as TargetAttitude
 from .state._shaping import MotionShaping as MotionShaping
 from .telemetry._attitude import attitude_quaternion as attitude_quaternion
+from .telemetry._attitude import turned_to_body as turned_to_body
 
 AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}
 WING_AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4_WING}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from bench.contracts import MavlinkTap
+from bench.simspec import Camera
 
 from .._geodesy import LocalFrame
 from ._message_router import COMPONENT, MessageRouter
@@ -20,22 +21,16 @@ from .links._link import Link
 from .links._links import link_counters
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
-from .logs._blocks import LogBlocks
-from .logs._recorder import FlightRecorder
-from .logs._storage import LogStorage
-from .logs._streaming import LogStreaming
-from .logs._transfer import LogTransfer
 from .missions._item_actions import ItemActions
 from .missions._mission_flight import MissionFlight
 from .missions._mission_plan import MissionPlan
 from .missions._protocol import MissionProtocol
 from .payload._camera import CameraComponent
-from .payload._equipment import Equipment
 from .payload._gimbal import Gimbal
-from .policies._autopilot import Autopilot
+from .policies import Autopilot
 from .policies._identity import CalibrationProtocol
 from .safety._failsafe import Failsafe
-from .safety._failure_injection import FailureInjection
+from .safety._failure_injection import BreakPart, FailureInjection
 from .safety._fence import Fence
 from .safety._health import Health
 from .safety._rally import Rally
@@ -83,6 +78,21 @@ R = TypeVar("R")
 _TERMINATE = Behaviour.TERMINATE
 
 
+@dataclass(frozen=True, slots=True)
+class Equipment:
+    """The camera, whose `gimbal` and `mavlink` define what of it is on the links, and what the bench offers.
+
+    `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
+    serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
+    of the simulation: an agent would choose the situation in which it is tested.
+    """
+
+    camera: Camera | None = None
+    truth: Callable[[], tuple[Any, ...]] | None = None
+    break_part: BreakPart | None = None
+    simulation_control: bool = True
+
+
 class Controller:
     """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once
     a step.
@@ -124,7 +134,6 @@ class Controller:
         texts = Texts(radio, flight, identity.texts, identity.text_ending, identity.texts_for_stations_s)
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
-        self._logs = persistent.logs if persistent else LogStorage()
         self._camera: CameraComponent | None = None
         self._failure_injection: FailureInjection | None = None
         self._build_flight_services(manoeuvres)
@@ -145,8 +154,7 @@ class Controller:
         """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""
         context, autopilot, plans = self._context, self._autopilot, self._plans
         flight, frame, parameters = context.flight, context.frame, context.parameters
-        # Plans call their listeners in order: the boundary follows a new fence before the mission is judged
-        # by it.
+        # In this order: the boundary follows a new fence before the mission is judged by it.
         self._boundary = boundary = FenceBoundary(
             autopilot.safety.fence, flight, frame, parameters, plans.fence
         )
@@ -225,8 +233,7 @@ class Controller:
                 context.parameters, failure_parameter, equipment.break_part, equipment.simulation_control
             )
             services.append(self._failure_injection)
-        # What is recorded is the state that all of them leave.
-        return [*services, *self._build_logs(), *self._build_telemetry()]
+        return [*services, *self._build_telemetry()]
 
     def _build_file_transfer(self) -> FileTransfer:
         identity = self._autopilot.identity
@@ -235,21 +242,9 @@ class Controller:
             {**metadata, **identity.files(self._context.parameters)},
             identity.files_writable,
             identity.folders,
-            functools.partial(self._logs.files, self._autopilot.logs),
             identity.memory_card,
         )
         return FileTransfer(self._context, files, identity.file_sessions)
-
-    def _build_logs(self) -> list[object]:
-        context, policy, storage = self._context, self._autopilot.logs, self._logs
-        identity, gps = self._autopilot.identity, self._autopilot.telemetry.gps_quality
-        recorder = FlightRecorder(context, policy, identity, gps, self._battery, storage)
-        return [
-            recorder,
-            LogTransfer(context, policy, recorder, storage),
-            LogStreaming(context, policy, recorder),
-            *([LogBlocks(context, policy, policy.blocks, recorder)] if policy.blocks else []),
-        ]
 
     def _build_calibration(self) -> list[object]:
         context = self._context
@@ -262,16 +257,7 @@ class Controller:
         modes, guidance = self._modes, self._guidance
         plan = MissionPlan(context, policy, boundary, self._plans)
         actions = ItemActions(
-            context,
-            policy,
-            plan,
-            modes,
-            guidance,
-            boundary,
-            self._home,
-            gimbal,
-            self._camera,
-            own_commands,
+            context, policy, plan, modes, guidance, boundary, self._home, gimbal, self._camera, own_commands
         )
         mission_mode = self._autopilot.modes.mission
         return MissionFlight(context, policy, mission_mode, modes, guidance, plan, actions, self._arming.arm)
@@ -348,9 +334,7 @@ class Controller:
         self._fly()
 
     def report(self) -> None:
-        """Send everything that is due at the present moment, and everything that was queued during the
-        step.
-        """
+        """Send everything that is due now, and everything that was queued during the step."""
         self._streams.send_due()
         self._context.radio.flush()
 
@@ -380,7 +364,7 @@ class Controller:
     def persistent_state(self) -> PersistentState:
         """What the next controller of the same vehicle starts with."""
         plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
-        return PersistentState(self.changed_parameters(), plans, self._signing, self._logs, self._counts())
+        return PersistentState(self.changed_parameters(), plans, self._signing, self._counts())
 
     def counters(self) -> dict[str, int]:
         """Messages that were dropped or made no sense, by name; since the first start."""

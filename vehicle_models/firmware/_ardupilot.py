@@ -16,7 +16,7 @@ from ..x500 import ROTORS
 from ._airframe import BATTERY_NOMINAL_V, ardupilot_parameters, charge_percent, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, encoded_state, rotor_share
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, RunningFirmware, program_faults, program_identity
+from ._firmware import FirmwarePlan, RunningFirmware, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import TcpPort
 from ._pace import core_of
@@ -46,18 +46,14 @@ class ArduPilotKind:
     estimate_hz: float | None = 50.0
     logs: Sequence[str] = ("logs/*.BIN",)
 
-    def program(self, firmware: Path) -> Path:
-        return firmware
-
     def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
         assert isinstance(autopilot, RealAutopilot)
-        return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
+        return program_identity(Path(autopilot.firmware), autopilot.pace)
 
     def faults(self, vehicle: VehicleSpec) -> list[Fault]:
         autopilot = vehicle.autopilot
         assert isinstance(autopilot, RealAutopilot)
-        firmware = Path(autopilot.firmware)
-        return program_faults(self.program(firmware), [])
+        return program_faults(Path(autopilot.firmware), [])
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
@@ -66,9 +62,28 @@ class ArduPilotKind:
         with ExitStack() as stack:
             environment = {"PATH": "/usr/bin:/bin"}
             program = stack.enter_context(open_program(self.name, plan.folder, environment, "dsss"))
-            physics = _Physics(program, plan.budgets)
-            stack.callback(physics.close)
-            instance = stack.enter_context(claimed_instance(physics.open))
+            physics: list[ArduPilotLink] = []
+
+            def bind(number: int) -> bool:
+                """Bind the physics' port of this number; False where it, or the first that ArduPilot needs, is taken."""
+                offset = _PORTS_PER_INSTANCE * number
+                if program.network_fault and not _is_free(_SERIAL0_PORT + offset):
+                    return False
+                try:
+                    link = ArduPilotLink(
+                        PHYSICS_PORT + offset,
+                        check_alive=program.check_alive,
+                        connect_s=plan.budgets.connect_s,
+                        answer_s=plan.budgets.answer_s,
+                        unbound=program.new_socket(socket.SOCK_DGRAM),
+                    )
+                except OSError:
+                    return False
+                stack.callback(link.close)
+                physics.append(link)
+                return True
+
+            instance = stack.enter_context(claimed_instance(bind))
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             parameters = merged(
                 ardupilot_parameters(
@@ -83,15 +98,9 @@ class ArduPilotKind:
             (plan.folder / _DEFAULTS_FILE).write_text("".join(lines), encoding="utf-8")
             latitude_e7, longitude_e7 = body.home_e7
             home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
-            program_path = self.program(Path(autopilot.firmware).resolve())
-            command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
-            command += [
-                "--start-time",
-                str(self._start_s(plan)),
-                "--defaults",
-                _DEFAULTS_FILE,
-                f"-I{instance}",
-            ]
+            command = [str(Path(autopilot.firmware).resolve()), "--model", "JSON", "--speedup", str(_SPEEDUP)]
+            command += ["--home", home, "--start-time", str(self._start_s(plan))]
+            command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
             program.run(command, cores)
 
             def port(first_number: int) -> TcpPort:
@@ -106,7 +115,7 @@ class ArduPilotKind:
             first, second, third = port(_SERIAL0_PORT), port(_SERIAL1_PORT), port(_SERIAL2_PORT)
             # Nothing of it runs before its first port has a client.
             first.open(plan.budgets.connect_s)
-            running = RunningArduPilot(body, plan.battery, program, physics.link, cores)
+            running = RunningArduPilot(body, plan.battery, program, physics[0], cores)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
             running.estimate_port = third
             running.connections = [first, second, third]
@@ -116,37 +125,6 @@ class ArduPilotKind:
         """When its receiver's clock begins, in seconds since 1970: without it, at the host's time, and no two flights agree."""
         boot_s = self.boot_s if plan.autopilot.boot_s is None else plan.autopilot.boot_s
         return min(math.floor(plan.simspec.environment.start_utc.timestamp() - boot_s), _LAST_START_S)
-
-
-class _Physics:
-    """The physics' port, bound before ArduPilot starts."""
-
-    link: ArduPilotLink
-
-    def __init__(self, program: FirmwareProgram, budgets: Budgets) -> None:
-        self._program, self._budgets = program, budgets
-        self._stack = ExitStack()
-
-    def open(self, instance: int) -> bool:
-        """Bind the port of this number; False where it, or the first that ArduPilot needs, is taken."""
-        program, offset = self._program, _PORTS_PER_INSTANCE * instance
-        if program.network_fault and not _is_free(_SERIAL0_PORT + offset):
-            return False
-        try:
-            self.link = ArduPilotLink(
-                PHYSICS_PORT + offset,
-                check_alive=program.check_alive,
-                connect_s=self._budgets.connect_s,
-                answer_s=self._budgets.answer_s,
-                unbound=program.new_socket(socket.SOCK_DGRAM),
-            )
-        except OSError:
-            return False
-        self._stack.callback(self.link.close)
-        return True
-
-    def close(self) -> None:
-        self._stack.close()
 
 
 def _is_free(port: int) -> bool:

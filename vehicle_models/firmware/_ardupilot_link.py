@@ -98,7 +98,10 @@ class ArduPilotLink:
                 now_s = time.monotonic()
                 deadline_s = deadline_s or now_s - _POLL_S + patience_s
                 if now_s > deadline_s:
-                    raise FirmwareFault(self._silence(patience_s)) from None
+                    silent = f"has sent no packet after frame {self._count} for {patience_s:g} s"
+                    if self._peer is None:
+                        silent = f"sent nothing to UDP port {self.port} within {patience_s:g} s"
+                    raise FirmwareFault(f"ArduPilot {silent}") from None
                 continue
             except OSError:  # an ICMP answer to what was sent to a program that has ended
                 self._check_alive()
@@ -137,11 +140,6 @@ class ArduPilotLink:
             self.restarts += 1
         self._count = count
         return values[3:]
-
-    def _silence(self, patience_s: float) -> str:
-        if self._peer is None:
-            return f"ArduPilot sent nothing to UDP port {self.port} within {patience_s:g} s"
-        return f"ArduPilot has sent no packet after frame {self._count} for {patience_s:g} s"
 
 
 class ArduPilotMetres:

@@ -1,6 +1,4 @@
-"""Keeps agents from asking a board for more than its line carries, and from changing what it keeps; they are answered in its
-name, with the reason.
-"""
+"""Keeps agents from asking a board for more than its line carries, and from changing what it keeps."""
 
 from __future__ import annotations
 
@@ -15,24 +13,17 @@ from ._line_budget import LineBudget
 
 # By these an agent could make the next start one that drives real motors.
 _BOARD_PARAMETERS = (b"SYS_HITL", b"SYS_AUTOSTART", b"SYS_AUTOCONFIG", b"HIL_ACT_", b"PWM_MAIN_", b"PWM_AUX_")
-# Of common.xml, beside those of MAV_CMD, which are commands that an imitated autopilot knows.
-_PREFLIGHT_SET_SENSOR_OFFSETS, _PREFLIGHT_UAVCAN, _CONFIGURE_ACTUATOR, _FLASH_BOOTLOADER = (
-    242,
-    243,
-    311,
-    42650,
-)
 # What the board would keep after the session, and its owner fly with.
 _KEPT_BY_BOARD = frozenset(
     {
         MAV_CMD.PREFLIGHT_CALIBRATION,
-        _PREFLIGHT_SET_SENSOR_OFFSETS,
-        _PREFLIGHT_UAVCAN,
-        _CONFIGURE_ACTUATOR,
+        MAV_CMD.PREFLIGHT_SET_SENSOR_OFFSETS,
+        MAV_CMD.PREFLIGHT_UAVCAN,
+        MAV_CMD.CONFIGURE_ACTUATOR,
         MAV_CMD.FIXED_MAG_CAL_YAW,
         MAV_CMD.DO_START_MAG_CAL,
         MAV_CMD.DO_ACCEPT_MAG_CAL,
-        _FLASH_BOOTLOADER,
+        MAV_CMD.FLASH_BOOTLOADER,
     }
 )
 _COMMAND_ACK, _REQUEST_DATA_STREAM, _STATUSTEXT, _SETUP_SIGNING = 77, 66, 253, 256

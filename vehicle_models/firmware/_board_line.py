@@ -93,12 +93,9 @@ class BoardLine:
         """Wait for PX4's heartbeat. Raises FirmwareFault with what came instead."""
         self.state.heard_s = None
         if not self._wait(lambda: self.state.heard_s is not None, self._connect_s):
-            garbage = self.reader.garbage_bytes
-            heard = (
-                f"{garbage} bytes that are no MAVLink came: is the speed right?"
-                if garbage
-                else "nothing came"
-            )
+            garbage, heard = self.reader.garbage_bytes, "nothing came"
+            if garbage:
+                heard = f"{garbage} bytes that are no MAVLink came: is the speed right?"
             raise FirmwareFault(
                 f"no heartbeat of a flight controller on {self.device.path} within {self._connect_s:g} s; {heard}"
             )
@@ -156,14 +153,9 @@ class BoardLine:
     def differing(self, wanted: Mapping[str, float]) -> dict[str, BoardParameter]:
         """What the board holds of these where it is something else. Raises SetupError for those that it does not have."""
         held = {name: self.parameter(name) for name in wanted}
+        what, remedy = f"the board on {self.device.path} does not have it", "remove it, or check its airframe"
         faults = [
-            Fault(
-                f"parameter {name}",
-                f"the board on {self.device.path} does not have it",
-                "remove it, or check its airframe",
-            )
-            for name, parameter in held.items()
-            if parameter is None
+            Fault(f"parameter {name}", what, remedy) for name, parameter in held.items() if parameter is None
         ]
         if faults:
             raise SetupError(faults)

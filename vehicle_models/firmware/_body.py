@@ -18,10 +18,7 @@ _SETTLING_S = 0.5
 
 
 class Body:
-    """The X500 with its rotors commanded one by one, `samples_hz` times a second, and its receiver's error.
-
-    Raises SetupError when `controller_hz` does not divide `samples_hz`.
-    """
+    """The X500 by rotor, `samples_hz` times a second. Raises SetupError unless `controller_hz` divides that."""
 
     def __init__(self, simspec: SimSpec, samples_hz: int, controller_hz: int) -> None:
         origin, home = simspec.world.origin, simspec.vehicle.home

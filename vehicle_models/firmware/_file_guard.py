@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import struct
 
-from ..controller.files._ftp import FtpOpcode
+from ..controller.links._enums import MAV_FTP_ERR, MAV_FTP_OPCODE
 from ..controller.links._frames import Packer, payload_of, sender
 
 FILE_TRANSFER_PROTOCOL = 110
@@ -20,12 +20,16 @@ _TRANSFER_AT = 3
 # MAVLink FTP: sequence, session, opcode, size, requested opcode, burst complete, padding, offset; then data.
 _TRANSFER = struct.Struct("<HBBBBBBI")
 _TRANSFER_BYTES = 251
-_UPLOADS = frozenset({FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE, FtpOpcode.TRUNCATE})
-_READS = frozenset({FtpOpcode.LIST, FtpOpcode.OPEN, FtpOpcode.CRC32})
-_CHANGES = _UPLOADS | {FtpOpcode.REMOVE, FtpOpcode.MAKE_FOLDER, FtpOpcode.REMOVE_FOLDER, FtpOpcode.RENAME}
+_UPLOADS = frozenset({MAV_FTP_OPCODE.CREATEFILE, MAV_FTP_OPCODE.OPENFILEWO, MAV_FTP_OPCODE.TRUNCATEFILE})
+_READS = frozenset({MAV_FTP_OPCODE.LISTDIRECTORY, MAV_FTP_OPCODE.OPENFILERO, MAV_FTP_OPCODE.CALCFILECRC})
+_CHANGES = _UPLOADS | {
+    MAV_FTP_OPCODE.REMOVEFILE,
+    MAV_FTP_OPCODE.CREATEDIRECTORY,
+    MAV_FTP_OPCODE.REMOVEDIRECTORY,
+    MAV_FTP_OPCODE.RENAME,
+}
 # Plans are uploaded to virtual files of ArduPilot. Renaming is no upload: its second path may lead anywhere.
 _PLANS = (b"@MISSION/", b"@FENCE/", b"@RALLY/")
-_FILE_PROTECTED = 9
 _AUTOPILOT_COMPONENT = 1
 
 
@@ -45,10 +49,7 @@ def _leads_outside(path: bytes) -> bool:
 
 
 def file_refusal(frame: bytes) -> bytes | None:
-    """The autopilot's refusal of a FILE_TRANSFER_PROTOCOL that changes anything but plans; None for any other.
-
-    Without an answer a client would ask again and again.
-    """
+    """The refusal of a FILE_TRANSFER_PROTOCOL that changes anything but plans; None for any other."""
     opcode, paths = _request(frame)
     is_plan = all(path.startswith(_PLANS) for path in paths)
     return None if opcode not in _CHANGES or (is_plan and opcode in _UPLOADS) else _refusal(frame)
@@ -67,8 +68,8 @@ def _request(frame: bytes) -> tuple[int, tuple[bytes, bytes]]:
 def _refusal(frame: bytes) -> bytes:
     payload = payload_of(frame, _TRANSFER_AT + _TRANSFER_BYTES)
     sequence, session, opcode, *_ = _TRANSFER.unpack_from(payload, _TRANSFER_AT)
-    refusal = _TRANSFER.pack((sequence + 1) & 0xFFFF, session, FtpOpcode.NAK, 1, opcode, 0, 0, 0)
-    content = (refusal + bytes([_FILE_PROTECTED])).ljust(_TRANSFER_BYTES, b"\0")
+    refusal = _TRANSFER.pack((sequence + 1) & 0xFFFF, session, MAV_FTP_OPCODE.NAK, 1, opcode, 0, 0, 0)
+    content = (refusal + bytes([MAV_FTP_ERR.FILEPROTECTED])).ljust(_TRANSFER_BYTES, b"\0")
     system, component = sender(frame)
     # The autopilot that was asked: its system stands behind the network in the payload.
     packer = Packer(payload[1] or 1, _AUTOPILOT_COMPONENT)

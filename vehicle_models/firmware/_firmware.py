@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault
@@ -59,6 +59,8 @@ class RunningFirmware(ABC):
     """Every connection: the autopilot may wait for one that nobody reads."""
     armed: bool | None
     """Whether it is armed by what the physics link says; None where only its heartbeat does."""
+    keeps_real_time = False
+    """Whether its own clock goes on: it waits for nobody."""
     silent_s = 0.0
     """Simulated seconds without outputs for the rotors, which keep the last ones; 0 where they come."""
 
@@ -68,6 +70,17 @@ class RunningFirmware(ABC):
 
     def settle(self) -> None:  # noqa: B027  (a board's threads cannot be seen)
         """Wait until the autopilot has done all that the last sample made it do, at paces that promise it."""
+
+    def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
+        """Parameters by which receiver and battery that it simulates are the bench's; `charge` is 0 to 1."""
+        return {}
+
+    def drop_command(self, charge: float) -> tuple[int, float, float] | None:
+        """MAV_CMD and its first two parameters that tell it a charge which fell at once; None where none is needed."""
+        return None
+
+    def wait_step(self) -> None:  # noqa: B027
+        """Wait until the next step is due, where `keeps_real_time`."""
 
     @abstractmethod
     def last_words(self) -> str:
@@ -99,25 +112,6 @@ class FirmwareKind(Protocol):
         """Start it and connect to it; leaving the block ends it."""
 
 
-@runtime_checkable
-class SimulatesParts(Protocol):
-    """What a started autopilot promises beside `RunningFirmware` when it simulates receiver and battery itself."""
-
-    def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
-        """Parameters by which its receiver and battery are those of the bench; `charge` is 0 to 1."""
-
-    def drop_command(self, charge: float) -> tuple[int, float, float] | None:
-        """MAV_CMD and its first two parameters that tell it a charge which fell at once; None where none is needed."""
-
-
-@runtime_checkable
-class KeepsRealTime(Protocol):
-    """What a started autopilot promises beside `RunningFirmware` when its own clock goes on: it waits for nobody."""
-
-    def wait_step(self) -> None:
-        """Wait until the next step is due."""
-
-
 def program_identity(program: Path, pace: str) -> str:
     """An executable by its name and digest, and the pace at which it flies."""
     digest = hashlib.sha256(program.read_bytes()).hexdigest()
@@ -128,11 +122,8 @@ def program_faults(program: Path, other_files: Sequence[Path]) -> list[Fault]:
     """Faults of files that are missing, or of a program that cannot be executed."""
     missing = [path for path in (program, *other_files) if not path.exists()]
     if missing:
-        return [
-            Fault(
-                FIRMWARE_FIELD, f"{missing[0]} does not exist", "docs/real-autopilots.md says what is needed"
-            )
-        ]
+        remedy = "docs/real-autopilots.md says what is needed"
+        return [Fault(FIRMWARE_FIELD, f"{missing[0]} does not exist", remedy)]
     if not program.is_file() or not os.access(program, os.X_OK):
         return [Fault(FIRMWARE_FIELD, f"{program} is not an executable file", f"chmod +x {program}")]
     return []

@@ -9,13 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bench.contracts import (
-    MavlinkTap,
-    SimTime,
-    VehicleCondition,
-    VehiclePlan,
-    VehicleState,
-)
+from bench.contracts import MavlinkTap, SimTime, VehicleCondition, VehiclePlan, VehicleState
 from bench.errors import Fault, FirmwareFault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot
 from bench.temporary_folders import temporary_folder
@@ -28,14 +22,14 @@ from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware, SimulatesParts
+from ._firmware import Budgets, FirmwareKind, FirmwarePlan, RunningFirmware
 from ._gate import Gate
 from ._line_budget import SAMPLE_RATES_HZ
 from ._pace import Keeper, held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
 from ._px4_board import Px4BoardKind
-from ._simulated_parts import SimulatedParts, parts_fault
+from ._simulated_parts import SimulatedParts
 from ._telemetry import Telemetry
 
 KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
@@ -75,12 +69,7 @@ class FirmwareX500(LinkedVehicle):
     """The quadrotor under a real autopilot."""
 
     def __init__(
-        self,
-        plan: VehiclePlan,
-        links: list[Link],
-        stack: ExitStack,
-        tap: MavlinkTap | None,
-        budgets: Budgets,
+        self, plan: VehiclePlan, links: list[Link], stack: ExitStack, tap: MavlinkTap | None, budgets: Budgets
     ) -> None:
         simspec = plan.simspec
         autopilot = simspec.vehicle.autopilot
@@ -123,7 +112,7 @@ class FirmwareX500(LinkedVehicle):
             raise FirmwareFault(
                 f"{self._kind.name} has sent no MAVLink heartbeat in {max(boot_s, _HELLO_S):g} s{running.last_words()}"
             )
-        if isinstance(running, KeepsRealTime):
+        if running.keeps_real_time:
             # The agent starts now, for seconds, and a board that gets no sensors meanwhile has no estimate any more.
             self._keeper = Keeper(lambda: self._stand(running))
             self._stack.callback(self._keeper.close)
@@ -137,14 +126,16 @@ class FirmwareX500(LinkedVehicle):
         self._failures.apply(self.time.ns)
         if self._parts:
             gps_off, charge = self._body.navigation.off, self._battery.fraction
-            if left := self._parts.tell(running, self.time.ns, gps_off=gps_off, charge=charge):
-                raise parts_fault(self._kind.name, left)
+            if left := self._parts.tell(self.time.ns, gps_off=gps_off, charge=charge):
+                raise FirmwareFault(
+                    f"{self._kind.name} has not confirmed {', '.join(left)}, by which the bench's receiver and battery "
+                    "reach it: ArduCopter 4.6.3 has these names, others may not, and a charge needs BATT_MONITOR 4"
+                )
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
-        falling_mps = (
-            math.hypot(*self._body.velocity_ned_mps()) if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
-        )
+        speed_mps = math.hypot(*self._body.velocity_ned_mps())
+        falling_mps = speed_mps if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
         try:
             self._advance(running)
             self._watch_silence(running)
@@ -212,21 +203,14 @@ class FirmwareX500(LinkedVehicle):
         # Outermost, so that it is removed last: the program writes here until it is killed.
         folder = self._stack.enter_context(temporary_folder("autopilot")).resolve()
         self._stack.callback(self._keep_artefacts, folder)
+        parts, links = (self._body, self._battery), [link.spec for link in self._links]
+        budgets, controller_hz = self._budgets, self._plan.controller_hz
         plan = FirmwarePlan(
-            self._plan.simspec,
-            self._autopilot,
-            self._body,
-            self._battery,
-            [link.spec for link in self._links],
-            folder,
-            self._budgets,
-            self._plan.controller_hz,
+            self._plan.simspec, self._autopilot, *parts, links, folder, budgets, controller_hz
         )
         self._running = running = self._stack.enter_context(self._kind.open(plan))
-        # Asked once: the answer takes 30 us.
-        if isinstance(running, SimulatesParts):
-            vehicle = self._plan.simspec.vehicle
-            self._parts = SimulatedParts(running, self._telemetry, vehicle, self._battery.fraction)
+        vehicle = self._plan.simspec.vehicle
+        self._parts = SimulatedParts(running, self._telemetry, vehicle, self._battery.fraction)
         return running
 
     def _stand(self, running: RunningFirmware) -> None:
@@ -236,7 +220,7 @@ class FirmwareX500(LinkedVehicle):
             frames = port.read()
             if port is running.estimate_port:
                 self._telemetry.take(frames)
-        if isinstance(running, KeepsRealTime):
+        if running.keeps_real_time:
             running.wait_step()
 
     def _advance(self, running: RunningFirmware) -> None:
@@ -326,11 +310,8 @@ class FirmwareX500(LinkedVehicle):
         messages = [
             f"{message_name(number)} {self.time.s - sent.s:.2f} s before" for sent, number in self._last_heard
         ]
-        return (
-            f"; the last messages of clients: {', '.join(messages)}"
-            if messages
-            else "; no client had sent a message"
-        )
+        last = f"the last messages of clients: {', '.join(messages)}"
+        return f"; {last if messages else 'no client had sent a message'}"
 
     def _stop_rotors(self) -> None:
         for rotor in range(len(ROTORS)):
@@ -360,9 +341,8 @@ class FirmwareX500(LinkedVehicle):
             what = f"a board keeps real time, and the pace is {self._plan.simspec.pace.mode}"
             faults.append(Fault("pace.mode", what, "fly with --pace realtime"))
         if isinstance(self._autopilot, BoardAutopilot) and self._plan.controller_hz > SAMPLE_RATES_HZ[-1]:
-            faults.append(
-                Fault("controller_hz", f"{self._plan.controller_hz} Hz is too fast for a board", "use 50")
-            )
+            what = f"{self._plan.controller_hz} Hz is too fast for a board"
+            faults.append(Fault("controller_hz", what, "use 50"))
         if self._kind.samples_hz % self._plan.controller_hz:
             rates = "use 25, 50, 100 or 200"
             faults.append(Fault("controller_hz", f"{self._plan.controller_hz} Hz does not divide", rates))

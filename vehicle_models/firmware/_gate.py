@@ -84,7 +84,7 @@ def command_of(frame: bytes) -> int:
 def replaces_parameters(frame: bytes) -> bool:
     """Whether a COMMAND_LONG or COMMAND_INT loads or resets all parameters."""
     (action,) = struct.unpack("<f", payload_of(frame, 4))
-    return command_of(frame) == MAV_CMD.PREFLIGHT_STORAGE and action != _SAVE_PARAMETERS
+    return bool(command_of(frame) == MAV_CMD.PREFLIGHT_STORAGE and action != _SAVE_PARAMETERS)
 
 
 def parameter_name(frame: bytes) -> bytes:
@@ -95,6 +95,6 @@ def parameter_name(frame: bytes) -> bytes:
 def _ends_program(frame: bytes) -> bool:
     number = message_id(frame)
     if number in (COMMAND_LONG, COMMAND_INT):
-        return command_of(frame) == MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN
+        return bool(command_of(frame) == MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN)
     # A shell on the autopilot can do all of this.
     return number == _SERIAL_CONTROL

@@ -63,14 +63,11 @@ class HilEncoder:
         air: AirReading | None = None,
     ) -> bytes:
         """HIL_SENSOR of IMU 0, which sets PX4's clock to `time_us` (from the start of the flight)."""
-        mask = IMU_FIELDS
-        if magnetometer:
-            mask |= MAGNETOMETER_FIELDS
+        mask = IMU_FIELDS | (MAGNETOMETER_FIELDS if magnetometer else 0)
+        pressure = (0.0, 0.0, 0.0, 0.0)
         if air:
             mask |= BAROMETER_FIELDS
-        pressure = (
-            (air.pressure_hpa, 0.0, air.pressure_altitude_m, air.temperature_degc) if air else (0.0,) * 4
-        )
+            pressure = (air.pressure_hpa, 0.0, air.pressure_altitude_m, air.temperature_degc)
         return self._pack(HIL_SENSOR, (time_us, *imu, *(magnetometer or (0.0, 0.0, 0.0)), *pressure, mask, 0))
 
     def gps(self, time_us: int, fix: Place) -> bytes:

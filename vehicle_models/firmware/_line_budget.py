@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bench.errors import Fault, SetupError
 
-from ..controller.links._dialect import dialect
+from ..controller.links._frames import KINDS, MESSAGE_NAMES
 from ..controller.links._serial import capacity_bps
 
 # Around a payload in MAVLink 2, unsigned.
@@ -29,17 +29,8 @@ _DEVICE_FIELD, _STREAMS_FIELD = "vehicle.autopilot.baud", "vehicle.autopilot.str
 
 def frame_bytes(name: str) -> int:
     """Bytes of a message at its longest. Raises KeyError for one that MAVLink does not have."""
-    size: int = _KINDS[name].unpacker.size
+    size: int = KINDS[name].unpacker.size
     return size + _ENVELOPE_BYTES
-
-
-def message_number(name: str) -> int:
-    number: int = _KINDS[name].id
-    return number
-
-
-_KINDS = {kind.msgname: kind for kind in dialect.mavlink_map.values()}
-_NAMES: dict[int, str] = {kind.id: name for name, kind in _KINDS.items()}
 
 
 @dataclass(slots=True)
@@ -66,7 +57,7 @@ class LineBudget:
 
         Rates of the messages that the bench needs cannot be lowered: a session without them has no estimate.
         """
-        name = _NAMES.get(number)
+        name = MESSAGE_NAMES.get(number)
         if name is None:
             return None
         planned_hz = self.streams_hz.get(name, 0.0)
@@ -104,11 +95,11 @@ def _with_streams(budget: LineBudget, wanted_hz: Mapping[str, float]) -> LineBud
     budget.streams_hz |= {name: min(wanted_hz.get(name, least_hz), least_hz) for name in ESTIMATE_MESSAGES}
     faults = []
     for name, rate_hz in wanted_hz.items():
-        if name not in _KINDS:
+        if name not in KINDS:
             faults.append(
                 Fault(f"{_STREAMS_FIELD}.{name}", "is no MAVLink message", "write it as in common.xml")
             )
-        elif reason := budget.refusal(message_number(name), rate_hz):
+        elif reason := budget.refusal(KINDS[name].id, rate_hz):
             faults.append(Fault(f"{_STREAMS_FIELD}.{name}", reason, "lower a rate, or use a faster line"))
     if faults:
         raise SetupError(faults)

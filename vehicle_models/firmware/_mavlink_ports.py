@@ -28,8 +28,6 @@ class MavlinkPort(Protocol):
 
     def send(self, frames: list[bytes]) -> None: ...
 
-    def close(self) -> None: ...
-
 
 class UdpPort:
     """PX4's: it sends to `port`, and hears what comes from there to `peer_port`."""

@@ -1,6 +1,4 @@
-"""How autopilot and physics share the host: pinned to one core, in step with every thread of the
-autopilot, or in real time.
-"""
+"""How autopilot and physics share the host: on one core, in step with every thread, or in real time."""
 
 from __future__ import annotations
 
@@ -36,10 +34,7 @@ def core_of(instance: int) -> int:
 
 @contextmanager
 def held_on(cores: frozenset[int]) -> Generator[None]:
-    """Keep the present thread on these cores; nothing where there are none.
-
-    Two processes that take turns lose more by waking each other across cores than the second core gives.
-    """
+    """Keep the thread on these cores, if any: two that take turns lose more by waking across cores."""
     if not cores:
         yield
         return
@@ -87,19 +82,6 @@ class ThreadWatch:
 
     def close(self) -> None:
         self._threads.close()
-
-
-@contextmanager
-def open_watch(pid: int, check_alive: CheckAlive) -> Generator[ThreadWatch | None]:
-    """A watch of this process, closed behind the block; None where the system does not show whether threads sleep."""
-    if unseen_reason():
-        yield None
-        return
-    watch = ThreadWatch(pid, check_alive)
-    try:
-        yield watch
-    finally:
-        watch.close()
 
 
 def quiet_fault() -> Fault | None:

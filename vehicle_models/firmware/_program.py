@@ -70,9 +70,8 @@ class FirmwareProgram:
     def last_words(self) -> str:
         """The end of its console, for an error."""
         with suppress(OSError):
-            lines = (
-                (self.folder / CONSOLE_FILE).read_bytes()[-_TAIL_BYTES:].decode(errors="replace").splitlines()
-            )
+            console = (self.folder / CONSOLE_FILE).read_bytes()[-_TAIL_BYTES:]
+            lines = console.decode(errors="replace").splitlines()
             if lines:
                 return f"; its console ends with: {' | '.join(lines[-_TAIL_LINES:])}"
         return ""

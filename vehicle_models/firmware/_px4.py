@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
+from bench.process_threads import unseen_reason
 from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec, VehicleSpec
 
 from ..x500 import ROTORS
@@ -19,7 +20,7 @@ from ._body import Body
 from ._firmware import Budgets, FirmwarePlan, RunningFirmware, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, UdpPort
-from ._pace import ThreadWatch, core_of, open_watch, quiet_fault
+from ._pace import ThreadWatch, core_of, quiet_fault
 from ._program import FirmwareProgram, open_program
 from ._px4_link import PHYSICS_PORT, Px4Link
 from ._px4_samples import Px4Samples
@@ -88,7 +89,9 @@ class Px4Kind:
             (plan.folder / "etc").symlink_to(firmware / "etc")
             command = [str(program_path), "-d", "-i", str(instance), "-s", _START_SCRIPT]
             program.run(command, cores)
-            threads = stack.enter_context(open_watch(program.pid, program.check_alive))
+            threads = None if unseen_reason() else ThreadWatch(program.pid, program.check_alive)
+            if threads:
+                stack.callback(threads.close)
             sockets.link.connect(threads.asleep if threads else None)
             watch = threads if autopilot.pace == "quiet" else None
             yield RunningPx4(plan.simspec, body, program, sockets, ports, cores, watch)
@@ -209,9 +212,6 @@ class RunningPx4(RunningFirmware):
     def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
         """Its battery falls to the bench's charge by whole percents. That fixes cease it sees on the physics link."""
         return {PX4_CHARGE: charge_percent(charge)} if self._follows else {}
-
-    def drop_command(self, charge: float) -> None:
-        """Its parameter is all that it needs."""
 
     def settle(self) -> None:
         if self._watch:

@@ -18,7 +18,7 @@ from bench.errors import Fault, FirmwareFault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
 
 from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import message_id
+from ..controller.links._frames import KINDS, message_id
 from ..controller.links._serial import SerialDevice
 from ..x500 import ROTORS
 from ._agent_parameters import AgentParameters
@@ -26,10 +26,9 @@ from ._airframe import board_parameters
 from ._board_gate import BoardGate
 from ._board_line import BoardLine
 from ._board_memory import BoardMemory
-from ._body import Body
 from ._firmware import FirmwarePlan, RunningFirmware
 from ._hil import HIL_ACTUATOR_CONTROLS, actuator_controls
-from ._line_budget import LineBudget, message_number, plan_line
+from ._line_budget import LineBudget, plan_line
 from ._mavlink_ports import MavlinkPort
 from ._program import CONSOLE_FILE
 from ._px4_samples import Px4Samples
@@ -136,21 +135,15 @@ def _check(line: BoardLine) -> None:
     """Raise SetupError unless the board simulates: else the agent would arm real motors."""
     device = line.device.path
     if line.state.armed:
-        raise SetupError(
-            DEVICE_FIELD, f"the board on {device} is armed", "disarm it; take the propellers off"
-        )
+        what = f"the board on {device} is armed"
+        raise SetupError(DEVICE_FIELD, what, "disarm it; take the propellers off")
     mode = line.parameter("SYS_HITL")
     if mode is None or mode.value != 1.0 or not line.state.in_simulation:
         said = "does not have SYS_HITL" if mode is None else f"has SYS_HITL {mode.value:g}"
         state = "in" if line.state.in_simulation else "not in"
-        raise SetupError(
-            DEVICE_FIELD,
-            f"the board on {device} {said} and is {state} hardware-in-the-loop mode",
-            (
-                "take the propellers off, set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart the board "
-                "(docs/hardware.md)"
-            ),
-        )
+        what = f"the board on {device} {said} and is {state} hardware-in-the-loop mode"
+        remedy = "take the propellers off, set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart the board"
+        raise SetupError(DEVICE_FIELD, what, f"{remedy} (docs/hardware.md)")
 
 
 class BoardPort:
@@ -185,9 +178,6 @@ class BoardPort:
             self._waiting.append(frame)
             self._waiting_bytes += len(frame)
 
-    def close(self) -> None:
-        """The line is the board's."""
-
     def deliver(self, frames: list[bytes]) -> None:
         """What the board has sent."""
         self._received += [frame for frame in frames if not self._parameters.expects(frame)]
@@ -208,10 +198,12 @@ class BoardPort:
 class RunningBoard(RunningFirmware):
     """A board on its line, with the sensors that the bench simulates for it."""
 
+    keeps_real_time = True
+
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
     ) -> None:
-        body: Body = plan.body
+        body = plan.body
         self.armed: bool | None = False
         self._line, self._budget, self._clock = line, budget, line.clock
         self._samples = Px4Samples(plan.simspec, body)
@@ -235,10 +227,10 @@ class RunningBoard(RunningFirmware):
 
     def ask_for_streams(self) -> None:
         """Ask for every planned message at its rate, and for the version."""
-        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(message_number("AUTOPILOT_VERSION")))
+        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(KINDS["AUTOPILOT_VERSION"].id))
         for name, rate_hz in self._budget.streams_hz.items():
             interval_us = 1e6 / rate_hz if rate_hz else -1.0
-            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(message_number(name)), interval_us)
+            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(KINDS[name].id), interval_us)
 
     def fly_sample(self, *, new_fix: bool) -> None:
         """One sample, sent at its moment: the first of a step at once, the others a period apart."""
@@ -278,8 +270,7 @@ class RunningBoard(RunningFirmware):
         number = self._count % self._samples_per_step
         self._count += 1
         now_s = self._clock.now()
-        # A bench that was late makes up for it, but no two samples come closer than half their period: PX4 integrates
-        # them by its own clock.
+        # A late bench catches up, but not with two samples within half a period: PX4 integrates by its clock.
         due_s = (
             self._sent_s + 0.5 * self._period_s if number == 0 else self._anchor_s + number * self._period_s
         )
@@ -325,12 +316,10 @@ class RunningBoard(RunningFirmware):
             raise FirmwareFault(f"the board on {path} left hardware-in-the-loop mode")
         patience_s = SILENT_S if self._answered else FIRST_ANSWER_S
         if now_s - self._answered_s > patience_s:
-            since = "no HIL_ACTUATOR_CONTROLS" if self._answered else "no HIL_ACTUATOR_CONTROLS at all"
-            hint = (
-                ""
-                if self._answered
-                else (
-                    ": its MAVLink link needs a rate above 5000 B/s (MAV_x_RATE), and its firmware the module pwm_out_sim"
-                )
+            at_all, hint = "", ""
+            if not self._answered:
+                at_all = " at all"
+                hint = ": its MAVLink link needs a rate above 5000 B/s (MAV_x_RATE), and its firmware the module pwm_out_sim"
+            raise FirmwareFault(
+                f"no HIL_ACTUATOR_CONTROLS{at_all} came from the board on {path} for {patience_s:g} s{hint}"
             )
-            raise FirmwareFault(f"{since} came from the board on {path} for {patience_s:g} s{hint}")

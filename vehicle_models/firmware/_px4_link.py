@@ -12,13 +12,7 @@ from typing import NoReturn
 from bench.errors import FirmwareFault
 
 from ..controller.links._frames import FrameReader, message_id
-from ._hil import (
-    COMMAND_LONG,
-    HIL_ACTUATOR_CONTROLS,
-    ActuatorControls,
-    actuator_controls,
-    truth_interval_us,
-)
+from ._hil import COMMAND_LONG, HIL_ACTUATOR_CONTROLS, ActuatorControls, actuator_controls, truth_interval_us
 
 PHYSICS_PORT = 4560
 # Host seconds. PX4 starts in 0.3 s and answers in under a millisecond; a busy host gives a hundredth of that.

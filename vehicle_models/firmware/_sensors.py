@@ -16,6 +16,8 @@ from pygeomag import GeoMag
 
 from bench.contracts import Vector
 
+from ..controller import turned_to_body
+
 _G = 9.80665
 _BLOCK = 1024
 _DRAWS = 10
@@ -67,11 +69,7 @@ class Sensors:
         self._random = random
         self._draws: list[list[float]] = []
         a, b, c, d, e, f, g, h, i, j = random.standard_normal(_DRAWS).tolist()
-        self._accelerometer_bias = (
-            a * ACCELEROMETER.bias,
-            b * ACCELEROMETER.bias,
-            c * ACCELEROMETER.bias,
-        )
+        self._accelerometer_bias = (a * ACCELEROMETER.bias, b * ACCELEROMETER.bias, c * ACCELEROMETER.bias)
         self._gyro_bias = (d * GYRO.bias, e * GYRO.bias, f * GYRO.bias)
         self._magnetometer_bias = (g * MAGNETOMETER.bias, h * MAGNETOMETER.bias, i * MAGNETOMETER.bias)
         self._barometer_bias = j * BAROMETER.bias
@@ -120,17 +118,6 @@ class Sensors:
         pressure_hpa = _stepped(noisy_hpa, BAROMETER.resolution)
         ratio = (pressure_hpa / _SEA_LEVEL_HPA) ** (1.0 / _EXPONENT)
         return AirReading(pressure_hpa, _SEA_LEVEL_K / _LAPSE_KPM * (1.0 - ratio), kelvin - _KELVIN)
-
-
-def turned_to_body(attitude: tuple[float, float, float, float], ned: Vector) -> Vector:
-    """A vector of north, east, down in the axes of the body."""
-    w, x, y, z = attitude
-    n, e, d = ned
-    return (
-        (1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d,
-        2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d,
-        2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d,
-    )
 
 
 def _stepped(value: float, resolution: float) -> float:

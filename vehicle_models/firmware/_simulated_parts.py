@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.errors import FirmwareFault
 from bench.simspec import VehicleSpec
 
-from ._firmware import RunningFirmware, SimulatesParts
+from ._firmware import RunningFirmware
 from ._telemetry import Telemetry
 
 # Until it says that a parameter of its simulation is set. Chosen: fifty steps.
@@ -19,11 +18,11 @@ class SimulatedParts:
     """Tells changes on the connection of the estimate, and looks whether they have been taken."""
 
     def __init__(
-        self, parts: SimulatesParts, telemetry: Telemetry, vehicle: VehicleSpec, charge: float
+        self, running: RunningFirmware, telemetry: Telemetry, vehicle: VehicleSpec, charge: float
     ) -> None:
-        self._parts, self._telemetry = parts, telemetry
+        self._running, self._telemetry = running, telemetry
         # Parameters of the autopilot's own simulation, as they were set last.
-        self._simulated = parts.simulated_parameters(gps_off=False, charge=charge)
+        self._simulated = running.simulated_parameters(gps_off=False, charge=charge)
         self._confirm_by_ns = -1
         # When its charge falls at once. A battery that is not full at the start fell before it.
         self._drops_ns = [
@@ -35,45 +34,37 @@ class SimulatedParts:
         self._told: dict[str, float] = {}
         self._commanded: set[int] = set()
 
-    def tell(self, running: RunningFirmware, now_ns: int, *, gps_off: bool, charge: float) -> Sequence[str]:
+    def tell(self, now_ns: int, *, gps_off: bool, charge: float) -> Sequence[str]:
         """Tell what has changed; returns what was not confirmed in time, where nobody but the bench may be why."""
-        wanted = self._parts.simulated_parameters(gps_off=gps_off, charge=charge)
+        wanted = self._running.simulated_parameters(gps_off=gps_off, charge=charge)
         changed = {name: value for name, value in wanted.items() if self._simulated[name] != value}
         frames = [self._telemetry.parameter(name, value) for name, value in changed.items()]
         if dropped := [at_ns for at_ns in self._drops_ns if at_ns <= now_ns]:
             self._drops_ns = [at_ns for at_ns in self._drops_ns if at_ns not in dropped]
-            if command := self._parts.drop_command(charge):
+            if command := self._running.drop_command(charge):
                 self._telemetry.results.pop(command[0], None)
                 self._commanded.add(command[0])
                 frames.append(self._telemetry.command(*command))
         if frames:
-            running.estimate_port.send(frames)
+            self._running.estimate_port.send(frames)
             self._simulated |= changed
             self._told |= changed
             self._confirm_by_ns = now_ns + _CONFIRMATION_NS
         elif now_ns == self._confirm_by_ns:
-            return self._unconfirmed(running)
+            return self._unconfirmed()
         return ()
 
-    def _unconfirmed(self, running: RunningFirmware) -> Sequence[str]:
+    def _unconfirmed(self) -> Sequence[str]:
         """Where it shares its connection with clients, they may be why: it is told again then."""
-        telemetry, port = self._telemetry, running.estimate_port
+        telemetry, port = self._telemetry, self._running.estimate_port
         silent = {
             name: value
             for name, value in self._told.items()
             if abs(telemetry.parameters.get(name, math.inf) - value) > 1e-3
         }
         refused = [f"command {number}" for number in self._commanded if telemetry.results.get(number) != 0]
-        if (silent or refused) and port in running.ports.values():
+        if (silent or refused) and port in self._running.ports.values():
             port.send([telemetry.parameter(name, value) for name, value in silent.items()])
             self._confirm_by_ns += _CONFIRMATION_NS
             return ()
         return [*silent, *refused]
-
-
-def parts_fault(name: str, unconfirmed: Sequence[str]) -> FirmwareFault:
-    """The autopilot `name` has not taken what it was told of its parts."""
-    return FirmwareFault(
-        f"{name} has not confirmed {', '.join(unconfirmed)}, by which the bench's receiver and battery "
-        "reach it: ArduCopter 4.6.3 has these names, others may not, and a charge needs BATT_MONITOR 4"
-    )

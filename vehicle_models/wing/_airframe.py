@@ -50,15 +50,6 @@ class WingAirframe:
         self._wanted = (0.0, 0.0, 0.0, 0.0)
         self.error_enu_m: Vector = (0.0, 0.0, 0.0)
 
-    def arm(self) -> None:
-        self._lie()
-
-    def disarm(self) -> None:
-        self._lie()
-
-    def rest(self) -> None:
-        self._lie()
-
     def fly(self, target: FlightTarget) -> None:
         """Steer towards `target`; from rest on the ground the catapult launches the aircraft first."""
         motion, write = self._plant.motion, self._plant.write
@@ -84,10 +75,7 @@ class WingAirframe:
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
 
     def _given(self, target: FlightTarget, attitude: TargetAttitude) -> tuple[float, float, float]:
-        """A commanded attitude within the airframe's bounds.
-
-        Body rates are not flown; the wings are kept level instead.
-        """
+        """A commanded attitude within the airframe's bounds; in place of body rates wings are kept level."""
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
             return 0.0, pitch, throttle
@@ -98,9 +86,7 @@ class WingAirframe:
         return roll, pitch, min(max(attitude.thrust, 0.0), 1.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays
-        what it is.
-        """
+        """Roll, pitch, yaw in radians, and the share of full thrust; yaw, not steered, stays what it is."""
         return self._wanted
 
     def test_rotor(self, number: int, share: float) -> None:
@@ -112,12 +98,15 @@ class WingAirframe:
     def specific_force_mps2(self) -> Vector:
         return self._plant.specific_force_mps2()
 
-    def _lie(self) -> None:
+    def rest(self) -> None:
+        """At idle, armed or not, it lies as it does disarmed."""
         for name in ("flying", "throttle", "catapult-n"):
             self._plant.write(name, 0.0)
         self._flies = False
         self._plant.hold(self._lies())
         self._wanted = (0.0, 0.0, self._plant.motion.yaw_rad, 0.0)
+
+    arm = disarm = rest
 
     def _lies(self) -> bool:
         motion = self._plant.motion
@@ -126,9 +115,8 @@ class WingAirframe:
     def _begin(self) -> None:
         self._flies = True
         self._plant.hold(False)
-        self._thrown_s = (
-            0.0 if self._plant.motion.up_m < 0.1 and self._plant.motion.airspeed_mps < _RELEASE_MPS else None
-        )
+        lies = self._plant.motion.up_m < 0.1 and self._plant.motion.airspeed_mps < _RELEASE_MPS
+        self._thrown_s = 0.0 if lies else None
         self._thrust_sum_n = self._pitch_sum_rad = 0.0
         self._airspeed_mps = _RELEASE_MPS
 
@@ -192,9 +180,8 @@ class WingAirframe:
         else:
             height_m = self._plant.motion.up_m + self.error_enu_m[2]
             climb = 0.5 * (-target.down_m - height_m) - sinking
-        return min(
-            max(climb, -min(target.descent_max_mps, _DESCENT_MPS)), min(target.climb_max_mps, _CLIMB_MPS)
-        )
+        climb = max(climb, -min(target.descent_max_mps, _DESCENT_MPS))
+        return min(climb, min(target.climb_max_mps, _CLIMB_MPS))
 
 
 def _toward(vn: float, ve: float, north: float, east: float) -> float:
@@ -207,9 +194,7 @@ def _toward(vn: float, ve: float, north: float, east: float) -> float:
 
 
 def _around(vn: float, ve: float, north: float, east: float, radius: float) -> float:
-    """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and
-    `east` of here.
-    """
+    """Acceleration to the right for a circle of `radius` (positive clockwise) around a place from here."""
     turn = math.copysign(1.0, radius)
     away = max(math.hypot(north, east), 0.1)
     capture = _toward(vn, ve, north, east)

@@ -44,7 +44,6 @@ class WingPlant(JsbsimPlant):
         self._is_held = held
 
     def set_works(self, rotor: int, works: bool) -> None:
-        """Let the motor turn, or not; there is only number 0."""
         self._works(float(works))
 
     def specific_force_mps2(self) -> Vector:

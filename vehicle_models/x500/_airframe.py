@@ -18,9 +18,7 @@ _TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0
 
 
 class X500Airframe:
-    """The airframe as its flight controller sees it: targets by the vehicle's own estimate, heading turned no
-    faster than 1 rad/s.
-    """
+    """The airframe of the flight controller: targets by its estimate, heading turned by 1 rad/s at most."""
 
     def __init__(self, plant: X500Plant, frame: LocalFrame, step_s: float) -> None:
         self._plant = plant
@@ -46,9 +44,7 @@ class X500Airframe:
         self._yaw_rad = self._plant.motion.yaw_rad
 
     def fly(self, target: FlightTarget) -> None:
-        """Steer the true position beside the target by the error of the estimate, so that the estimate meets
-        the target.
-        """
+        """Steer the true position off the target by the estimate's error, so that the estimate meets it."""
         # Most steps repeat the target; comparing is cheaper than writing some twenty properties.
         if target is not self._target and target != self._target:
             self._write_constant(target)

@@ -74,14 +74,11 @@ class X500Plant(JsbsimPlant):
         for put, speed in zip(self._rotors, speeds, strict=True):
             put(0.0 if speed < 0.0 else 1.0 if speed > 1.0 else speed)
 
-    def set_works(self, number: int, works: bool) -> None:
-        """Let a rotor (by its index in ROTORS) turn as commanded, or stop it."""
-        self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
+    def set_works(self, rotor: int, works: bool) -> None:
+        self.write(f"works-{ROTORS[rotor]}", 1.0 if works else 0.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors
-        can give.
-        """
+        """Roll, pitch and yaw that the cascade steers to, radians; the share of full thrust."""
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
         return roll, pitch, yaw, thrust_n / FULL_THRUST_N
 
@@ -95,9 +92,7 @@ class X500Plant(JsbsimPlant):
 
 
 def has_crashed(motion: VehicleMotion, speed_before_mps: float) -> bool:
-    """Whether it hits the ground at more than 3 m/s, or lies on its side near it; `speed_before_mps` is that of one step
-    before.
-    """
+    """Whether it hits the ground at over 3 m/s (`speed_before_mps`: a step before), or lies on its side."""
     if motion.up_m > _NEAR_GROUND_M:
         return False
     # The angle between the body's down axis and the vertical, from roll and pitch.

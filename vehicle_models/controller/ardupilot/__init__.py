@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from ..policies._autopilot import Autopilot
+from ..policies import Autopilot
 from ._commands import COMMANDS, SETPOINTS
 from ._identity import IDENTITY
-from ._logs import LOGS
 from ._missions import MISSIONS
 from ._modes import MODES
 from ._parameters import PARAMETERS
@@ -21,5 +20,4 @@ ARDUPILOT = Autopilot(
     telemetry=TELEMETRY,
     missions=MISSIONS,
     safety=SAFETY,
-    logs=LOGS,
 )

@@ -6,9 +6,9 @@ import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
 from ..policies._setpoints import SetpointPolicy
+from ..policies._tables import fixed_results
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import Behaviour, FlightState, LandedState
 from ..state._service import Command, CommandResult, Refusal
@@ -22,15 +22,8 @@ _CHANGE_MODE = 1
 _REBOOT, _REBOOT_TO_BOOTLOADER = 1.0, 3.0
 BANNER = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
 
-_ACCEPTED, _FAILED, _DENIED, _UNSUPPORTED = (
-    CommandAnswer((result,))
-    for result in (
-        CommandResult.ACCEPTED,
-        CommandResult.FAILED,
-        CommandResult.DENIED,
-        CommandResult.UNSUPPORTED,
-    )
-)
+_ACCEPTED, _FAILED = CommandAnswer((CommandResult.ACCEPTED,)), CommandAnswer((CommandResult.FAILED,))
+_DENIED, _UNSUPPORTED = CommandAnswer((CommandResult.DENIED,)), CommandAnswer((CommandResult.UNSUPPORTED,))
 
 
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import cells_by_command, commands_with, parameter_indices
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..policies._tables import cells_by_command, commands_with, parameter_indices
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import (
     ABOVE_GROUND,
@@ -152,8 +152,8 @@ def _past_the_end(kind: int, number: int, length: int) -> MissionResult | None:
 def _shown_frame(item: MissionItem, as_float: bool) -> int:
     placeless = item.command in _NAMES and item.command not in _WITH_PLACE
     if placeless or item.frame in ABOVE_SEA | PLACELESS:
-        return MAV_FRAME.GLOBAL
-    return MAV_FRAME.GLOBAL_RELATIVE_ALT if item.frame in ABOVE_HOME else MAV_FRAME.GLOBAL_TERRAIN_ALT
+        return int(MAV_FRAME.GLOBAL)
+    return int(MAV_FRAME.GLOBAL_RELATIVE_ALT if item.frame in ABOVE_HOME else MAV_FRAME.GLOBAL_TERRAIN_ALT)
 
 
 def _item_text(item: MissionItem) -> StatusText | None:

@@ -28,8 +28,7 @@ _ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 _TABLE = Path(__file__).with_name("modes.csv")
 _MODES = read_modes(_TABLE)
 _NAMED = {mode.name: mode for mode in _MODES}
-# Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the
-# refusal.
+# Modes that exist but cannot be entered here: the name, and the reason sent with the refusal.
 _UNAVAILABLE = {
     14: ("FLIP", ""),
     15: ("AUTOTUNE", ""),
@@ -69,17 +68,13 @@ def knows_position(flight: FlightState) -> bool:
 
 
 def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
-    """The checks that keep the vehicle from being armed in its present mode, in the order in which they are
-    sent.
-    """
+    """The checks that keep the vehicle from being armed in its present mode, in the order of sending."""
     now_s = flight.time_s
     if now_s < STANDBY_S:
         return ("System not initialised",)
     if now_s < ALIGNED_S:
-        ahrs = (
-            "AHRS: not using configured AHRS type" if now_s < ESTIMATOR_S else "AHRS: EKF3 still initialising"
-        )
-        return ("Accels inconsistent", "EKF attitude is bad", ahrs)
+        ahrs = "not using configured AHRS type" if now_s < ESTIMATOR_S else "EKF3 still initialising"
+        return ("Accels inconsistent", "EKF attitude is bad", f"AHRS: {ahrs}")
     low = battery_volts(flight, p) < p["BATT_LOW_VOLT"]
     failures = [*flight.calibration_failures]
     failures += ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
@@ -139,27 +134,21 @@ def _refuse_mode(
             return Refusal(CommandResult.FAILED, ((WARNING, f"No such mode {number}"),))
         name, reason = unavailable
         reasons = ((WARNING, reason),) if reason else ()
-        return Refusal(
-            CommandResult.FAILED, (*reasons, (WARNING, f"Mode change to {name} failed: init failed"))
-        )
+        failed = (WARNING, f"Mode change to {name} failed: init failed")
+        return Refusal(CommandResult.FAILED, (*reasons, failed))
     if wanted.behaviour is Behaviour.MISSION and flight.armed and not flight.mission_ready:
         return Refusal(CommandResult.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
     return None
 
 
 def _requires_position(wanted: FlightMode) -> Refusal:
-    return Refusal(
-        CommandResult.FAILED, ((WARNING, f"Mode change to {wanted.name} failed: requires position"),)
-    )
+    text = f"Mode change to {wanted.name} failed: requires position"
+    return Refusal(CommandResult.FAILED, ((WARNING, text),))
 
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
-    number = params[1]
-    return (
-        int(number)
-        if has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= number < 2**24
-        else None
-    )
+    custom = has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED)
+    return int(params[1]) if custom and 0 <= params[1] < 2**24 else None
 
 
 MODES = ModePolicy(

@@ -65,10 +65,8 @@ _LANDS_BEYOND_M = 100.0
 
 
 def _failsafes(p: ParameterStore) -> FailsafeSettings:
-    station, radio = (
-        _STATION_ACTIONS.get(int(p["FS_GCS_ENABLE"])),
-        _RADIO_ACTIONS.get(int(p["FS_THR_ENABLE"])),
-    )
+    station = _STATION_ACTIONS.get(int(p["FS_GCS_ENABLE"]))
+    radio = _RADIO_ACTIONS.get(int(p["FS_THR_ENABLE"]))
     lands = int(p["FS_EKF_ACTION"]) in (1, 2, 3)
     battery_steps = (
         _battery_step(p, "low", p["BATT_LOW_VOLT"], p["BATT_FS_LOW_ACT"]),
@@ -135,9 +133,7 @@ def _rally_limit_m(p: ParameterStore) -> float:
 
 
 def battery_volts(flight: FlightState, p: ParameterStore) -> float:
-    """SIM_BATT_VOLTAGE is the voltage of a full battery; it falls as that of the vehicle's own battery
-    does.
-    """
+    """SIM_BATT_VOLTAGE is that of a full battery; it falls as that of the vehicle's own battery does."""
     return p["SIM_BATT_VOLTAGE"] * flight.battery_v / _FULL_BATTERY_V
 
 

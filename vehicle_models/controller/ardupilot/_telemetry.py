@@ -7,7 +7,7 @@ import math
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..links._frames import KINDS
 from ..policies._choices import choices
-from ..policies._message_table import messages_with
+from ..policies._tables import messages_with
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import Behaviour, FlightState, GpsQuality
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
@@ -26,11 +26,11 @@ _RATE_PARAMETERS = {
     "EXTRA3": MAV_DATA_STREAM.EXTRA3,
 }
 
-# present, enabled and health of SYS_STATUS as they went by while the SITL started.
-_BEFORE_STANDBY = SensorBits(0x5331FC0F, 0x52019C0F, 0x45119C0B)
-_BEFORE_RECEIVER = SensorBits(0x5371FC0F, 0x52419C0F, 0x47519C0F)
-_BEFORE_AHRS = SensorBits(0x5371FC2F, 0x52419C2F, 0x47519C2F)
-_AHRS, _LOGGING, _PREARM, _POSITION_CONTROL = 0x200000, 0x1000000, 0x10000000, 0x6000
+# present, enabled and health of SYS_STATUS as they went by while the SITL started, without its bit of logging.
+_BEFORE_STANDBY = SensorBits(0x5231FC0F, 0x52019C0F, 0x44119C0B)
+_BEFORE_RECEIVER = SensorBits(0x5271FC0F, 0x52419C0F, 0x46519C0F)
+_BEFORE_AHRS = SensorBits(0x5271FC2F, 0x52419C2F, 0x46519C2F)
+_AHRS, _PREARM, _POSITION_CONTROL = 0x200000, 0x10000000, 0x6000
 
 # EKF_STATUS_FLAGS
 _UNINITIALISED, _CONSTANT_POSITION, _ALL = 1024, 167, 831
@@ -47,8 +47,6 @@ def _sensors(flight: FlightState) -> SensorBits:
     # A return steers position too, though the heartbeat shows that only while it is flown.
     if steers_position(flight) or flight.mode.behaviour is Behaviour.RETURN:
         enabled, health = enabled | _POSITION_CONTROL, health | _POSITION_CONTROL
-    if flight.armed:
-        enabled |= _LOGGING
     return SensorBits(bits.present, enabled, health | (_PREARM if flight.armed or ready(flight) else 0))
 
 

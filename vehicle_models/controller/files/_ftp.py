@@ -1,6 +1,4 @@
-"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch
-area.
-"""
+"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over served files and a scratch area."""
 
 from __future__ import annotations
 
@@ -8,9 +6,9 @@ import errno
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
+from ..links._enums import MAV_FTP_ERR, MAV_FTP_OPCODE
 from ..state._parameter_store import crc32_plain
 from ..state._service import MessageHandler, MessageSender
 from ..state._service_context import ServiceContext
@@ -27,58 +25,17 @@ _BURST_PER_STEP = 8
 _BURST_BYTES = 35 * 1024
 # Whose last answers are remembered.
 _MAX_CLIENTS = 64
-
-
-class FtpOpcode(IntEnum):
-    """Opcodes of a payload."""
-
-    NONE = 0
-    TERMINATE = 1
-    RESET = 2
-    LIST = 3
-    OPEN = 4
-    READ = 5
-    CREATE = 6
-    WRITE = 7
-    REMOVE = 8
-    MAKE_FOLDER = 9
-    REMOVE_FOLDER = 10
-    OPEN_WRITE = 11
-    TRUNCATE = 12
-    RENAME = 13
-    CRC32 = 14
-    BURST = 15
-    ACK = 128
-    NAK = 129
-
-
-class FtpError(IntEnum):
-    """Error codes of a NAK."""
-
-    # A POSIX error number follows in the data.
-    ERRNO = 2
-    INVALID_SIZE = 3
-    INVALID_SESSION = 4
-    NO_SESSIONS = 5
-    END_OF_FILE = 6
-    UNKNOWN_COMMAND = 7
-    EXISTS = 8
-    PROTECTED = 9
-    NOT_FOUND = 10
-
-
+_OPENINGS = (MAV_FTP_OPCODE.OPENFILERO, MAV_FTP_OPCODE.CREATEFILE, MAV_FTP_OPCODE.OPENFILEWO)
 _BY_ERRNO = {
-    errno.EEXIST: FtpError.EXISTS,
-    errno.ENOENT: FtpError.NOT_FOUND,
-    errno.EACCES: FtpError.PROTECTED,
-    errno.EROFS: FtpError.PROTECTED,
+    errno.EEXIST: MAV_FTP_ERR.FILEEXISTS,
+    errno.ENOENT: MAV_FTP_ERR.FILENOTFOUND,
+    errno.EACCES: MAV_FTP_ERR.FILEPROTECTED,
+    errno.EROFS: MAV_FTP_ERR.FILEPROTECTED,
 }
 
 
 class _FtpRefusal(Exception):
-    def __init__(self, error: FtpError, number: int | None = None) -> None:
-        self.error = error
-        self.data = bytes([error]) if number is None else bytes([error, number & 0xFF])
+    """Its argument is the MAV_FTP_ERR to answer. What the files refuse is an OSError."""
 
 
 @dataclass(slots=True)
@@ -129,21 +86,23 @@ class FileTransfer:
             tuple[int, int, str], tuple[bytes, bytes]
         ] = {}  # by client: the last request and its answer
         self._table: dict[int, Callable[[_Request], bytes]] = {
-            FtpOpcode.NONE: lambda request: b"",
-            FtpOpcode.TERMINATE: self._terminate,
-            FtpOpcode.RESET: self._reset,
-            FtpOpcode.LIST: self._list,
-            FtpOpcode.OPEN: self._open,
-            FtpOpcode.READ: self._read,
-            FtpOpcode.CRC32: self._checksum,
-            FtpOpcode.CREATE: lambda request: self._open_to_write(request, truncate=True),
-            FtpOpcode.OPEN_WRITE: lambda request: self._open_to_write(request, truncate=False),
-            FtpOpcode.WRITE: self._write,
-            FtpOpcode.REMOVE: lambda request: self._change(files.remove, request.path),
-            FtpOpcode.MAKE_FOLDER: lambda request: self._change(files.make_folder, request.path),
-            FtpOpcode.REMOVE_FOLDER: lambda request: self._change(files.remove_folder, request.path),
-            FtpOpcode.TRUNCATE: lambda request: self._change(files.truncate, request.path, request.offset),
-            FtpOpcode.RENAME: self._rename,
+            MAV_FTP_OPCODE.NONE: lambda request: b"",
+            MAV_FTP_OPCODE.TERMINATESESSION: self._terminate,
+            MAV_FTP_OPCODE.RESETSESSION: self._reset,
+            MAV_FTP_OPCODE.LISTDIRECTORY: self._list,
+            MAV_FTP_OPCODE.OPENFILERO: self._open,
+            MAV_FTP_OPCODE.READFILE: self._read,
+            MAV_FTP_OPCODE.CALCFILECRC: self._checksum,
+            MAV_FTP_OPCODE.CREATEFILE: lambda request: self._open_to_write(request, truncate=True),
+            MAV_FTP_OPCODE.OPENFILEWO: lambda request: self._open_to_write(request, truncate=False),
+            MAV_FTP_OPCODE.WRITEFILE: self._write,
+            MAV_FTP_OPCODE.REMOVEFILE: lambda request: self._change(files.remove, request.path),
+            MAV_FTP_OPCODE.CREATEDIRECTORY: lambda request: self._change(files.make_folder, request.path),
+            MAV_FTP_OPCODE.REMOVEDIRECTORY: lambda request: self._change(files.remove_folder, request.path),
+            MAV_FTP_OPCODE.TRUNCATEFILE: lambda request: self._change(
+                files.truncate, request.path, request.offset
+            ),
+            MAV_FTP_OPCODE.RENAME: self._rename,
         }
 
     def handlers(self) -> Mapping[str, MessageHandler]:
@@ -177,37 +136,28 @@ class FileTransfer:
 
     def _answer(self, request: _Request, sender: MessageSender) -> bytes:
         """The payload to send back; empty where a burst answers instead."""
+        session, opcode = request.session, MAV_FTP_OPCODE.ACK
         try:
             if request.size > DATA:
-                raise _FtpRefusal(FtpError.INVALID_SIZE)
-            if request.opcode == FtpOpcode.BURST:
+                raise _FtpRefusal(MAV_FTP_ERR.INVALIDDATASIZE)
+            if request.opcode == MAV_FTP_OPCODE.BURSTREADFILE:
                 return self._begin_burst(request, sender)
             handler = self._table.get(request.opcode)
             if handler is None:
-                raise _FtpRefusal(FtpError.UNKNOWN_COMMAND)
+                raise _FtpRefusal(MAV_FTP_ERR.UNKNOWNCOMMAND)
             data = handler(request)
-        except _FtpRefusal as refused:
-            return _payload(
-                request.sequence + 1,
-                request.session,
-                FtpOpcode.NAK,
-                request.opcode,
-                request.offset,
-                refused.data,
-            )
-        # The answer to an opening carries the number of the new session.
-        session = (
-            self._opened
-            if request.opcode in (FtpOpcode.OPEN, FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE)
-            else request.session
-        )
-        return _payload(request.sequence + 1, session, FtpOpcode.ACK, request.opcode, request.offset, data)
+        except (_FtpRefusal, OSError) as error:
+            opcode, data = MAV_FTP_OPCODE.NAK, _reason(error)
+        else:
+            # The answer to an opening carries the number of the new session.
+            session = self._opened if request.opcode in _OPENINGS else session
+        return _payload(request.sequence + 1, session, opcode, request.opcode, request.offset, data)
 
     def _open(self, request: _Request) -> bytes:
         number = self._free_session(request)
         content = self._files.read(request.path)
         if content is None:
-            raise _FtpRefusal(FtpError.NOT_FOUND)
+            raise _FtpRefusal(MAV_FTP_ERR.FILENOTFOUND)
         self._sessions[number] = _Session(content, self._flight.time_ns)
         self._opened = number
         return struct.pack("<I", len(content))
@@ -215,10 +165,7 @@ class FileTransfer:
     def _open_to_write(self, request: _Request, *, truncate: bool) -> bytes:
         """Open a file for writing; the answer is the size that the file had, as on PX4."""
         number = self._free_session(request)
-        try:
-            size = self._files.create(request.path, truncate)
-        except OSError as error:
-            raise _refused(error) from error
+        size = self._files.create(request.path, truncate)
         self._sessions[number] = _Session(b"", self._flight.time_ns, request.path)
         self._opened = number
         return struct.pack("<I", size)
@@ -226,43 +173,36 @@ class FileTransfer:
     def _free_session(self, request: _Request) -> int:
         """The number of the session to be opened."""
         number = 0 if self._max_sessions == 1 else request.session
-        if len(self._sessions) >= self._max_sessions and (
-            self._max_sessions == 1 or number not in self._sessions
-        ):
-            raise _FtpRefusal(FtpError.NO_SESSIONS)
+        is_new = self._max_sessions == 1 or number not in self._sessions
+        if is_new and len(self._sessions) >= self._max_sessions:
+            raise _FtpRefusal(MAV_FTP_ERR.NOSESSIONSAVAILABLE)
         return number
 
     def _write(self, request: _Request) -> bytes:
         session = self._session(request.session)
         if session.writes is None:
-            raise _FtpRefusal(FtpError.ERRNO, errno.EBADF)
-        try:
-            return struct.pack("<I", self._files.write(session.writes, request.offset, request.data))
-        except OSError as error:
-            raise _refused(error) from error
+            raise OSError(errno.EBADF, "not open for writing")
+        return struct.pack("<I", self._files.write(session.writes, request.offset, request.data))
 
     def _rename(self, request: _Request) -> bytes:
         old, _, new = request.data.partition(b"\0")
         new = new.split(b"\0", 1)[0]
         if not new:
-            raise _FtpRefusal(FtpError.ERRNO, errno.EINVAL)
+            raise OSError(errno.EINVAL, "no second path")
         return self._change(
             self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace")
         )
 
     def _change(self, change: Callable[..., None], *arguments: str | int) -> bytes:
-        try:
-            change(*arguments)
-        except OSError as error:
-            raise _refused(error) from error
+        change(*arguments)
         return b""
 
     def _read(self, request: _Request) -> bytes:
         session = self._session(request.session)
         if session.writes is not None:
-            raise _FtpRefusal(FtpError.ERRNO, errno.EBADF)
+            raise OSError(errno.EBADF, "not open for reading")
         if request.offset >= len(session.content):
-            raise _FtpRefusal(FtpError.END_OF_FILE)
+            raise _FtpRefusal(MAV_FTP_ERR.EOF)
         return session.content[request.offset : request.offset + (request.size or DATA)]
 
     def _terminate(self, request: _Request) -> bytes:
@@ -279,7 +219,7 @@ class FileTransfer:
     def _list(self, request: _Request) -> bytes:
         entries = self._files.entries(request.path)
         if entries is None:
-            raise _FtpRefusal(FtpError.NOT_FOUND)
+            raise _FtpRefusal(MAV_FTP_ERR.FILENOTFOUND)
         data = b""
         for entry in entries[request.offset :]:
             encoded = entry.encode() + b"\0"
@@ -287,19 +227,19 @@ class FileTransfer:
                 break
             data += encoded
         if not data:
-            raise _FtpRefusal(FtpError.END_OF_FILE)
+            raise _FtpRefusal(MAV_FTP_ERR.EOF)
         return data
 
     def _checksum(self, request: _Request) -> bytes:
         content = self._files.read(request.path)
         if content is None:
-            raise _FtpRefusal(FtpError.NOT_FOUND)
+            raise _FtpRefusal(MAV_FTP_ERR.FILENOTFOUND)
         return struct.pack("<I", crc32_plain(content))
 
     def _begin_burst(self, request: _Request, sender: MessageSender) -> bytes:
         session = self._session(request.session)
         if request.offset >= len(session.content):
-            raise _FtpRefusal(FtpError.END_OF_FILE)
+            raise _FtpRefusal(MAV_FTP_ERR.EOF)
         end = min(request.offset + _BURST_BYTES, len(session.content))
         size = request.size or DATA
         self._bursts[request.session] = _Burst(
@@ -319,7 +259,15 @@ class FileTransfer:
             session.used_ns = self._flight.time_ns
             self._send(
                 burst.sender,
-                _payload(burst.sequence, number, FtpOpcode.ACK, FtpOpcode.BURST, burst.offset, data, last),
+                _payload(
+                    burst.sequence,
+                    number,
+                    MAV_FTP_OPCODE.ACK,
+                    MAV_FTP_OPCODE.BURSTREADFILE,
+                    burst.offset,
+                    data,
+                    last,
+                ),
             )
             burst.offset += len(data)
             burst.sequence += 1
@@ -327,7 +275,7 @@ class FileTransfer:
     def _session(self, number: int) -> _Session:
         session = self._sessions.get(number)
         if session is None:
-            raise _FtpRefusal(FtpError.INVALID_SESSION)
+            raise _FtpRefusal(MAV_FTP_ERR.INVALIDSESSION)
         session.used_ns = self._flight.time_ns
         return session
 
@@ -343,21 +291,17 @@ class FileTransfer:
     _opened = 0
 
 
-def _refused(error: OSError) -> _FtpRefusal:
-    """The protocol's error for a POSIX number: one of its own where it has one."""
+def _reason(error: Exception) -> bytes:
+    """The protocol's error; for a POSIX number one of its own where it has one, else the number behind FAILERRNO."""
+    if not isinstance(error, OSError):
+        return bytes(error.args)
     number = error.errno or errno.EIO
-    error_code = _BY_ERRNO.get(number)
-    return _FtpRefusal(error_code) if error_code else _FtpRefusal(FtpError.ERRNO, number)
+    own = _BY_ERRNO.get(number)
+    return bytes([own]) if own else bytes([MAV_FTP_ERR.FAILERRNO, number & 0xFF])
 
 
 def _payload(
-    sequence: int,
-    session: int,
-    opcode: FtpOpcode,
-    requested: int,
-    offset: int,
-    data: bytes,
-    last: bool = False,
+    sequence: int, session: int, opcode: int, requested: int, offset: int, data: bytes, last: bool = False
 ) -> bytes:
     head = _HEAD.pack(sequence & 0xFFFF, session, opcode, len(data), requested, last, 0, offset)
     return head + data + bytes(DATA - len(data))

@@ -1,6 +1,4 @@
-"""Component metadata: compressed JSON files with checksums that explain parameters and events to a ground
-station.
-"""
+"""Component metadata: compressed JSON files that explain parameters and events to a ground station."""
 
 from __future__ import annotations
 
@@ -17,6 +15,7 @@ FOLDER = "etc/extras"
 GENERAL = f"{FOLDER}/component_general.json.xz"
 # COMP_METADATA_TYPE
 _PARAMETERS, _EVENTS = 1, 4
+_LISTED = {_PARAMETERS: f"{FOLDER}/parameters.json.xz", _EVENTS: f"{FOLDER}/all_events.json.xz"}
 
 
 class Metadata:
@@ -36,10 +35,7 @@ class Metadata:
         return crc32_plain(self._make(GENERAL))
 
     def contents(self) -> Mapping[str, FileContent]:
-        return {path: self._content(path) for path in (GENERAL, *self._listed().values())}
-
-    def _listed(self) -> dict[int, str]:
-        return {_PARAMETERS: f"{FOLDER}/parameters.json.xz", _EVENTS: f"{FOLDER}/all_events.json.xz"}
+        return {path: self._content(path) for path in (GENERAL, *_LISTED.values())}
 
     def _content(self, path: str) -> FileContent:
         return lambda query: self._make(path)
@@ -50,26 +46,22 @@ class Metadata:
         return self._made[path]
 
     def _document(self, path: str) -> dict[str, Any]:
-        listed = self._listed()
-        if path == listed[_PARAMETERS]:
+        if path == _LISTED[_PARAMETERS]:
             return {
                 "version": 1,
                 "parameters": [_parameter_entry(parameter) for parameter in self._parameters],
             }
-        if path == listed[_EVENTS]:
+        if path == _LISTED[_EVENTS]:
             events = {
                 str(event.number & 0xFFFFFF): {"name": event.name, "message": event.text}
                 for event in self._events
             }
-            groups = {"default": {"events": events}}
-            return {
-                "version": 2,
-                "components": {"1": {"namespace": "px4", "enums": {}, "event_groups": groups}},
-            }
+            component = {"namespace": "px4", "enums": {}, "event_groups": {"default": {"events": events}}}
+            return {"version": 2, "components": {"1": component}}
         # The general file lists the others with their checksums, so that a client can keep them.
         types = [
             {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32_plain(self._make(path))}
-            for kind, path in listed.items()
+            for kind, path in _LISTED.items()
         ]
         return {"version": 1, "metadataTypes": types}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from os.path import commonprefix
 from urllib.parse import parse_qs
 
 from ..state._parameter_store import INT8, INT16, INT32, REAL32, ParameterStore
@@ -30,7 +31,8 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
         type_code, code_format = _KINDS[store.kinds[name]]
         value, default = store[name], store.definitions[name].default
         flags = _HAS_DEFAULT if with_defaults and value != default else 0
-        shared_length = _shared_prefix_length(previous, name)
+        shared = commonprefix([previous, name])  # noqa: RUF071  (characters are meant, these are no paths)
+        shared_length = min(len(shared), 15, len(name) - 1)
         entry = (
             bytes([flags << 4 | type_code, (len(name) - shared_length - 1) << 4 | shared_length])
             + name[shared_length:].encode()
@@ -42,15 +44,6 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
         data += entry
         previous = name
     return _HEAD.pack(_MAGIC_DEFAULTS if with_defaults else _MAGIC, len(names), len(store.names)) + data
-
-
-def _shared_prefix_length(previous: str, name: str) -> int:
-    length = 0
-    for first, second in zip(previous, name, strict=False):
-        if first != second or length == min(15, len(name) - 1):
-            break
-        length += 1
-    return length
 
 
 def _number(text: str) -> int:

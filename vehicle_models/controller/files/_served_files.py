@@ -1,6 +1,4 @@
-"""Files behind MAVLink FTP: those that the vehicle serves, and a scratch area in memory for those of a
-client.
-"""
+"""Files behind MAVLink FTP: those that the vehicle serves, and a client's own in memory."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ class ServedFiles:
     """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and
     those that were made.
 
-    `changing` gives served files that come and go. A path that begins with `memory_card` means the same without it.
+    A path that begins with `memory_card` means the same without it.
 
     Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC
     when the scratch area is full, EROFS where there is none.
@@ -30,19 +28,13 @@ class ServedFiles:
         contents: Mapping[str, FileContent],
         writable: bool = False,
         folders: tuple[str, ...] = (),
-        changing: Callable[[], Mapping[str, FileContent]] = dict,
         memory_card: str = "",
     ) -> None:
-        self._fixed = dict(contents)
-        self._changing = changing
+        self._contents = contents
         self._memory_card = f"{memory_card}/" if memory_card else ""
         self._writable = writable
         self._scratch: dict[str, bytearray] = {}
         self._folders: set[str] = set(folders)
-
-    @property
-    def _contents(self) -> Mapping[str, FileContent]:
-        return {**self._fixed, **self._changing()}
 
     def read(self, path: str) -> bytes | None:
         """A file's bytes, or None when there is none."""
@@ -53,9 +45,7 @@ class ServedFiles:
         return content(query) if content else None
 
     def entries(self, path: str) -> list[str] | None:
-        """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where
-        there is no such folder.
-        """
+        """A folder as the protocol lists it, sorted (F name, tab, size; D name); None without it."""
         folder = self._name(path)
         if not self._is_folder(folder):
             return None

@@ -39,6 +39,10 @@ class Manoeuvres:
     approaches_landing = False
     # A wing cannot meet a point exactly, so it raises these lower bounds of the acceptance radius.
     min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0
+    takeoff: type[Takeoff] = Takeoff
+    land: type[Land] = Land
+    go_home: type[Return] = Return
+    follow: type[FollowSetpoints] = FollowSetpoints
 
     def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
         """Radius of the turns of a mission; a request of 0 leaves it to the vehicle."""
@@ -53,26 +57,8 @@ class Manoeuvres:
         speed_mps: float | None = None,
         radius_m: float | None = None,
     ) -> Hold:
-        """Stay at a place.
-
-        `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
-        """
+        """Stay at a place; who cannot hover circles by `radius_m` (clockwise; None by the parameters)."""
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
-
-    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
-        return Takeoff(flight, down_m)
-
-    def land(
-        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
-    ) -> Land:
-        return Land(flight, north_east_m, ground_down_m)
-
-    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
-        return Return(flight, home, limits)
-
-    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
-        """Fly setpoints; until the first one, `rest` or stay here."""
-        return FollowSetpoints(flight, rest)
 
     def shaped(
         self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits

@@ -102,9 +102,7 @@ class GotoLeg(Hold):
 
     @property
     def stays_at(self) -> NorthEast | None:
-        """The place where it stays, for a time or for ever; None on the way there, and where it passes
-        through.
-        """
+        """The place where it stays, for a time or for ever; None on the way, and where it passes through."""
         stays = self._stay_ns == math.inf or (self._arrived_ns is not None and self._stay_ns > 0.0)
         return self._goal if stays else None
 
@@ -188,15 +186,11 @@ class TurnsLeg(Manoeuvre):
         north, east = math.cos(angle), math.sin(angle)
         distance_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
         self._on_circle = self._on_circle or abs(distance_m - radius) < max(2.0, 0.05 * radius)
-        velocity = (
-            (-east * speed * self._sense, north * speed * self._sense, 0.0)
-            if self._on_circle
-            else (0.0, 0.0, 0.0)
-        )
+        along = (-east * speed * self._sense, north * speed * self._sense, 0.0)
         return FlightTarget(
             north_east_m=(self._centre[0] + north * radius, self._centre[1] + east * radius),
             down_m=self._down_m,
-            velocity_ned_mps=velocity,
+            velocity_ned_mps=along if self._on_circle else (0.0, 0.0, 0.0),
             yaw_rad=self._heading_towards(flight, self._centre),
             speed_max_mps=max(speed * 1.5, 1.0),
             climb_max_mps=limits.climb_mps,

@@ -27,9 +27,7 @@ class Manoeuvre(ABC):
 
 
 class Hold(Manoeuvre):
-    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and
-    stay.
-    """
+    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly there and stay."""
 
     def __init__(
         self,
@@ -160,8 +158,7 @@ class Land(Manoeuvre):
         if flight.time_ns < self._begins_ns:
             speed = 0.0
         return FlightTarget(
-            # With its feet on the ground the vehicle holds still: following a position that wanders would
-            # turn it over.
+            # On its feet it holds still: following a position that wanders would turn it over.
             north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
             yaw_rad=self._yaw_rad,
@@ -217,11 +214,8 @@ class FollowSetpoints(Manoeuvre):
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._setpoint is None:
             return self._rest.target(flight, limits)
-        return (
-            self._with_integrated_velocity(self._setpoint, flight)
-            if any(self._accelerates)
-            else self._setpoint
-        )
+        accelerates = any(self._accelerates)
+        return self._with_integrated_velocity(self._setpoint, flight) if accelerates else self._setpoint
 
     def _with_integrated_velocity(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
         estimated = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
@@ -237,9 +231,8 @@ class FollowSetpoints(Manoeuvre):
         horizontally, vertically = self._accelerates
         setpoint_velocity = target.velocity_ned_mps
         north, east = velocity[:2] if horizontally else setpoint_velocity[:2]
-        return replace(
-            target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2])
-        )
+        down = velocity[2] if vertically else setpoint_velocity[2]
+        return replace(target, velocity_ned_mps=(north, east, down))
 
 
 def stopping_m(speed_mps: float) -> float:

@@ -18,12 +18,9 @@ class Return(Manoeuvre):
         self._home = home
         distance_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
         height_m = home.down_m - flight.down_m
-        if limits.return_climbs_by_m is not None:
-            cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
-        else:
-            cruise_m = (
-                height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
-            )
+        cruise_m = max(limits.return_height_m, height_m + (limits.return_climbs_by_m or 0.0))
+        if limits.return_climbs_by_m is None and distance_m < limits.return_near_m:
+            cruise_m = height_m
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
         self._climb = Hold(flight, stopping_place(flight), self._cruise_down_m)
         # Above home; never a climb.
@@ -52,9 +49,7 @@ class Return(Manoeuvre):
         return self._land is not None
 
     def heights_m(self, origin_m: float) -> tuple[float, float]:
-        """Altitude at which it flies home, and how much that is above the ground there; `origin_m` is the altitude of the
-        local frame.
-        """
+        """Altitude of the way home, and its height above the ground there; `origin_m` is that of the frame."""
         return origin_m - self._cruise_down_m, self._home.down_m - self._cruise_down_m
 
     @property
@@ -109,12 +104,7 @@ class ReturnPath:
     """The course of a return in time: up from where the vehicle comes to rest, then straight home."""
 
     def __init__(
-        self,
-        flight: FlightState,
-        home: NorthEast,
-        down_m: float,
-        path: PathLimits,
-        limits: FlightLimits,
+        self, flight: FlightState, home: NorthEast, down_m: float, path: PathLimits, limits: FlightLimits
     ) -> None:
         self._down_m = down_m
         self._start = stopping_place(flight)
@@ -148,8 +138,7 @@ class ReturnPath:
             return False
         way_s = (flight.time_ns - self._way_begun_ns) * 1e-9
         climb_s = (flight.time_ns - self._begun_ns) * 1e-9
-        over: bool = way_s > self._way.duration_s and climb_s > self._climb.duration_s
-        return over
+        return bool(way_s > self._way.duration_s and climb_s > self._climb.duration_s)
 
     def _at(self, target: FlightTarget, flight: FlightState, way_s: float) -> FlightTarget:
         way_m, speed_mps, accel_mps2 = self._way.at(way_s)

@@ -71,8 +71,7 @@ class ManualFlight(Manoeuvre):
             for stick in (sticks.pitch, sticks.roll)
         )
         if forward == right == 0.0:
-            # With its feet on the ground the vehicle holds still: following a position that wanders would
-            # turn it over.
+            # On its feet it holds still: following a position that wanders would turn it over.
             self._place = None if flight.on_ground else self._place or stopping_place(flight)
             return 0.0, 0.0
         self._place = None

@@ -20,9 +20,7 @@ _ALIGNED_COSINE, _LEAST_TURNING_MPS = 0.98, 0.2
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """The place to which the mission goes on without a stop, and the speed of an item on the way; None by the
-    parameters.
-    """
+    """The place to fly on to without a stop, and the speed of an item on the way; None by the parameters."""
 
     place: NorthEast
     down_m: float

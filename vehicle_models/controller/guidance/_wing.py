@@ -94,9 +94,7 @@ class WingTakeoff(Takeoff):
 
 
 class WingLand(Land):
-    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the
-    place.
-    """
+    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare."""
 
     APPROACH_HEIGHT_M = 25.0
     # How far ahead on the path it aims.
@@ -147,9 +145,7 @@ class WingLand(Land):
         )
 
     def _along(self, flight: FlightState) -> NorthEast:
-        """The vehicle's place from the landing place: metres along the landing course, and to the right of
-        it.
-        """
+        """The vehicle's place from the landing place: metres along the course, and to the right of it."""
         north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
@@ -164,9 +160,8 @@ class WingLand(Land):
         """The centre of the clockwise circle that leads into the glide path."""
         back_m, offset_m = self._entry_m(wing), abs(wing.loiter_radius_m)
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
-        return self._landing_place[0] - back_m * cos - offset_m * sin, self._landing_place[
-            1
-        ] - back_m * sin + offset_m * cos
+        north, east = self._landing_place
+        return north - back_m * cos - offset_m * sin, east - back_m * sin + offset_m * cos
 
     def _at_entry(self, flight: FlightState, wing: WingLimits, height_m: float) -> bool:
         along_m, right_m = self._along(flight)
@@ -204,12 +199,8 @@ class WingReturn(Return):
         descended_down = self._home.down_m - wing.descend_height_m
         if self._arrived and flight.down_m > descended_down - 2.0 and self._descended_ns is None:
             self._descended_ns = flight.time_ns
-        circling_ns = None if self._descended_ns is None else flight.time_ns - self._descended_ns
-        if (
-            circling_ns is not None
-            and wing.land_delay_s is not None
-            and circling_ns >= round(wing.land_delay_s * 1e9)
-        ):
+        since_ns, delay_s = self._descended_ns, wing.land_delay_s
+        if since_ns is not None and delay_s is not None and flight.time_ns - since_ns >= round(delay_s * 1e9):
             self._land = WingLand(flight, home, self._home.down_m)
         down = descended_down if self._arrived else self._cruise_down_m
         return _circle(wing, home, down, wing.return_radius_m)
@@ -218,9 +209,8 @@ class WingReturn(Return):
 class WingFollowSetpoints(FollowSetpoints):
     """The setpoints of a companion: a position is circled, a velocity is a course with a climb."""
 
-    def __init__(self, flight: FlightState) -> None:
-        super().__init__(flight)
-        self._rest = WingHold(flight)
+    def __init__(self, flight: FlightState, rest: Hold | None = None) -> None:
+        super().__init__(flight, WingHold(flight))
 
     def lapse(self, flight: FlightState) -> None:
         super().lapse(flight)
@@ -251,13 +241,12 @@ class WingManoeuvres(Manoeuvres):
     shapes_waypoints = False
     approaches_landing = True
     min_acceptance_radius_m, min_acceptance_height_m = 25.0, 10.0
+    takeoff, land, go_home, follow = WingTakeoff, WingLand, WingReturn, WingFollowSetpoints
 
     def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
-        return (
-            math.copysign(max(abs(requested_m), 30.0), requested_m)
-            if requested_m
-            else wing_limits(limits).loiter_radius_m
-        )
+        if not requested_m:
+            return wing_limits(limits).loiter_radius_m
+        return math.copysign(max(abs(requested_m), 30.0), requested_m)
 
     def hold(
         self,
@@ -270,20 +259,6 @@ class WingManoeuvres(Manoeuvres):
     ) -> Hold:
         return WingHold(flight, north_east_m, down_m, speed_mps, radius_m)
 
-    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
-        return WingTakeoff(flight, down_m)
-
-    def land(
-        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
-    ) -> Land:
-        return WingLand(flight, north_east_m, ground_down_m)
-
-    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
-        return WingReturn(flight, home, limits)
-
-    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
-        return WingFollowSetpoints(flight)
-
     def shaped(
         self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits
     ) -> FlightTarget:
@@ -292,12 +267,8 @@ class WingManoeuvres(Manoeuvres):
         if isinstance(target, WingTarget) or target.attitude:
             return target
         if isinstance(manoeuvre, Circle):
-            return _circle(
-                wing,
-                manoeuvre.centre,
-                manoeuvre.down_m,
-                math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps),
-            )
+            radius_m = math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps)
+            return _circle(wing, manoeuvre.centre, manoeuvre.down_m, radius_m)
         if isinstance(manoeuvre, TurnsLeg):
             return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
         down = flight.down_m if target.down_m is None else target.down_m
@@ -328,9 +299,7 @@ def _circle(
 
 
 def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
-    """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line,
-    whichever is more.
-    """
+    """The point of a line to aim at: ahead of the nearest by the lead or its distance, whichever is more."""
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
     if length < 1.0:
@@ -355,9 +324,7 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
 
 
 def _into_wind(flight: FlightState) -> NorthEast:
-    """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present
-    course.
-    """
+    """Course into the wind, and its speed, from airspeed and ground speed; in a calm the present course."""
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)

@@ -1,198 +1,28 @@
-# ruff: noqa: N801  (the names are the specification's)
-"""Numbers of MAVLink by their names: the entries of its enumerations that the flight controller uses.
-
-pymavlink has them as well, but as attributes of an untyped module, where a misspelt name is found only when
-it is used.
-"""
+"""MAVLink's enumerations: numbers by the specification's names, without the name of the enumeration."""
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import IntEnum
+from typing import Any
+
+from ._dialect import dialect
 
 
-class MAV_CMD(IntEnum):
-    """Commands of COMMAND_LONG and COMMAND_INT, and of mission items."""
-
-    NAV_WAYPOINT = 16
-    NAV_LOITER_UNLIM = 17
-    NAV_LOITER_TURNS = 18
-    NAV_LOITER_TIME = 19
-    NAV_RETURN_TO_LAUNCH = 20
-    NAV_LAND = 21
-    NAV_TAKEOFF = 22
-    NAV_LOITER_TO_ALT = 31
-    DO_ORBIT = 34
-    NAV_ROI = 80
-    NAV_SPLINE_WAYPOINT = 82
-    NAV_VTOL_TAKEOFF = 84
-    NAV_VTOL_LAND = 85
-    NAV_DELAY = 93
-    CONDITION_DELAY = 112
-    CONDITION_DISTANCE = 114
-    CONDITION_YAW = 115
-    DO_SET_MODE = 176
-    DO_JUMP = 177
-    DO_CHANGE_SPEED = 178
-    DO_SET_HOME = 179
-    DO_SET_SERVO = 183
-    DO_FLIGHTTERMINATION = 185
-    DO_CHANGE_ALTITUDE = 186
-    DO_LAND_START = 189
-    DO_REPOSITION = 192
-    DO_PAUSE_CONTINUE = 193
-    DO_SET_ROI_LOCATION = 195
-    DO_SET_ROI_WPNEXT_OFFSET = 196
-    DO_SET_ROI_NONE = 197
-    DO_SET_ROI_SYSID = 198
-    DO_SET_ROI = 201
-    DO_DIGICAM_CONTROL = 203
-    DO_MOUNT_CONFIGURE = 204
-    DO_MOUNT_CONTROL = 205
-    DO_SET_CAM_TRIGG_DIST = 206
-    DO_FENCE_ENABLE = 207
-    DO_MOTOR_TEST = 209
-    DO_GRIPPER = 211
-    DO_SET_RESUME_REPEAT_DIST = 215
-    DO_AUX_FUNCTION = 218
-    DO_SET_MISSION_CURRENT = 224
-    PREFLIGHT_CALIBRATION = 241
-    PREFLIGHT_STORAGE = 245
-    PREFLIGHT_REBOOT_SHUTDOWN = 246
-    MISSION_START = 300
-    ACTUATOR_TEST = 310
-    COMPONENT_ARM_DISARM = 400
-    RUN_PREARM_CHECKS = 401
-    GET_HOME_POSITION = 410
-    INJECT_FAILURE = 420
-    GET_MESSAGE_INTERVAL = 510
-    SET_MESSAGE_INTERVAL = 511
-    REQUEST_MESSAGE = 512
-    REQUEST_PROTOCOL_VERSION = 519
-    REQUEST_AUTOPILOT_CAPABILITIES = 520
-    REQUEST_CAMERA_INFORMATION = 521
-    REQUEST_CAMERA_SETTINGS = 522
-    REQUEST_STORAGE_INFORMATION = 525
-    STORAGE_FORMAT = 526
-    REQUEST_CAMERA_CAPTURE_STATUS = 527
-    RESET_CAMERA_SETTINGS = 529
-    SET_CAMERA_MODE = 530
-    SET_CAMERA_ZOOM = 531
-    SET_CAMERA_FOCUS = 532
-    JUMP_TAG = 600
-    DO_JUMP_TAG = 601
-    DO_GIMBAL_MANAGER_PITCHYAW = 1000
-    DO_GIMBAL_MANAGER_CONFIGURE = 1001
-    IMAGE_START_CAPTURE = 2000
-    IMAGE_STOP_CAPTURE = 2001
-    DO_TRIGGER_CONTROL = 2003
-    VIDEO_START_CAPTURE = 2500
-    VIDEO_STOP_CAPTURE = 2501
-    VIDEO_START_STREAMING = 2502
-    VIDEO_STOP_STREAMING = 2503
-    LOGGING_START = 2510
-    LOGGING_STOP = 2511
-    CONTROL_HIGH_LATENCY = 2600
-    NAV_FENCE_RETURN_POINT = 5000
-    NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
-    NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
-    NAV_FENCE_CIRCLE_INCLUSION = 5003
-    NAV_FENCE_CIRCLE_EXCLUSION = 5004
-    NAV_RALLY_POINT = 5100
-    FIXED_MAG_CAL_YAW = 42006
-    SET_EKF_SOURCE_SET = 42007
-    DO_START_MAG_CAL = 42424
-    DO_ACCEPT_MAG_CAL = 42425
-    DO_CANCEL_MAG_CAL = 42426
-    DO_SEND_BANNER = 42428
-    ACCELCAL_VEHICLE_POS = 42429
-    BATTERY_RESET = 42651
+def _enumeration(name: str) -> Any:
+    """One of pymavlink's, which is untyped: a misspelt entry is found where it is first used, and by the tests."""
+    entries = {entry.name.removeprefix(f"{name}_"): number for number, entry in dialect.enums[name].items()}
+    del entries["ENUM_END"]
+    return IntEnum(name, entries)
 
 
-class MAV_FRAME(IntEnum):
-    """Coordinate frames of commands, mission items and setpoints."""
-
-    GLOBAL = 0
-    LOCAL_NED = 1
-    MISSION = 2
-    GLOBAL_RELATIVE_ALT = 3
-    GLOBAL_INT = 5
-    GLOBAL_RELATIVE_ALT_INT = 6
-    LOCAL_OFFSET_NED = 7
-    BODY_NED = 8
-    BODY_OFFSET_NED = 9
-    GLOBAL_TERRAIN_ALT = 10
-    GLOBAL_TERRAIN_ALT_INT = 11
-    BODY_FRD = 12
-
-
-class MAV_STATE(IntEnum):
-    """HEARTBEAT.system_status."""
-
-    UNINIT = 0
-    BOOT = 1
-    STANDBY = 3
-    ACTIVE = 4
-    CRITICAL = 5
-    FLIGHT_TERMINATION = 8
-
-
-class MAV_TYPE(IntEnum):
-    """HEARTBEAT.type."""
-
-    FIXED_WING = 1
-    QUADROTOR = 2
-    GCS = 6
-    CAMERA = 30
-
-
-class MAV_AUTOPILOT(IntEnum):
-    """HEARTBEAT.autopilot."""
-
-    ARDUPILOTMEGA = 3
-    INVALID = 8
-    PX4 = 12
-
-
-class MAV_MODE_FLAG(IntFlag):
-    """Bits of HEARTBEAT.base_mode."""
-
-    CUSTOM_MODE_ENABLED = 1
-    AUTO_ENABLED = 4
-    GUIDED_ENABLED = 8
-    STABILIZE_ENABLED = 16
-    MANUAL_INPUT_ENABLED = 64
-    SAFETY_ARMED = 128
-
-
-class MAV_DATA_STREAM(IntEnum):
-    """Groups of REQUEST_DATA_STREAM."""
-
-    ALL = 0
-    RAW_SENSORS = 1
-    EXTENDED_STATUS = 2
-    RC_CHANNELS = 3
-    POSITION = 6
-    EXTRA1 = 10
-    EXTRA2 = 11
-    EXTRA3 = 12
-
-
-class MAV_MOUNT_MODE(IntEnum):
-    """Modes of DO_MOUNT_CONFIGURE and DO_MOUNT_CONTROL."""
-
-    RETRACT = 0
-    NEUTRAL = 1
-    MAVLINK_TARGETING = 2
-    RC_TARGETING = 3
-    GPS_POINT = 4
-    SYSID_TARGET = 5
-    HOME_LOCATION = 6
-
-
-class GPS_FIX_TYPE(IntEnum):
-    """GPS_RAW_INT.fix_type."""
-
-    NO_GPS = 0
-    NO_FIX = 1
-    FIX_3D = 3
-    RTK_FIXED = 6
+GPS_FIX_TYPE = _enumeration("GPS_FIX_TYPE")
+MAV_AUTOPILOT = _enumeration("MAV_AUTOPILOT")
+MAV_CMD = _enumeration("MAV_CMD")
+MAV_DATA_STREAM = _enumeration("MAV_DATA_STREAM")
+MAV_FRAME = _enumeration("MAV_FRAME")
+MAV_FTP_ERR = _enumeration("MAV_FTP_ERR")
+MAV_FTP_OPCODE = _enumeration("MAV_FTP_OPCODE")
+MAV_MODE_FLAG = _enumeration("MAV_MODE_FLAG")
+MAV_MOUNT_MODE = _enumeration("MAV_MOUNT_MODE")
+MAV_STATE = _enumeration("MAV_STATE")
+MAV_TYPE = _enumeration("MAV_TYPE")

@@ -1,6 +1,4 @@
-"""MAVLink frames: reading them from bytes that may hold anything, packing them from plain values, and numbers as integer
-fields hold them.
-"""
+"""MAVLink frames: reading them from any bytes, packing them from plain values, and integer fields."""
 
 from __future__ import annotations
 
@@ -28,10 +26,7 @@ _SIGNED = 0x01
 
 
 class FrameReader:
-    """Finds whole MAVLink 1 and 2 frames in a stream of bytes.
-
-    Garbage is skipped and counted, never raised.
-    """
+    """Finds whole MAVLink 1 and 2 frames in a stream of bytes; garbage is counted and never raises."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -153,9 +148,7 @@ class Decoder:
 
 
 def target_system(frame: bytes) -> int:
-    """The system that a frame is for, without decoding the rest of it; 0 for every system, and where it names
-    none.
-    """
+    """The system that a frame is for, read without the rest; 0 for every system, or where it names none."""
     place = _target_place(message_id(frame))
     head = 6 if frame[0] == _V1 else 10
     return frame[head + place] if place is not None and place < frame[1] else 0
@@ -177,9 +170,7 @@ _Plain = tuple[Any, struct.Struct, Callable[[Sequence[Any]], tuple[Any, ...]]]
 
 
 def _plain(kind: Any) -> _Plain | None:
-    """Class, layout on the wire, and the order in which the class takes its fields; None where a field is
-    text or an array.
-    """
+    """Class, layout on the wire, and the class's order of fields; None where a field is text or an array."""
     if any(kind.array_lengths) or "char" in kind.fieldtypes or len(kind.orders) < 2:
         return None
     return kind, kind.unpacker, itemgetter(*kind.orders)

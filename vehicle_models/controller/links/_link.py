@@ -26,10 +26,7 @@ _CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8
 
 
 class Inbox:
-    """Frames that wait, in a queue for each client.
-
-    They are taken in turn, so that one client's flood delays no other's message.
-    """
+    """Frames that wait, a queue for each client, taken in turn: one client's flood delays no other."""
 
     def __init__(self) -> None:
         self._queues: dict[object, deque[bytes]] = {}
@@ -47,14 +44,9 @@ class Inbox:
 
     def put(self, source: object, frame: bytes) -> bool:
         """False when too much of this client waits, or of too many clients."""
-        queue = self._queues.get(source)
-        if queue is None:
-            if len(self._queues) >= 4 * MAX_CLIENTS:
-                return False
-            queue = self._queues[source] = deque()
-        if len(queue) >= INBOX_FRAMES:
+        if not self.room(source):
             return False
-        queue.append(frame)
+        self._queues.setdefault(source, deque()).append(frame)
         self._waiting += 1
         return True
 
@@ -77,8 +69,7 @@ class Inbox:
                 del self._queues[source]
             elif remaining.get(source, 1):
                 turn.append(source)
-        # The client whose turn would be next is the first in the next step, or a flood of many clients would
-        # starve it.
+        # The next in turn is the first of the next step, or a flood of many clients would starve it.
         if turn:
             served = [source for source in self._queues if source not in turn]
             self._queues = {source: self._queues[source] for source in (*turn, *served)}

@@ -98,9 +98,7 @@ class UdpLink(Link):
             self._read(self._socket)
 
     def _read(self, sock: socket.socket) -> list[Address]:
-        """Read a socket within the bounds of one poll; returns known peers that have no socket of their own
-        yet.
-        """
+        """Read a socket within the bounds of one poll; returns known peers without a socket of their own."""
         frames = garbage = discarded = 0
         returning: dict[Address, None] = {}
         for _ in range(_DATAGRAMS_PER_POLL):
@@ -130,9 +128,7 @@ class UdpLink(Link):
         return list(returning)
 
     def _note_speaker(self, peer: Address) -> None:
-        """Make this peer the latest. The one that has been silent longest gives way, so that peers that come
-        and go cannot fill the list.
-        """
+        """Make this peer the latest; the one silent longest gives way, so that peers cannot fill the list."""
         peer_socket = self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             oldest = next(iter(self._peers))
@@ -140,9 +136,7 @@ class UdpLink(Link):
         self._peers[peer] = peer_socket
 
     def _open_peer_socket(self, peer: Address) -> None:
-        """Open a socket for this peer alone; where the system cannot, the link's own continues to receive
-        it.
-        """
+        """Open a socket for this peer alone; where the system cannot, the link's own receives it still."""
         if self._peers.get(peer, self._socket) is not None:
             # The peer was dropped meanwhile, or has a socket already.
             return
@@ -243,8 +237,7 @@ class TcpLink(Link):
             except OSError:
                 return
             sock.setblocking(False)
-            # A step is one write; Nagle's algorithm would hold it back until the client acknowledges the
-            # last.
+            # A step is one write, which Nagle's algorithm would hold back until the last is acknowledged.
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.append(_TcpClient(sock))
 
@@ -371,10 +364,7 @@ def link_counters(links: Iterable[Link]) -> dict[str, int]:
 
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
-    """Yield every link, opened; leaving the block closes them all.
-
-    Raises SetupError with one fault for each link that fails.
-    """
+    """Yield every link, opened; leaving the block closes all. Raises SetupError with each fault."""
     with ExitStack() as stack:
         links: list[Link] = []
         faults: list[Fault] = []
@@ -386,9 +376,8 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
             except OSError as error:
                 remedy = "choose a free port and an address of this machine"
                 address = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
-                faults.append(
-                    Fault(f"link {spec.name}", f"{address} cannot be opened: {error.strerror}", remedy)
-                )
+                what = f"{address} cannot be opened: {error.strerror}"
+                faults.append(Fault(f"link {spec.name}", what, remedy))
             else:
                 stack.callback(link.close)
                 links.append(link)
@@ -421,12 +410,8 @@ def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.s
         else:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
         # A sender need only be reachable from where it sends to; on loopback it binds there.
-        host = (
-            spec.host
-            if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost"
-            else ""
-        )
-        opened.bind((host, port))
+        local = spec.host.startswith("127.") or spec.host == "localhost"
+        opened.bind((spec.host if local or spec.kind != "udp_out" else "", port))
         opened.setblocking(False)
         stack.pop_all()
     return opened

@@ -32,16 +32,12 @@ class Channel:
         self._packer = packer
         self._sequence = 0
         self._queue: list[bytes] = []
-        self._connected = link.connected()
-
-    @property
-    def connected(self) -> bool:
-        """Whether there is a receiver; decided once a step, so that all of a step is sent or nothing."""
-        return self._connected
+        # Whether there is a receiver; decided once a step, so that all of a step is sent or nothing.
+        self.connected = link.connected()
 
     def send(self, number: int, values: Iterable[Any]) -> None:
         """Queue a message for every client of this channel; values in wire order."""
-        if not self._connected:
+        if not self.connected:
             return
         frame: bytes | None
         if self._uses_v1:
@@ -75,14 +71,9 @@ class Channel:
         return True
 
     def forward(self, frame: bytes) -> None:
-        """Queue a frame of another client unchanged, unless it is for a system that has never sent anything
-        here.
-        """
-        if (
-            self._connected
-            and target_system(frame) in (0, *self._known_systems)
-            and not (self._uses_v1 and frame[0] == _V2)
-        ):
+        """Queue another client's frame unchanged, unless it is for a system that never sent anything here."""
+        known = target_system(frame) in (0, *self._known_systems)
+        if self.connected and known and not (self._uses_v1 and frame[0] == _V2):
             self._queue.append(frame)
 
     def _sign(self, unsigned: bytes) -> bytes:
@@ -90,7 +81,7 @@ class Channel:
 
     def begin(self) -> None:
         """Begin a step."""
-        self._connected = self.link.connected() and not self.link.silenced
+        self.connected = self.link.connected() and not self.link.silenced
         # Messages that arrive during a simulated loss of the link are lost, not delayed.
         if self.link.silenced:
             self.link.inbox.clear()
@@ -106,10 +97,7 @@ class Channel:
 
 
 class Radio:
-    """All channels of a vehicle.
-
-    `waits_for_client` keeps unrequested messages off a channel until a client has sent something.
-    """
+    """All channels; `waits_for_client` keeps unrequested messages off one until a client has spoken."""
 
     def __init__(self, channels: list[Channel], tap: MavlinkTap | None, waits_for_client: bool) -> None:
         self.channels = channels
@@ -119,9 +107,7 @@ class Radio:
     def broadcast(
         self, name: str, goes_over: Callable[[Channel], bool] | None = None, /, **fields: Any
     ) -> None:
-        """Queue a message on every channel, or those that `goes_over` admits; where the autopilot waits for clients, only
-        where one has sent something.
-        """
+        """Queue a message on the channels that `goes_over` admits, and that the autopilot may send to unasked."""
         self.broadcast_values(*wire_values(name, **fields), goes_over)
 
     def broadcast_values(

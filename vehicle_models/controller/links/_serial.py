@@ -169,22 +169,18 @@ def _fault(field: str, path: str, error: Exception) -> Fault:
     number = error.errno if isinstance(error, OSError) else errno.ENOTTY
     if number == errno.ENOENT:
         there = ", ".join(serial_devices())
-        remedy = (
-            f"there are {there}" if there else "this machine has no serial device now: plug it in, see dmesg"
-        )
+        none = "this machine has no serial device now: plug it in, see dmesg"
+        remedy = f"there are {there}" if there else none
         return Fault(field, f"there is no device {path}", remedy)
     if number in (errno.EACCES, errno.EPERM):
-        group = "the group that owns it (ls -l; dialout on Debian)"
-        return Fault(
-            field, f"{path} may not be opened by this user", f"add the user to {group}, and log in again"
-        )
+        remedy = "add the user to the group that owns it (ls -l; dialout on Debian), and log in again"
+        return Fault(field, f"{path} may not be opened by this user", remedy)
     if number in (errno.EBUSY, errno.EAGAIN):
         remedy = "end the other program, such as a ground station or ModemManager"
         return Fault(field, f"{path} is in use by another program", remedy)
     if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR) or not _is_character_device(path):
-        return Fault(
-            field, f"{path} is no serial device", "give a device such as /dev/ttyACM0 or /dev/ttyUSB0"
-        )
+        remedy = "give a device such as /dev/ttyACM0 or /dev/ttyUSB0"
+        return Fault(field, f"{path} is no serial device", remedy)
     return Fault(field, f"{path} cannot be opened: {error}", "see dmesg")
 
 

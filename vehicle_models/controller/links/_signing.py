@@ -10,13 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from bench.contracts import LinkSpec
 from bench.errors import SetupError
-
-if TYPE_CHECKING:
-    pass
 
 _SIGNED, _SIGNATURE = 0x01, 13
 _UNIX_2015_S = 1_420_070_400
@@ -98,10 +94,7 @@ def _ticks(unix_us: int) -> int:
 
 
 def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
-    """The signing that a vehicle's links ask for.
-
-    Raises SetupError for a malformed key, or for different keys.
-    """
+    """The signing that links ask for. Raises SetupError for a malformed key, or for different keys."""
     keys = {link.signing_key for link in links if link.signing_key}
     if not keys:
         return Signing(b"", False, now_us)

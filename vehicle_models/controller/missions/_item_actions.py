@@ -26,13 +26,7 @@ from ._mission_plan import FLOWN, JUMPS, MissionPlan, is_ground_speed, speed_of
 _ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI_LOCATION, MAV_CMD.DO_SET_ROI)
 # Places in a mission, for a jump or for DO_LAND_START.
 _MARKS = (MAV_CMD.JUMP_TAG, MAV_CMD.DO_LAND_START)
-_CARRIED_OUT = {
-    *_ROI,
-    *JUMPS,
-    MAV_CMD.DO_SET_ROI_NONE,
-    MAV_CMD.DO_CHANGE_SPEED,
-    MAV_CMD.CONDITION_YAW,
-}
+_CARRIED_OUT = {*_ROI, *JUMPS, MAV_CMD.DO_SET_ROI_NONE, MAV_CMD.DO_CHANGE_SPEED, MAV_CMD.CONDITION_YAW}
 _PAYLOAD_ITEMS: dict[int, str] = {
     MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "carried out with a gimbal",
     MAV_CMD.DO_MOUNT_CONTROL: "carried out with a gimbal",

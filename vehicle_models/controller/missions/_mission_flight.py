@@ -127,14 +127,10 @@ class MissionFlight:
         return (self._index, total, state, 1 if in_mode else 2, *identities)
 
     def _changed(self) -> None:
-        marked = [
-            number
-            for number, item in enumerate(self._plan.items)
-            if item.current and not self._policy.home_first
-        ]
+        marked = [number for number, item in enumerate(self._plan.items) if item.current]
         if self._plan.judge() and self._policy.far_event:
             self._context.texts.notify(*self._policy.far_event)
-        self._reset(marked[-1] if marked else self._plan.first)
+        self._reset(marked[-1] if marked and not self._policy.home_first else self._plan.first)
 
     def _reset(self, index: int) -> None:
         self._index, self._leg, self._reached, self._complete = index, None, None, False
@@ -168,16 +164,13 @@ class MissionFlight:
         self._arrived(self._index)
         item = self._plan.item(self._index)
         self._from = self._plan.place(item) if item else None
-        self._passed = (
-            leg.course if isinstance(leg, GotoLeg) and isinstance(leg.course, WaypointPath) else None
-        )
+        course = leg.course if isinstance(leg, GotoLeg) else None
+        self._passed = course if isinstance(course, WaypointPath) else None
         self._begin(self._index + 1)
         self._passed = None
 
     def _begin(self, index: int) -> None:
-        """Fly the next item from `index` on that can be flown; the actions on the way are carried out
-        meanwhile.
-        """
+        """Fly the next item from `index` on that can be flown, and carry out the actions on the way."""
         flight = self._context.flight
         flown, actions = self._plan.next_flown(index)
         self._actions.begin(actions)
@@ -206,13 +199,8 @@ class MissionFlight:
 
     def _here(self, flight: FlightState) -> NorthEast:
         """Where the vehicle was last sent to, which is where it stays."""
-        target = flight.target.north_east_m
-        if (
-            target
-            and math.hypot(target[0] - flight.north_m, target[1] - flight.east_m) < _MAX_RESUMED_DISTANCE_M
-        ):
-            return target
-        return flight.north_m, flight.east_m
+        target, place = flight.target.north_east_m, (flight.north_m, flight.east_m)
+        return target if target and math.dist(target, place) < _MAX_RESUMED_DISTANCE_M else place
 
     def _stay(
         self, flight: FlightState, place: NorthEast, heading_towards: HeadingFunction | None = None
@@ -231,8 +219,7 @@ class MissionFlight:
         if self._announced != self._index:
             self._announced = self._index
             self._context.texts.report(policy.item_text(item), self._index)
-        waiting = policy.waits_for_start and not flight.flying and not self._may_lift_off
-        if waiting:
+        if policy.waits_for_start and not flight.flying and not self._may_lift_off:
             self._stay(flight, (flight.north_m, flight.east_m))
             return
         self._started = True
@@ -275,22 +262,14 @@ class MissionFlight:
             case MAV_CMD.NAV_LAND | MAV_CMD.NAV_VTOL_LAND:
                 return self._land(flight, item)
             case MAV_CMD.NAV_DELAY:
-                return self._goto(
-                    flight, item, self._here(flight), flight.down_m, max(first, 0.0), radius_m=math.inf
-                )
+                here, stay_s = self._here(flight), max(first, 0.0)
+                return self._goto(flight, item, here, flight.down_m, stay_s, radius_m=math.inf)
             case MAV_CMD.NAV_LOITER_UNLIM:
                 return self._goto(flight, item, place, down, math.inf)
             case MAV_CMD.NAV_LOITER_TURNS:
                 radius = self._guidance.manoeuvres.turning_radius_m(third, self._guidance.limits)
-                return TurnsLeg(
-                    flight,
-                    place,
-                    down,
-                    radius,
-                    min(max(first, 0.0), 255.0),
-                    self._actions.heading_towards,
-                    self._guidance.speed_mps,
-                )
+                turns, towards = min(max(first, 0.0), 255.0), self._actions.heading_towards
+                return TurnsLeg(flight, place, down, radius, turns, towards, self._guidance.speed_mps)
             case _:
                 stay_s = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
                 following = None
@@ -326,18 +305,9 @@ class MissionFlight:
         manoeuvres = self._guidance.manoeuvres
         radius = max(radius, manoeuvres.min_acceptance_radius_m)
         height = max(height, manoeuvres.min_acceptance_height_m)
-        return GotoLeg(
-            flight,
-            place,
-            down,
-            self._actions.heading_towards,
-            radius,
-            height,
-            stay_s,
-            self._guidance.speed_mps,
-            self._from,
-            self._course(flight, place, down, following, radius),
-        )
+        towards, speed_mps = self._actions.heading_towards, self._guidance.speed_mps
+        course = self._course(flight, place, down, following, radius)
+        return GotoLeg(flight, place, down, towards, radius, height, stay_s, speed_mps, self._from, course)
 
     def _course(
         self, flight: FlightState, place: NorthEast, down: float, following: Following | None, radius_m: float
@@ -378,9 +348,8 @@ class MissionFlight:
     # Requests of clients.
 
     def _choose(self, number: int) -> bool:
-        if not self._plan.first <= number < len(self._plan.items) and not (
-            self._policy.home_first and number == 0
-        ):
+        is_home = self._policy.home_first and number == 0
+        if not is_home and not self._plan.first <= number < len(self._plan.items):
             return False
         started = self._started
         self._reset(max(number, self._plan.first))
@@ -423,13 +392,11 @@ class MissionFlight:
         return CommandResult.ACCEPTED
 
     def _start_landing(self, command: Command) -> CommandResult | None:
-        starts = [
-            number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START
-        ]
-        if not starts or not self._context.flight.mission_ready:
+        commands = [item.command for item in self._plan.items]
+        if MAV_CMD.DO_LAND_START not in commands or not self._context.flight.mission_ready:
             self._context.texts.send_all(self._policy.no_landing_texts)
             return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
-        self._choose(starts[0])
+        self._choose(commands.index(MAV_CMD.DO_LAND_START))
         if refusal := self._modes.enter(self._mode):
             return refusal.result
         return CommandResult.ACCEPTED

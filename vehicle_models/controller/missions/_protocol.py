@@ -40,10 +40,7 @@ class _Transfer:
 
 
 class MissionProtocol:
-    """MISSION_COUNT, _ITEM, _ITEM_INT, _REQUEST*, _WRITE_PARTIAL_LIST, _CLEAR_ALL, _ACK.
-
-    One upload at a time, or one of each plan.
-    """
+    """MISSION_COUNT, _ITEM(_INT), _REQUEST*, _CLEAR_ALL, ...; one upload at a time, or one of each plan."""
 
     def __init__(self, context: ServiceContext, policy: MissionPolicy, plans: StoredPlans) -> None:
         self._context = context
@@ -225,11 +222,8 @@ class MissionProtocol:
             self._acknowledge(sender, m.mission_type, self._policy.bad_type)
             return
         if self._upload_of(m.mission_type):
-            self._acknowledge(
-                sender,
-                m.mission_type,
-                MissionResult.ERROR if self._policy.one_at_a_time else MissionResult.DENIED,
-            )
+            busy = MissionResult.ERROR if self._policy.one_at_a_time else MissionResult.DENIED
+            self._acknowledge(sender, m.mission_type, busy)
             return
         self._send_count(m.mission_type, sender)
         if self._plans.by_type[m.mission_type].items and self._policy.one_at_a_time:
@@ -267,14 +261,8 @@ class MissionProtocol:
         """The item that a request asks for; None where there is none. Home is there without a mission too."""
         home = self._context.flight.home
         if m.seq == 0 and m.mission_type == MISSION and self._home_first and home:
-            return MissionItem(
-                MAV_CMD.NAV_WAYPOINT,
-                MAV_FRAME.GLOBAL,
-                (0.0, 0.0, 0.0, 0.0),
-                home.latitude_e7,
-                home.longitude_e7,
-                home.altitude_m,
-            )
+            place = (home.latitude_e7, home.longitude_e7, home.altitude_m)
+            return MissionItem(MAV_CMD.NAV_WAYPOINT, MAV_FRAME.GLOBAL, (0.0, 0.0, 0.0, 0.0), *place)
         return items[m.seq] if m.seq < len(items) else None
 
     def _send_item(self, m: Any, sender: MessageSender, item: MissionItem, as_float: bool) -> None:
@@ -282,10 +270,7 @@ class MissionProtocol:
         degrees = as_float and policy.has_degrees(item.command, item.frame)
         sender.answer(
             "MISSION_ITEM" if as_float else "MISSION_ITEM_INT",
-            param1=item.params[0],
-            param2=item.params[1],
-            param3=item.params[2],
-            param4=item.params[3],
+            **{f"param{number}": param for number, param in enumerate(item.params, start=1)},
             x=item.x * 1e-7 if degrees else item.x,
             y=item.y * 1e-7 if degrees else item.y,
             z=item.z,
@@ -330,12 +315,8 @@ class MissionProtocol:
         if self._download and self._download.is_with(sender):
             self._download = None
         upload = self._upload_of(m.mission_type)
-        if (
-            upload
-            and self._policy.client_cancels
-            and upload.is_with(sender)
-            and m.type != MissionResult.ACCEPTED
-        ):
+        cancels = self._policy.client_cancels and m.type != MissionResult.ACCEPTED
+        if upload and cancels and upload.is_with(sender):
             del self._uploads[upload.kind]
 
     def _acknowledge(self, sender: MessageSender, kind: int, verdict: int, identity: int = 0) -> None:
@@ -343,9 +324,7 @@ class MissionProtocol:
         sender.answer("MISSION_ACK", type=verdict, mission_type=kind, **ids)
 
     def _item_of(self, m: Any, as_float: bool) -> MissionItem:
-        """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place
-        that is not on Earth.
-        """
+        """An item of a message, in 1e-7 degrees; a number too large for an integer is no place on Earth."""
         params = (m.param1, m.param2, m.param3, m.param4)
         item = MissionItem(m.command, m.frame, params, 0, 0, m.z, m.autocontinue, m.current)
         if not as_float:

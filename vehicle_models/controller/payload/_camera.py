@@ -84,8 +84,8 @@ class CameraComponent:
         self._images: deque[Fields] = deque(maxlen=_STORED)
         self._messages = {
             "CAMERA_INFORMATION": self._information,
-            "CAMERA_SETTINGS": self._settings,
-            "STORAGE_INFORMATION": self._storage,
+            "CAMERA_SETTINGS": lambda: self._timed(mode_id=0, zoomLevel=math.nan, focusLevel=math.nan),
+            "STORAGE_INFORMATION": lambda: self._timed(storage_id=0, storage_count=0, status=_NO_STORAGE),
             "CAMERA_CAPTURE_STATUS": self._capture_status,
         }
 
@@ -97,15 +97,9 @@ class CameraComponent:
         """Take a message for this component; anything but a command is ignored."""
         if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
             return
-        result = self._run(message, sender)
-        fields = {"command": message.command, "result": result}
-        self._send(
-            sender.channel,
-            "COMMAND_ACK",
-            **fields,
-            target_system=sender.system,
-            target_component=sender.component,
-        )
+        fields = {"command": message.command, "result": self._run(message, sender)}
+        asker = {"target_system": sender.system, "target_component": sender.component}
+        self._send(sender.channel, "COMMAND_ACK", **fields, **asker)
 
     def tick(self) -> None:
         flight = self._context.flight
@@ -199,8 +193,7 @@ class CameraComponent:
         """
         if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
             return CommandResult.DENIED
-        # A client repeats a command whose acknowledgement was lost; the sequence number keeps that from
-        # taking two pictures.
+        # A command is repeated when its acknowledgement was lost: the number keeps that from two pictures.
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
             return CommandResult.ACCEPTED
         if count == 1:
@@ -219,9 +212,8 @@ class CameraComponent:
         """CAMERA_IMAGE_CAPTURED: the estimated position, and the direction of the camera."""
         flight, spec = self._context.flight, self._spec
         if flight.camera_tilt_rad is not None:
-            attitude = level_quaternion(
-                -flight.camera_tilt_rad, flight.yaw_rad + (flight.camera_pan_rad or 0.0)
-            )
+            pan_rad = flight.camera_pan_rad or 0.0
+            attitude = level_quaternion(-flight.camera_tilt_rad, flight.yaw_rad + pan_rad)
         elif spec.stabilized:
             attitude = level_quaternion(-math.radians(spec.tilt_deg), flight.yaw_rad)
         else:
@@ -257,21 +249,8 @@ class CameraComponent:
             "gimbal_device_id": DEVICE if spec.gimbal else 0,
         }
 
-    def _settings(self) -> Fields:
-        return {
-            "time_boot_ms": self._context.flight.time_ms,
-            "mode_id": 0,
-            "zoomLevel": math.nan,
-            "focusLevel": math.nan,
-        }
-
-    def _storage(self) -> Fields:
-        return {
-            "time_boot_ms": self._context.flight.time_ms,
-            "storage_id": 0,
-            "storage_count": 0,
-            "status": _NO_STORAGE,
-        }
+    def _timed(self, **fields: Any) -> Fields:
+        return {"time_boot_ms": self._context.flight.time_ms, **fields}
 
     def _capture_status(self) -> Fields:
         series = self._series

@@ -34,8 +34,7 @@ MIN_PITCH_RAD, MAX_PITCH_RAD = math.radians(-90.0), math.radians(30.0)
 # GIMBAL_DEVICE_FLAGS
 _RETRACT, NEUTRAL, _ROLL_LOCK, _PITCH_LOCK, _YAW_LOCK, _VEHICLE_FRAME, _EARTH_FRAME = 1, 2, 4, 8, 16, 32, 64
 KNOWN_FLAGS = 127
-# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch axis, locked; yaw axis, following or locked, without end; points at
-# places.
+# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch, locked; endless yaw, following or locked; points at places.
 _CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096 | 131072
 _DEVICE_CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096
 _NO_CONTROLLER = (0, 0)
@@ -43,9 +42,7 @@ _NO_CONTROLLER = (0, 0)
 
 @dataclass(frozen=True, slots=True)
 class _GimbalTarget:
-    """Pitch against the horizon; yaw against north when `locked`, else against the nose; and the rates of
-    both.
-    """
+    """Pitch against the horizon; yaw against north when `locked`, else the nose; and the rates of both."""
 
     pitch_rad: float
     yaw_rad: float
@@ -55,10 +52,7 @@ class _GimbalTarget:
 
 
 class Gimbal:
-    """Turns and keeps the direction of the camera in the flight state.
-
-    The policy defines who may control it.
-    """
+    """Turns and keeps the camera's direction in the flight state; the policy says who may control it."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy, tilt_rad: float) -> None:
         self._context = context
@@ -71,11 +65,9 @@ class Gimbal:
         self._write(context.flight)
 
     def handlers(self) -> Mapping[str, MessageHandler]:
-        old: dict[str, MessageHandler] = {}
-        if MAV_CMD.DO_MOUNT_CONTROL in self._policy.optional:
-            old["MOUNT_CONTROL"] = self._take_mount_message
+        old: dict[str, MessageHandler] = {"MOUNT_CONTROL": self._take_mount_message}
         return {
-            **old,
+            **(old if MAV_CMD.DO_MOUNT_CONTROL in self._policy.optional else {}),
             "GIMBAL_MANAGER_SET_PITCHYAW": self._set_pitch_yaw,
             "GIMBAL_MANAGER_SET_ATTITUDE": self._set_attitude,
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self._set_manual,
@@ -148,9 +140,7 @@ class Gimbal:
     def turn(
         self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float
     ) -> None:
-        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at
-        zero.
-        """
+        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at zero."""
         flight = self._context.flight
         self._place = None
         if flags & NEUTRAL:
@@ -188,7 +178,7 @@ class Gimbal:
         mode = command.params[0]
         if mode == MAV_MOUNT_MODE.NEUTRAL:
             self.turn(NEUTRAL, 0.0, 0.0, math.nan, math.nan)
-        return CommandResult.ACCEPTED if mode in tuple(MAV_MOUNT_MODE) else CommandResult.FAILED
+        return CommandResult.ACCEPTED if mode in range(MAV_MOUNT_MODE.WPNEXT_OFFSET) else CommandResult.FAILED
 
     def _mount_control(self, command: Command) -> CommandResult | None:
         """DO_MOUNT_CONTROL: pitch, roll and yaw in degrees, yaw from the nose; the mode behind them."""
@@ -245,10 +235,7 @@ class Gimbal:
         self.turn(m.flags, pitch, yaw, m.angular_velocity_y, m.angular_velocity_z)
 
     def _set_manual(self, m: Any, sender: MessageSender) -> None:
-        """Turn by sticks, which are shares of the highest rate.
-
-        Angles by stick are not offered, and a NaN is no rate.
-        """
+        """Turn by sticks, shares of the highest rate; angles by stick are not offered, and NaN is no rate."""
         if self._accepts(m, sender):
             self.turn(m.flags, math.nan, math.nan, m.pitch_rate * MAX_RATE_RADPS, m.yaw_rate * MAX_RATE_RADPS)
 
@@ -301,9 +288,7 @@ def level_quaternion(pitch_rad: float, yaw_rad: float) -> tuple[float, float, fl
 def _controller(
     system: float, component: float, current: tuple[int, int], requester: tuple[int, int]
 ) -> tuple[int, int]:
-    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0
-    is no controller.
-    """
+    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes, -3 gives back, 0 is none."""
     if system == -2 or component == -2:
         return requester
     if system == -3 or component == -3:

@@ -39,10 +39,7 @@ def roi_by_coordinates(command: Command) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandPolicy:
-    """Commands of an autopilot.
-
-    The functions change nothing; a refusal of None means that the command is carried out.
-    """
+    """Commands of an autopilot. The functions change nothing; a refusal of None carries the command out."""
 
     optional: frozenset[int]
     """Commands carried out of those that not every autopilot has: CONDITION_YAW, DO_PAUSE_CONTINUE,
@@ -50,14 +47,10 @@ class CommandPolicy:
     """
 
     fixed_results: Mapping[int, CommandResult | None]
-    """Results of commands that have no effect here; None: no answer. A command that nothing here knows is
-    UNSUPPORTED.
-    """
+    """Results of commands without effect; None: no answer. A command that is unknown here is UNSUPPORTED."""
 
     answer: Callable[[FlightState, Command], CommandAnswer | None]
-    """Answer to a command that has no effect but whose result depends on the state; None: as `fixed_results`
-    has it.
-    """
+    """Answer to a command without effect that depends on the state; None: as `fixed_results` has it."""
 
     accepts_mode_first: bool
     any_component: bool

@@ -8,7 +8,7 @@ from enum import Enum, auto
 
 from ..files._metadata import Metadata
 from ..files._served_files import FileContent
-from ..links._enums import MAV_AUTOPILOT, MAV_TYPE
+from ..links._enums import MAV_TYPE
 from ..state._flight_state import FlightState
 from ..state._parameter_store import ParameterStore
 from ..state._texts import EventName, FlightEvent, StatusText
@@ -43,8 +43,10 @@ class IdentityPolicy:
     """
 
     name: str
-    autopilot: MAV_AUTOPILOT
-    vehicle_type: MAV_TYPE = MAV_TYPE.QUADROTOR
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    vehicle_type: int = MAV_TYPE.QUADROTOR
+    """MAV_TYPE."""
     capabilities: int
     flight_sw_version: int
     flight_custom_version: bytes

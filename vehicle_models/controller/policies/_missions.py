@@ -62,9 +62,7 @@ class TransferPolicy:
     partial_lists: bool
     partial_refused_text: StatusText | None
     past_the_end: Callable[[int, int, int], MissionResult | None]
-    """Answer to the request of an item that does not exist: MAV_MISSION_TYPE, number of the item, length of the
-    plan; None: silence. That of a mission follows its length.
-    """
+    """Answer to the request of a missing item, by MAV_MISSION_TYPE, its number, the plan's length; or None."""
     item_float_text: StatusText | None
     request_float_text: StatusText | None
     refuse_item: Callable[[int, MissionItem, bool], MissionResult | None]

@@ -16,10 +16,7 @@ from ..state._texts import WARNING, StatusText
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModePolicy:
-    """Modes and arming.
-
-    The functions change nothing; `has_setpoints` says whether setpoints arrive in time.
-    """
+    """Modes and arming. The functions change nothing; `has_setpoints`: setpoints arrive in time."""
 
     modes: tuple[FlightMode, ...]
     initial: FlightMode
@@ -47,9 +44,7 @@ class ModePolicy:
     heartbeat: Callable[[FlightState, bool], tuple[int, int]]
     """base_mode and system_status, given the flight and `has_setpoints`."""
     refuse_mode: Callable[[FlightState, FlightMode | None, int, bool], Refusal | None]
-    """Why a mode may not be entered: flight, mode (None for a number that is no mode), its number,
-    `has_setpoints`.
-    """
+    """Why a mode may not be entered: flight, mode (None for an unknown number), number, `has_setpoints`."""
 
     refuse_without_position: Callable[[FlightMode], Refusal]
     """The refusal of a mode that needs a position while there is none, for an armed vehicle."""

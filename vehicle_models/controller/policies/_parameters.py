@@ -1,6 +1,4 @@
-"""Which parameters an autopilot has, how its parameter protocol behaves, and the flight limits that they
-give.
-"""
+"""An autopilot's parameters, their protocol, and the flight limits that they give."""
 
 from __future__ import annotations
 
@@ -14,9 +12,7 @@ from ..state._parameter_store import Parameter, ParameterStore
 
 @dataclass(frozen=True, slots=True)
 class ParameterPush:
-    """A parameter that is sent unasked at `first_s` and every `every_s` after that; `counts_seconds` sets it
-    to the running time.
-    """
+    """Sent unasked at `first_s` and every `every_s` after; `counts_seconds` sets it to the running time."""
 
     name: str
     first_s: float

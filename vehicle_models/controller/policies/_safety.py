@@ -1,6 +1,4 @@
-"""What an autopilot does about failures, breaches of the fence and an empty battery, as its present
-parameters have it.
-"""
+"""What an autopilot does about failures, breaches of the fence and an empty battery, by its parameters."""
 
 from __future__ import annotations
 
@@ -38,10 +36,7 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class BatteryStep:
-    """A level of the battery: charge below `fraction`, or volts below `volts` for `lasts_s`.
-
-    `charge_state` is MAVLink's.
-    """
+    """Charge below `fraction`, or volts below `volts` for `lasts_s`; `charge_state` is MAVLink's."""
 
     reaction: Reaction
     charge_state: int
@@ -139,9 +134,7 @@ class FencePolicy:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDischarge:
-    """A battery that empties by the clock: from full to empty in `empties_s` of being armed, but never below
-    `min_fraction`.
-    """
+    """A battery that empties by the clock: in `empties_s` of being armed, but never below `min_fraction`."""
 
     empties_s: Seconds
     min_fraction: float

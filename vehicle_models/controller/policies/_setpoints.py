@@ -15,9 +15,7 @@ GlobalFrame = Literal["amsl", "home", "ground"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetpointPolicy:
-    """SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET, their echo, and
-    sticks.
-    """
+    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET, their echo, and sticks."""
 
     local_frames: Mapping[int, LocalFrame]
     global_frames: Mapping[int, GlobalFrame]

@@ -30,9 +30,7 @@ class TelemetryPolicy:
     stream_groups: Mapping[int, frozenset[str]] = field(default_factory=dict)
     """Messages by MAV_DATA_STREAM; empty: REQUEST_DATA_STREAM has no effect."""
     stream_parameters: Mapping[str, int] = field(default_factory=dict)
-    """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for
-    the second.
-    """
+    """Group by ending of its rate's parameter: SR0_ and the ending for the first link, SR1_ for the second."""
 
     max_rates_hz: Mapping[str, float] = field(default_factory=dict)
     """The rate that a message's stream never exceeds."""
@@ -63,6 +61,4 @@ class TelemetryPolicy:
     airspeed_mps: Callable[[FlightState], float] = lambda flight: 0.0
     """VFR_HUD.airspeed; a multicopter has no sensor for it, and the true one would tell agents the wind."""
     wind: Callable[[FlightState], tuple[float, float, float] | None] = lambda flight: None
-    """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an
-    estimate.
-    """
+    """WIND: degrees that it comes from, speed, speed downwards, all estimated; None without an estimate."""

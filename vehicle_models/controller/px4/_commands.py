@@ -6,9 +6,9 @@ import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import fixed_results
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..policies._setpoints import SetpointPolicy
+from ..policies._tables import fixed_results
 from ..state._flight_limits import FlightLimits
 from ..state._flight_state import FlightState
 from ..state._service import Command, CommandResult, Refusal
@@ -28,14 +28,13 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
             return CommandAnswer((CommandResult.TEMPORARILY_REJECTED,))
         case MAV_CMD.ACTUATOR_TEST if flight.armed:
             return denied
-        case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN if command.params[0] != 0.0 and (
-            flight.armed or command.params[0] != 1.0
-        ):
+        case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN if command.params[0] not in (0.0, 1.0):
+            return denied
+        case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN if command.params[0] == 1.0 and flight.armed:
             return denied
         case MAV_CMD.MISSION_START:
-            return CommandAnswer(
-                (CommandResult.DENIED,), ((CRITICAL, "Mission start denied! No valid mission"),)
-            )
+            text = "Mission start denied! No valid mission"
+            return CommandAnswer((CommandResult.DENIED,), ((CRITICAL, text),))
         case MAV_CMD.CONTROL_HIGH_LATENCY:
             text = "Control high latency failed! Telemetry unavailable"
             return CommandAnswer((CommandResult.FAILED,), ((CRITICAL, text),))

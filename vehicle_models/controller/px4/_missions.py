@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._choices import choices
-from ..policies._command_table import commands_with
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..policies._tables import commands_with
 from ..state._parameter_store import ParameterStore
 from ..state._plan_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
 from ..state._texts import CRITICAL
@@ -23,15 +23,13 @@ _INT_FRAMES = (MAV_FRAME.GLOBAL_INT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 
 def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult | None:
     placeless = item.frame in PLACELESS
-    if not placeless and (
-        item.frame not in ABOVE_SEA | ABOVE_HOME or (as_float and item.frame in _INT_FRAMES)
-    ):
+    known = item.frame in ABOVE_SEA | ABOVE_HOME and not (as_float and item.frame in _INT_FRAMES)
+    if not placeless and not known:
         return MissionResult.UNSUPPORTED_FRAME
     if item.command not in (_WITHOUT_PLACE if placeless else _WITH_PLACE):
         return MissionResult.UNSUPPORTED
-    if item.command in _ROI and item.params[0] not in (
-        _ROI_KINDS_WITHOUT_PLACE if placeless else _ROI_KINDS_WITH_PLACE
-    ):
+    roi_kinds = _ROI_KINDS_WITHOUT_PLACE if placeless else _ROI_KINDS_WITH_PLACE
+    if item.command in _ROI and item.params[0] not in roi_kinds:
         return MissionResult.INVALID_PARAM1
     if kind == MISSION:
         return MissionResult.ERROR if item.command in (*_FENCE_AREAS, MAV_CMD.NAV_RALLY_POINT) else None
@@ -44,8 +42,8 @@ def _shown_frame(item: MissionItem, as_float: bool) -> int:
     if item.frame in PLACELESS:
         return item.frame
     if item.frame in ABOVE_SEA:
-        return MAV_FRAME.GLOBAL if as_float else MAV_FRAME.GLOBAL_INT
-    return MAV_FRAME.GLOBAL_RELATIVE_ALT if as_float else MAV_FRAME.GLOBAL_RELATIVE_ALT_INT
+        return int(MAV_FRAME.GLOBAL if as_float else MAV_FRAME.GLOBAL_INT)
+    return int(MAV_FRAME.GLOBAL_RELATIVE_ALT if as_float else MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 
 
 def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:

@@ -1,4 +1,4 @@
-"""PX4's modes (`modes.csv`): custom_mode = sub << 24 | main << 16; `nav_state` is that of vehicle_status.
+"""PX4's modes (`modes.csv`): custom_mode = sub << 24 | main << 16.
 
 A mode that cannot be armed shows system_status 0 on the ground.
 """
@@ -90,10 +90,9 @@ def _refuse_mode(
         return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
     if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
         return None
-    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith(
-        "EXTERNAL"
-    )
-    unavailable = unavailable or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
+    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE)
+    unavailable |= wanted.name.startswith("EXTERNAL")
+    unavailable |= wanted.behaviour is Behaviour.PILOT and flight.sticks is None
     if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
         return _not_available(wanted)
     return None
@@ -105,9 +104,7 @@ def _not_available(wanted: FlightMode) -> Refusal:
 
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
-    """Bit 0 of the first parameter announces a custom mode, given as main and sub mode; without it the other bits
-    ask for a mode (source).
-    """
+    """Bit 0 of the first parameter announces main and sub mode; else its other bits ask for a mode (source)."""
     base, main, sub = params[:3]
     if not has_flag(base, MAV_MODE_FLAG.CUSTOM_MODE_ENABLED):
         if has_flag(base, MAV_MODE_FLAG.AUTO_ENABLED):

@@ -141,9 +141,8 @@ def _setpoint_shaping(p: ParameterStore) -> MotionShaping:
 
 def _overrides(bits: int) -> frozenset[Behaviour]:
     """COM_RC_OVERRIDE: bit 0 for the automatic modes, bit 1 for offboard."""
-    return (_AUTOMATIC if bits & 1 else frozenset()) | (
-        frozenset({Behaviour.OFFBOARD}) if bits & 2 else frozenset()
-    )
+    offboard = frozenset({Behaviour.OFFBOARD} if bits & 2 else ())
+    return offboard | _AUTOMATIC if bits & 1 else offboard
 
 
 PARAMETERS = ParameterPolicy(

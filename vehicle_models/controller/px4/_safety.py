@@ -37,8 +37,7 @@ _FENCE_ACTIONS: dict[int, Behaviour] = {
     4: Behaviour.TERMINATE,
     5: Behaviour.LAND,
 }
-# Reactions to lost setpoints. Without sticks, position and altitude modes cannot be flown, and a return takes
-# their place.
+# To lost setpoints. Position and altitude modes need sticks, and a return takes their place.
 _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
     4: Behaviour.LAND,
     5: Behaviour.HOLD,
@@ -93,9 +92,7 @@ def _reaction(action: Behaviour | None, hold_s: float) -> Reaction | None:
 
 
 def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:
-    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the
-    emergency.
-    """
+    """COM_LOW_BAT_ACT: 0 warns; 2 lands when critical; 3 returns when critical, lands in the emergency."""
     action = int(p["COM_LOW_BAT_ACT"])
     critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
     emergency = Behaviour.LAND if action in (2, 3) else None
@@ -133,9 +130,7 @@ def _fence_reaction(breach: Breach, outside_m: float, p: ParameterStore) -> Reac
 
 
 def _simulated_discharge(p: ParameterStore) -> SimulatedDischarge | None:
-    """Asked for by a drain or a least charge other than the defaults, which the vehicle's own battery does
-    not follow.
-    """
+    """Asked for by other than the default drain or least charge; the vehicle's own battery does not follow."""
     drain_s, min_percent = p["SIM_BAT_DRAIN"], p["SIM_BAT_MIN_PCT"]
     if (drain_s, min_percent) == _SITL_BATTERY or p["SIM_BAT_ENABLE"] != 1.0:
         return None

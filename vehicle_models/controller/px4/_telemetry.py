@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from ..links._enums import GPS_FIX_TYPE
 from ..policies._choices import choices
-from ..policies._message_table import messages_with, rates_hz
+from ..policies._tables import messages_with, rates_hz
 from ..policies._telemetry import SensorBits, TelemetryPolicy
 from ..state._flight_state import FlightState, GpsQuality
 from ._modes import knows_position, ready
 
 _PREARM = 0x10000000
-# 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors,
-# AHRS, battery.
+# 3D gyro, accelerometer, magnetometer, pressure, GPS, six kinds of control, motors, AHRS, battery.
 _SENSORS = (
     0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
 )
@@ -34,7 +33,7 @@ TELEMETRY = TelemetryPolicy(
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
     # MAV_BATTERY_TYPE_LION
     battery_type=3,
-    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.FIX_3D, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
+    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE["3D_FIX"], eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
     lost_fix_type=GPS_FIX_TYPE.NO_GPS,
     sensors=_sensors,
 )

@@ -29,9 +29,7 @@ _BATTERY_OK = 1
 
 @dataclass(eq=False)
 class Failsafe:
-    """Watches links, sticks, battery and position; acts through the modes and shows the cause in
-    `flight.failsafe`.
-    """
+    """Watches links, sticks, battery, position; acts through the modes, shows the cause in the flight."""
 
     _context: ServiceContext
     _policy: SafetyPolicy
@@ -90,8 +88,7 @@ class Failsafe:
             return
         active_strength = max((_strength(active) for active in self._active.values()), default=0)
         if reaction.shows:
-            # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording
-            # show.
+            # Inserted again, it becomes the latest cause, which heartbeat and recording show.
             self._active.pop(cause, None)
             self._active[cause] = reaction
             flight.failsafe = cause
@@ -121,9 +118,7 @@ class Failsafe:
             self._act(reaction)
 
     def clear(self, cause: Cause) -> None:
-        """End the failsafe of a cause that is gone; back to the previous mode during the Hold, or where the
-        reaction resumes.
-        """
+        """End the failsafe of a cause that is gone; a Hold, or a reaction that resumes, leads back."""
         reaction = self._active.get(cause)
         if reaction is None:
             return
@@ -152,14 +147,12 @@ class Failsafe:
 
     def charge_state(self) -> int:
         """MAV_BATTERY_CHARGE_STATE."""
-        return (
-            self._settings.battery[self._battery_step - 1].charge_state if self._battery_step else _BATTERY_OK
-        )
+        step = self._battery_step
+        return self._settings.battery[step - 1].charge_state if step else _BATTERY_OK
 
     def _take_heartbeat(self, m: Any, sender: MessageSender) -> None:
-        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(
-            sender.system, self._context.parameters
-        ):
+        parameters = self._context.parameters
+        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(sender.system, parameters):
             return
         self._station_ns = self._context.flight.time_ns
         if self._station_lost:
@@ -282,9 +275,8 @@ class Failsafe:
         """Change the mode, marked as the failsafe's own change and not the operator's."""
         flight = self._context.flight
         # Neither a return nor a hold can be flown without a position.
-        if behaviour in (Behaviour.RETURN, Behaviour.HOLD) and (
-            flight.home is None or not flight.position_ok
-        ):
+        lost = flight.home is None or not flight.position_ok
+        if lost and behaviour in (Behaviour.RETURN, Behaviour.HOLD):
             behaviour = Behaviour.LAND
         self._acting = True
         if behaviour is not Behaviour.TERMINATE:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ..links._enums import MAV_CMD
-from ..payload._equipment import BreakPart
 from ..state._parameter_store import ParameterStore
 from ..state._service import Command, CommandHandler, CommandResult
 
@@ -15,6 +14,9 @@ _UNITS = {4: "gps_off", 101: "motor_off", 105: "link_loss"}
 # FAILURE_TYPE
 _OK, _OFF = 0, 1
 _MAX_INSTANCE = 16
+
+BreakPart = Callable[[str, int, bool], bool]
+"""Breaks (True) or repairs a kind of SimSpec failure, by instance (0: all); False without such a part."""
 
 
 @dataclass(eq=False)

@@ -78,9 +78,7 @@ class Fence:
             self._context.texts.report(self._policy.cleared_text)
 
     def constrained(self, flight: FlightState, target: FlightTarget) -> FlightTarget:
-        """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through
-        the ceiling.
-        """
+        """The target as flown near the fence where the autopilot avoids it: slower, and below the ceiling."""
         self._holds_back = False
         margin_m = self._boundary.limits.ceiling_margin_m
         if margin_m is None or not self._boundary.enabled:
@@ -126,20 +124,13 @@ class Fence:
         if not self._boundary.enabled:
             return None
         # FENCE_BREACH has one value for every boundary.
-        kind = min(self._breach, Breach.CIRCLE)
-        return (
-            self._breached_ns // 1_000_000,
-            self._count,
-            int(self._breach is not Breach.NONE),
-            int(kind),
-            2 if self._holds_back else 1,
-        )
+        breach = (int(self._breach is not Breach.NONE), int(min(self._breach, Breach.CIRCLE)))
+        return (self._breached_ns // 1_000_000, self._count, *breach, 2 if self._holds_back else 1)
 
     def _act(self, flight: FlightState, outside_m: float) -> None:
         self._acted_m, self._breached_ns, self._count = outside_m, flight.time_ns, min(self._count + 1, 65535)
-        self._failsafe.trigger(
-            Cause.FENCE, self._policy.reaction(self._breach, outside_m, self._context.parameters)
-        )
+        reaction = self._policy.reaction(self._breach, outside_m, self._context.parameters)
+        self._failsafe.trigger(Cause.FENCE, reaction)
 
     def _mode_changed(self) -> None:
         """Give an operator who changes the mode during a breach time to bring the vehicle back."""

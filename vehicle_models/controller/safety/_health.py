@@ -15,9 +15,7 @@ _REPEAT_NS, _REPEAT_AFTER_RECOVERY_NS = 30_000_000_000, 4_000_000_000
 
 
 class Health:
-    """Sends `PreArm: ...` for each check that fails: every 30 s while disarmed, and sooner where none failed
-    in between.
-    """
+    """Sends `PreArm: ...` for each failing check: every 30 s while disarmed, sooner after none had failed."""
 
     def __init__(self, context: ServiceContext, policy: ModePolicy) -> None:
         self._context = context

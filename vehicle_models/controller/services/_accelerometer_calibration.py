@@ -132,11 +132,7 @@ class AccelerometerCalibration:
         fields = dict.fromkeys(("target_system", "target_component", "confirmation"), 0)
         unused = {f"param{number}": 0.0 for number in range(2, 8)}
         self._channel.send_message(
-            "COMMAND_LONG",
-            **fields,
-            command=MAV_CMD.ACCELCAL_VEHICLE_POS,
-            param1=float(position),
-            **unused,
+            "COMMAND_LONG", **fields, command=MAV_CMD.ACCELCAL_VEHICLE_POS, param1=float(position), **unused
         )
 
     def _take_position(self, command: Command) -> CommandResult:
@@ -151,12 +147,8 @@ class AccelerometerCalibration:
         position in its place, and TEMPORARILY_REJECTED.
         """
         about_position = message.command <= len(_POSITIONS)
-        if (
-            self._state is _State.WAITING
-            and self._acknowledgeable
-            and about_position
-            and message.result == CommandResult.TEMPORARILY_REJECTED
-        ):
+        rejected = message.result == CommandResult.TEMPORARILY_REJECTED
+        if self._state is _State.WAITING and self._acknowledgeable and about_position and rejected:
             self._acknowledgeable = False
             self._begin_sample()
 

@@ -1,6 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT: from the client to the service that carries the command out, and the
-acknowledgement back.
-"""
+"""COMMAND_LONG and COMMAND_INT: from the client to the service, and the acknowledgement back."""
 
 from __future__ import annotations
 
@@ -19,10 +17,7 @@ _NO_COORDINATE = 2**31 - 1
 
 
 class Commands:
-    """Finds the service for each command.
-
-    An unknown command is UNSUPPORTED; a result of None is not acknowledged.
-    """
+    """Finds each command's service: an unknown one is UNSUPPORTED, a result of None not acknowledged."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
         self._context = context
@@ -56,9 +51,7 @@ class Commands:
         self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
 
     def _cancel(self, m: Any, sender: MessageSender) -> None:
-        """End a command that is in progress, and acknowledge that to its sender; anything else is not
-        answered.
-        """
+        """End a command in progress and acknowledge that to its sender; anything else is not answered."""
         if m.target_system == 0:
             # The specification forbids to broadcast a COMMAND_CANCEL.
             return
@@ -75,11 +68,8 @@ class Commands:
         if answer:
             self.answer(command, answer)
             return
-        result = (
-            handler(command)
-            if handler
-            else policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
-        )
+        fixed = policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
+        result = handler(command) if handler else fixed
         if result is not None:
             self._acknowledge(command, result)
 

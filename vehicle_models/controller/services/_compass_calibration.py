@@ -1,12 +1,8 @@
-"""ArduPilot's calibration of compasses (source): DO_START_MAG_CAL, DO_ACCEPT_MAG_CAL, DO_CANCEL_MAG_CAL and the
-progress that clients follow.
-"""
+"""ArduPilot's calibration of compasses (source): DO_START_, DO_ACCEPT_, DO_CANCEL_MAG_CAL and progress."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import IntEnum
 
 from ..links._enums import MAV_CMD
 from ..links._frames import KINDS
@@ -17,28 +13,13 @@ from ..state._texts import NOTICE
 
 _ALL_COMPASSES = 0xFF
 _FIRST_ATTEMPT = 1
+# MAG_CAL_STATUS, as far as a vehicle on the ground gets.
+_WAITING_TO_START, _RUNNING_STEP_ONE = 1, 2
 # A sample counts only if it differs from those before it. A vehicle that stands still gives one of the 300 that
 # are needed, which is a third of 1/300: 0 %.
 _PERCENT_OF_STANDING_STILL = 0
 # One of the 80 directions has been seen; which one depends on the field, and is the first one here.
 _NO_DIRECTION, _ONE_DIRECTION = bytes(10), bytes((1, *bytes(9)))
-
-
-class MagCalStatus(IntEnum):
-    """Values of MAG_CAL_STATUS that a vehicle on the ground reaches."""
-
-    WAITING_TO_START = 1
-    RUNNING_STEP_ONE = 2
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """One compass that is calibrated; samples are taken from `begin_ns` on."""
-
-    begin_ns: int
-
-    def status(self, now_ns: int) -> MagCalStatus:
-        return MagCalStatus.RUNNING_STEP_ONE if now_ns >= self.begin_ns else MagCalStatus.WAITING_TO_START
 
 
 class CompassCalibration:
@@ -49,7 +30,7 @@ class CompassCalibration:
 
     def __init__(self, context: ServiceContext) -> None:
         self._context = context
-        self._runs: dict[int, _Run] = {}  # by compass
+        self._runs: dict[int, int] = {}  # by compass: when samples are taken, in ns
         self._progress = KINDS["MAG_CAL_PROGRESS"].id
 
     def commands(self) -> Mapping[int, CommandHandler]:
@@ -79,7 +60,7 @@ class CompassCalibration:
         # NaN and a negative delay begin at once.
         wait_ns = round(min(delay_s, 1e6) * 1e9) if delay_s > 0.0 else 0
         for number in compasses:
-            self._runs.setdefault(number, _Run(now_ns + wait_ns))
+            self._runs.setdefault(number, now_ns + wait_ns)
         self._keep_disarmed()
         return CommandResult.ACCEPTED
 
@@ -123,10 +104,10 @@ class CompassCalibration:
         now_ns = self._context.flight.time_ns
         mask = sum(1 << number for number in self._runs)
         messages: list[Values] = []
-        for number, run in sorted(self._runs.items()):
-            status = run.status(now_ns)
-            directions = _ONE_DIRECTION if status is MagCalStatus.RUNNING_STEP_ONE else _NO_DIRECTION
-            head = (0.0, 0.0, 0.0, number, mask, int(status), _FIRST_ATTEMPT, _PERCENT_OF_STANDING_STILL)
+        for number, begin_ns in sorted(self._runs.items()):
+            status = _RUNNING_STEP_ONE if now_ns >= begin_ns else _WAITING_TO_START
+            directions = _ONE_DIRECTION if now_ns >= begin_ns else _NO_DIRECTION
+            head = (0.0, 0.0, 0.0, number, mask, status, _FIRST_ATTEMPT, _PERCENT_OF_STANDING_STILL)
             messages.append((*head, *directions))
         for message in messages[:-1]:
             channel.send(self._progress, message)

@@ -72,10 +72,8 @@ class FollowTarget(Manoeuvre):
         elif self._angle_rad is None:
             self._angle_rad = math.atan2(flight.east_m - east, flight.north_m - north)
         self._adjust(flight, follow)
-        distance_m, angle_rad = (
-            follow.distance_m + self._distance_change_m,
-            self._angle_rad + self._angle_change_rad,
-        )
+        distance_m = follow.distance_m + self._distance_change_m
+        angle_rad = self._angle_rad + self._angle_change_rad
         offset = (distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad))
         ground = flight.home.down_m if flight.home else 0.0
         return FlightTarget(
@@ -94,9 +92,8 @@ class FollowTarget(Manoeuvre):
         sticks = (flight.sticks.throttle, flight.sticks.pitch, flight.sticks.roll)
         up, forward, right = (beyond_dead_zone(stick, _DEAD_ZONE) * flight.step_s for stick in sticks)
         self._height_change_m = _bounded(self._height_change_m + up * _CLIMB_MPS, follow.height_m)
-        self._distance_change_m = _bounded(
-            self._distance_change_m + forward * _DISTANCE_MPS, follow.distance_m
-        )
+        change_m = self._distance_change_m + forward * _DISTANCE_MPS
+        self._distance_change_m = _bounded(change_m, follow.distance_m)
         around_radps = min(_AROUND_RADPS, follow.speed_mps / (follow.distance_m + self._distance_change_m))
         self._angle_change_rad = math.remainder(self._angle_change_rad + right * around_radps, 2.0 * math.pi)
 

@@ -62,13 +62,8 @@ class HomeKeeper:
         flight = self._context.flight
         # The estimated height is noisy; on the ground the ground's own height is better.
         down = flight.down_m if flight.flying else 0.0
-        self._set(
-            flight.latitude_e7,
-            flight.longitude_e7,
-            flight.origin.altitude_m - down,
-            flight.north_m,
-            flight.east_m,
-        )
+        place = (flight.latitude_e7, flight.longitude_e7, flight.origin.altitude_m - down)
+        self._set(*place, flight.north_m, flight.east_m)
         if self._policy.origin_with_home:
             self._send_origin()
 
@@ -84,13 +79,9 @@ class HomeKeeper:
     ) -> None:
         flight = self._context.flight
         down_m = flight.origin.altitude_m - altitude_m
-        flight.home = ReferencePoint(
-            latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m, self._heading_rad()
-        )
+        yaw_rad = flight.yaw_rad if self._policy.home_has_heading else math.nan
+        flight.home = ReferencePoint(latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m, yaw_rad)
         self._context.radio.broadcast_values(_HOME_POSITION, self._home_values(flight.home))
-
-    def _heading_rad(self) -> float:
-        return self._context.flight.yaw_rad if self._policy.home_has_heading else math.nan
 
     def _set_home(self, command: Command) -> CommandResult | None:
         flight = self._context.flight
@@ -102,9 +93,8 @@ class HomeKeeper:
         if command.params[0] == 1.0 or (at_zero and self._policy.home_at_zero_is_here):
             self.set_here()
             return CommandResult.ACCEPTED
-        if not (
-            abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5
-        ):
+        on_earth = abs(latitude) <= 90 and abs(longitude) <= 180
+        if not on_earth or not abs(altitude) < 1e5:
             return self._policy.bad_home
         self.set_at((latitude, longitude), self._policy.altitude_amsl_m(flight, command.frame, altitude))
         return CommandResult.ACCEPTED

@@ -1,14 +1,23 @@
-"""Version, protocol, modes and metadata of the autopilot, all on request."""
+"""Version, protocol, modes, metadata and the empty list of logs of the autopilot, all on request."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from ..links._enums import MAV_CMD
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
 from ..state._flight_state import FlightMode
-from ..state._service import Command, CommandHandler, CommandResult, Fields, MessageAnswer
+from ..state._service import (
+    Command,
+    CommandHandler,
+    CommandResult,
+    Fields,
+    MessageAnswer,
+    MessageHandler,
+    MessageSender,
+)
 from ..state._service_context import ServiceContext
 
 # MAV_MODE_PROPERTY
@@ -23,6 +32,9 @@ class Identity:
         self._parameters = context.parameters
         self._policy = policy
         self._modes = modes
+
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"LOG_REQUEST_LIST": self._send_empty_log_list}
 
     def commands(self) -> Mapping[int, CommandHandler]:
         commands: dict[int, CommandHandler] = {MAV_CMD.REQUEST_AUTOPILOT_CAPABILITIES: self._send_version}
@@ -45,6 +57,10 @@ class Identity:
         if self._modes.standard_modes:
             answers["AVAILABLE_MODES"] = self._available_modes
         return answers
+
+    def _send_empty_log_list(self, message: Any, sender: MessageSender) -> None:
+        # As of an autopilot whose log backend is off: the session's recording holds what a log would.
+        sender.channel.send_message("LOG_ENTRY", id=0, num_logs=0, last_log_num=0, time_utc=0, size=0)
 
     def _send_version(self, command: Command) -> CommandResult | None:
         command.sender.channel.send_message("AUTOPILOT_VERSION", **self._version())

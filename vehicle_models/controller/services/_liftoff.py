@@ -28,25 +28,19 @@ class LandDetector:
     def landed(self, flight: FlightState, target: FlightTarget, settles_s: float) -> bool:
         """Whether the vehicle has been at rest on the ground for long enough; called once a step while it flies."""
         attitude = target.attitude
+        still = flight.on_ground and abs(flight.vd_mps) < 0.15
         # With a commanded thrust there is no target height or velocity to compare with.
         if attitude and attitude.thrust is not None:
-            low = (
-                attitude.thrust < 0.75 * flight.hover_thrust
-                and flight.on_ground
-                and abs(flight.vd_mps) < 0.15
-            )
-            self._still_s = self._still_s + flight.step_s if low else 0.0
-            return self._still_s >= settles_s
-        # A target above the vehicle means that it is about to leave, though its feet still touch.
-        wants_down = (
-            target.velocity_ned_mps[2] > 0.05
-            if target.down_m is None
-            else target.down_m > flight.down_m - 0.05
-        )
-        # Without an estimate of position the horizontal speed is not known either, and both autopilots go without it.
-        slow = not flight.position_ok or math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
-        still = flight.on_ground and abs(flight.vd_mps) < 0.15 and slow
-        self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
+            settles = still and attitude.thrust < 0.75 * flight.hover_thrust
+        else:
+            # A target above the vehicle means that it is about to leave, though its feet still touch.
+            wants_down = target.velocity_ned_mps[2] > 0.05
+            if target.down_m is not None:
+                wants_down = target.down_m > flight.down_m - 0.05
+            # Without an estimate of position the horizontal speed is not known either: both autopilots go without it.
+            slow = not flight.position_ok or math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
+            settles = still and wants_down and slow
+        self._still_s = self._still_s + flight.step_s if settles else 0.0
         return self._still_s >= settles_s
 
     def wants_off(self, flight: FlightState, target: FlightTarget) -> bool:
@@ -114,11 +108,8 @@ class LiftoffAndLanding:
             if reached:
                 flight.landed = LandedState.IN_AIR
                 # Guided mode has no takeoff mode of its own; from here on it waits for setpoints.
-                if (
-                    isinstance(takeoff, Takeoff)
-                    and flight.mode.behaviour is Behaviour.OFFBOARD
-                    and not self._policy.takeoff
-                ):
+                guided = flight.mode.behaviour is Behaviour.OFFBOARD and not self._policy.takeoff
+                if guided and isinstance(takeoff, Takeoff):
                     guidance.begin(Behaviour.OFFBOARD, flight)
                     guidance.manoeuvre = guidance.manoeuvres.follow(flight, takeoff.hold(flight))
         elif flight.landed is _LANDING:

@@ -26,10 +26,7 @@ _PWM_RANGE_US = (800, 2200)
 
 
 class StickMovement:
-    """How fast the sticks move: shares of their travel in a second, smoothed.
-
-    The first position is no movement.
-    """
+    """How fast the sticks move: shares of their travel in a second, smoothed, from the second position on."""
 
     def __init__(self) -> None:
         self._rates: tuple[float, ...] = (0.0,) * 4
@@ -79,9 +76,8 @@ class ManualControl:
 
     def tick(self) -> None:
         flight = self._context.flight
-        if self._received_ns is None or flight.time_ns - self._received_ns < round(
-            min(self._guidance.limits.sticks.lost_after_s, 1e6) * 1e9
-        ):
+        lost_ns = round(min(self._guidance.limits.sticks.lost_after_s, 1e6) * 1e9)
+        if self._received_ns is None or flight.time_ns - self._received_ns < lost_ns:
             return
         self._received_ns = None
         self._movement = StickMovement()
@@ -110,9 +106,7 @@ class ManualControl:
             self._take_over(flight)
 
     def _may_take_over(self, flight: FlightState) -> bool:
-        """Whether the present mode gives way to sticks; a failsafe does once its Hold is over, that of the
-        battery never.
-        """
+        """Whether the mode gives way to sticks: a failsafe's does behind its Hold, the battery's never."""
         if not flight.flying or flight.mode.behaviour not in self._guidance.limits.sticks.overrides:
             return False
         holds = flight.mode.behaviour is Behaviour.HOLD

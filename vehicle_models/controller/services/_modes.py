@@ -113,8 +113,7 @@ class Modes:
         policy, flight = self._policy, self._context.flight
         mode = policy.numbered(number)
         if mode and mode is policy.orbit and not flight.armed:
-            # Only DO_ORBIT gives the orbit mode its circle; before that PX4 enters the main mode without the
-            # sub mode.
+            # Only DO_ORBIT gives the orbit mode its circle; before, PX4 enters the main mode alone.
             mode = policy.numbered(number & 0xFFFFFF)
         if self.terminated:
             return Refusal(CommandResult.TEMPORARILY_REJECTED)
@@ -144,9 +143,7 @@ class Modes:
         return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _run_auxiliary(self, command: Command) -> CommandResult | None:
-        """DO_AUX_FUNCTION: what a switch of the radio would do. Only the functions that enter a mode are flown, and
-        only their upper position, which enters it.
-        """
+        """DO_AUX_FUNCTION, a switch of the radio: functions that enter a mode, by their upper position."""
         return self.run_auxiliary(*command.params[:2])
 
     def run_auxiliary(self, function: float, position: float) -> CommandResult:

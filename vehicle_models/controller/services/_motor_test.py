@@ -52,12 +52,8 @@ class MotorTest:
             self._end()
         # A rotor turns for the span and stops for half of it; integers keep that exact.
         elif elapsed_ns * 2 >= run.span_ns * 3:
-            run.position, run.remaining, run.begun_ns, run.pauses = (
-                run.position + 1,
-                run.remaining - 1,
-                flight.time_ns,
-                False,
-            )
+            run.position, run.remaining = run.position + 1, run.remaining - 1
+            run.begun_ns, run.pauses = flight.time_ns, False
             self._turn(run.position, run.share)
         elif elapsed_ns >= run.span_ns and not run.pauses:
             run.pauses = True

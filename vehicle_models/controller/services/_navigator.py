@@ -42,9 +42,7 @@ _TO_CENTRE = 0.0
 
 @dataclass(eq=False)
 class Navigator:
-    """Carries out commands that fly somewhere; the policies define which of them exist, and when they are
-    refused.
-    """
+    """Commands that fly somewhere; the policies define which exist, and when they are refused."""
 
     _context: ServiceContext
     _policy: CommandPolicy
@@ -65,16 +63,10 @@ class Navigator:
             return
         command = Command(m.command, (math.nan, 0.0, math.nan, math.nan, m.x, m.y, m.z), m.frame, sender)
         guided = self._context.flight.mode is self._mode_policy.reposition
-        accepted = (
-            guided
-            and m.command == MAV_CMD.NAV_WAYPOINT
-            and self._reposition(command) is CommandResult.ACCEPTED
-        )
-        sender.answer(
-            "MISSION_ACK",
-            type=MissionResult.ACCEPTED if accepted else MissionResult.ERROR,
-            mission_type=m.mission_type,
-        )
+        possible = guided and m.command == MAV_CMD.NAV_WAYPOINT
+        accepted = possible and self._reposition(command) is CommandResult.ACCEPTED
+        verdict = MissionResult.ACCEPTED if accepted else MissionResult.ERROR
+        sender.answer("MISSION_ACK", type=verdict, mission_type=m.mission_type)
 
     def commands(self) -> Mapping[int, CommandHandler]:
         policy, modes = self._policy, self._mode_policy
@@ -128,14 +120,9 @@ class Navigator:
         return CommandResult.ACCEPTED
 
     def _raised_takeoff_m(self, altitude_m: float) -> float:
-        """The altitude of a takeoff: at least the default height above home, and never below the vehicle; with a
-        text for either.
-        """
-        context, flight, height_m = (
-            self._context,
-            self._context.flight,
-            self._guidance.limits.takeoff_height_m,
-        )
+        """Altitude of a takeoff: at least the default height above home and the vehicle; with a text."""
+        context, flight = self._context, self._context.flight
+        height_m = self._guidance.limits.takeoff_height_m
         least_m = (flight.home or flight.origin).altitude_m + height_m
         if altitude_m < least_m:
             # A tenth of a metre is within the rounding of MAVLink's floats, and not worth a text.
@@ -160,9 +147,8 @@ class Navigator:
         if _is_off_earth(latitude, longitude):
             return CommandResult.DENIED
         place, down = self._place(latitude, longitude), self._down_m(command, altitude)
-        if not self._fence.allows(
-            *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down
-        ):
+        goal = place or (flight.north_m, flight.east_m)
+        if not self._fence.allows(*goal, flight.down_m if down is None else down):
             return self._context.texts.refuse(self._fence.policy.outside)
         # Entering the mode resets the speed.
         previous_speed = guidance.speed_mps
@@ -217,9 +203,7 @@ class Navigator:
         return refusal.result if refusal else CommandResult.ACCEPTED
 
     def _orbit(self, command: Command) -> CommandResult | None:
-        """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible
-        radius is accepted and not flown.
-        """
+        """Circle a place, by default here; a negative radius is anticlockwise, an impossible one not flown."""
         context, flight, limits = self._context, self._context.flight, self._guidance.limits
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m
@@ -278,12 +262,8 @@ class Navigator:
     def _change_altitude(self, command: Command) -> CommandResult:
         """DO_CHANGE_ALTITUDE: above sea level, at the place that is held."""
         flight, manoeuvre = self._context.flight, self._guidance.manoeuvre
-        altitude = command.params[0]
-        if (
-            math.isfinite(altitude)
-            and flight.mode.behaviour is Behaviour.HOLD
-            and isinstance(manoeuvre, Hold)
-        ):
+        altitude, holds = command.params[0], flight.mode.behaviour is Behaviour.HOLD
+        if math.isfinite(altitude) and holds and isinstance(manoeuvre, Hold):
             manoeuvre.change_down(flight.origin.altitude_m - altitude)
         return CommandResult.ACCEPTED
 

@@ -24,10 +24,7 @@ _NO_INDEX = 65535
 
 
 class Parameters:
-    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, and parameters that are sent unasked.
-
-    Without `simulation_control` the parameters of the simulation can be read and not set.
-    """
+    """PARAM_*; without `simulation_control` parameters of the simulation can be read and not set."""
 
     def __init__(self, context: ServiceContext, policy: ParameterPolicy, simulation_control: bool) -> None:
         self._store = context.parameters

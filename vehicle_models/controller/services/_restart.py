@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from ..links._enums import MAV_CMD
 from ..links._signing import Signing
-from ..logs._storage import LogStorage
 from ..policies._commands import CommandPolicy
 from ..state._plan_store import MissionItem
 from ..state._service import Command, CommandHandler, CommandResult
@@ -19,14 +18,11 @@ _REBOOTS = (1.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class PersistentState:
-    """What one flight controller leaves to the next: the contents of its flash memory, and the counts of a
-    session.
-    """
+    """What one flight controller leaves to the next: its flash memory, and the counts of a session."""
 
     parameters: Mapping[str, float]
     plans: Mapping[int, tuple[MissionItem, ...]]
     signing: Signing
-    logs: LogStorage
     counts: Mapping[str, int]
 
 

@@ -59,10 +59,7 @@ class _Setpoint:
 
 
 class Setpoints:
-    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET.
-
-    `ignored` counts those that were not flown.
-    """
+    """SET_POSITION_TARGET_LOCAL_NED, _GLOBAL_INT, SET_ATTITUDE_TARGET; `ignored` were not flown."""
 
     def __init__(
         self, context: ServiceContext, policy: SetpointPolicy, guidance: Guidance, fence: FenceBoundary
@@ -87,13 +84,9 @@ class Setpoints:
 
     def tick(self) -> None:
         """Stop the vehicle when no setpoints arrive any more, where that is no failsafe."""
-        if (
-            not self._policy.fails_safe_when_lost
-            and self._lapses
-            and not self.fresh()
-            and isinstance(self._guidance.manoeuvre, FollowSetpoints)
-        ):
-            self._guidance.manoeuvre.lapse(self._context.flight)
+        manoeuvre, lapses = self._guidance.manoeuvre, self._lapses and not self._policy.fails_safe_when_lost
+        if lapses and not self.fresh() and isinstance(manoeuvre, FollowSetpoints):
+            manoeuvre.lapse(self._context.flight)
             self._lapses = False
 
     def fresh(self) -> bool:
@@ -128,11 +121,8 @@ class Setpoints:
             acceleration = _turned(acceleration, flight.yaw_rad)
             yaw += flight.yaw_rad
         if frame in ("body", "offset"):
-            position = (
-                position[0] + flight.north_m,
-                position[1] + flight.east_m,
-                position[2] + flight.down_m,
-            )
+            north, east, down = position
+            position = (north + flight.north_m, east + flight.east_m, down + flight.down_m)
         setpoint = _Setpoint(position, velocity, acceleration, yaw, _yaw_rate(m))
         self._take("SET_POSITION_TARGET_LOCAL_NED", m, setpoint)
 
@@ -141,8 +131,7 @@ class Setpoints:
         if self._ignores_mode():
             return
         position, velocity, acceleration = self._vectors(m, (0.0, 0.0, m.alt))
-        # A position with one open axis is none: the horizontal axes of a geodetic position cannot be
-        # separated.
+        # A position with one open axis is none: horizontal axes of a geodetic one cannot be separated.
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:
@@ -171,12 +160,9 @@ class Setpoints:
         """Position, velocity and acceleration with NaN for what the mask leaves out."""
         policy = self._policy
         grouped = policy.axes_in_groups
-        if (
-            m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED
-            and policy.local_frames.get(m.coordinate_frame) == "body-velocity"
-        ):
+        if m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED:
             # The body tilts, so one missing axis leaves all three unknown.
-            grouped = True
+            grouped |= policy.local_frames.get(m.coordinate_frame) == "body-velocity"
         mask = m.type_mask
         velocity, acceleration = (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz)
         return (
@@ -202,9 +188,7 @@ class Setpoints:
         self._give(target, accelerates)
 
     def _is_known_combination(self, m: Any, setpoint: _Setpoint) -> bool:
-        """Whether every vector that is not masked holds numbers, and the vectors are a combination that
-        ArduPilot knows.
-        """
+        """Whether unmasked vectors hold numbers alone, in a combination that ArduPilot knows."""
         masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
         vectors = (setpoint.position, setpoint.velocity, setpoint.acceleration)
         for ignored, vector in zip(masked, vectors, strict=True):
@@ -307,9 +291,7 @@ class Setpoints:
         return manoeuvre
 
     def _ignores_mode(self) -> bool:
-        """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts
-        it.
-        """
+        """Whether the mode flies no setpoints and the autopilot does not complain about that; counts it."""
         if self._policy.complains or self._context.flight.mode.behaviour is Behaviour.OFFBOARD:
             return False
         self.ignored += 1

@@ -24,6 +24,7 @@ _MAX_LINE_BYTES = 256
 _PROMPT = "pxh> "
 # vehicle_status.arming_state
 _DISARMED, _ARMED = 1, 2
+_LOCAL_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
 
 
 @dataclass(eq=False)
@@ -136,24 +137,16 @@ class Shell:
     def _topics(self) -> dict[str, dict[str, object]]:
         """Main topics as the vehicle estimates them, with some fields of each."""
         f = self._context.flight
+        local = (f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps, f.yaw_rad)
         return {
             **self._position_topics(),
             "vehicle_angular_velocity": {"xyz": _array(f.p_radps, f.q_radps, f.r_radps)},
             "battery_status": {"voltage_v": f"{f.battery_v:.5f}", "remaining": f"{f.battery_fraction:.5f}"},
             "vehicle_attitude": {"q": _array(*quaternion(f))},
-            "vehicle_global_position": {
-                "lat": f"{f.latitude_e7 * 1e-7:.7f}",
-                "lon": f"{f.longitude_e7 * 1e-7:.7f}",
-                "alt": f"{f.altitude_m:.5f}",
-            },
+            "vehicle_global_position": _place(f.latitude_e7, f.longitude_e7, f.altitude_m),
             "vehicle_land_detected": {"landed": not f.flying},
             "vehicle_local_position": {
-                name: f"{value:.5f}"
-                for name, value in zip(
-                    ("x", "y", "z", "vx", "vy", "vz", "heading"),
-                    (f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps, f.yaw_rad),
-                    strict=True,
-                )
+                name: f"{value:.5f}" for name, value in zip(_LOCAL_FIELDS, local, strict=True)
             },
             "vehicle_status": {
                 "arming_state": _ARMED if f.armed else _DISARMED,
@@ -172,12 +165,13 @@ class Shell:
         }
         topics = {"sensor_gps": fix, "vehicle_gps_position": fix}
         if f.home:
-            topics["home_position"] = {
-                "lat": f"{f.home.latitude_e7 * 1e-7:.7f}",
-                "lon": f"{f.home.longitude_e7 * 1e-7:.7f}",
-                "alt": f"{f.home.altitude_m:.5f}",
-            }
+            topics["home_position"] = _place(f.home.latitude_e7, f.home.longitude_e7, f.home.altitude_m)
         return topics
+
+
+def _place(latitude_e7: int, longitude_e7: int, altitude_m: float) -> dict[str, object]:
+    degrees = {"lat": f"{latitude_e7 * 1e-7:.7f}", "lon": f"{longitude_e7 * 1e-7:.7f}"}
+    return {**degrees, "alt": f"{altitude_m:.5f}"}
 
 
 def _array(*values: float) -> str:

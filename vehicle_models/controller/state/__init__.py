@@ -1,1 +1,1 @@
-"""What the controller holds: its state, stored plans and parameters, texts and log records."""
+"""What the controller holds: its state, stored plans and parameters, and texts."""

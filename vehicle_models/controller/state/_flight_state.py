@@ -1,6 +1,4 @@
-"""The state of the vehicle that every service of the flight controller shares, and the target that the
-airframe flies to.
-"""
+"""The state of the vehicle that all services share, and the target that the airframe flies to."""
 
 from __future__ import annotations
 
@@ -95,10 +93,7 @@ class StickPositions:
 
 @value_class(frozen=True, slots=True)
 class TargetAttitude:
-    """An attitude or body rates to hold.
-
-    `thrust` is a share of full thrust; None leaves climbing to the target's velocity.
-    """
+    """Attitude or body rates; `thrust` is a share of full, None leaves climbing to the target's velocity."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -176,9 +171,7 @@ class Airframe(Protocol):
 
 @dataclass(slots=True)
 class FlightState:
-    """The vehicle at the present step: its own estimate of motion, and everything about it that is not
-    motion.
-    """
+    """The vehicle at the present step: its own estimate of motion, and all that is not motion."""
 
     step_s: float
     origin: ReferencePoint
@@ -250,9 +243,7 @@ class FlightState:
 
     @property
     def position_ok(self) -> bool:
-        """Whether the estimate of position still counts: for a while without fixes it is continued by dead
-        reckoning.
-        """
+        """Whether the estimate of position counts: without fixes dead reckoning continues it for a while."""
         return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < self.dead_reckoning_ns
 
     @property

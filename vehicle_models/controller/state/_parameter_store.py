@@ -89,10 +89,6 @@ class ParameterStore:
     def __getitem__(self, name: str) -> float:
         return self._values[name]
 
-    def values(self) -> Iterable[float]:
-        """Present values in the order of `definitions`."""
-        return self._values.values()
-
     def put(self, name: str, value: float, *, saves: bool = True) -> bool:
         """Store a value; True when that changed it. Raises KeyError for an unknown name; a value that is not
         finite is refused.
@@ -124,9 +120,7 @@ class ParameterStore:
         self._listeners.append(listener)
 
     def digest(self) -> int:
-        """The CRC-32 over names and values that PX4 and ground stations compute: not inverted, without
-        volatile parameters.
-        """
+        """The CRC-32 over names and values of PX4 and ground stations: not inverted, no volatile parameters."""
         crc = 0
         for name, definition in self.definitions.items():
             if not definition.volatile:
@@ -153,7 +147,5 @@ class ParameterStore:
 
 
 def crc32_plain(data: bytes, crc: int = 0) -> int:
-    """CRC-32 that begins at 0 and is not inverted, as MAVLink's file transfer and PX4's parameter hash use
-    it.
-    """
+    """CRC-32 that begins at 0 and is not inverted, as of MAVLink's file transfer and PX4's parameter hash."""
     return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

@@ -21,10 +21,7 @@ _ITEM = struct.Struct("<HBBfffffii")
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item of a plan.
-
-    `x` and `y` are 1e-7 degree of latitude and longitude in global frames; `z` metres in the frame's sense.
-    """
+    """A plan's item; `x`, `y` 1e-7 degree of latitude, longitude in global frames, `z` metres by the frame."""
 
     command: int
     frame: int

@@ -50,9 +50,7 @@ class MessageSender:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN for a value
-    left out.
-    """
+    """COMMAND_LONG and COMMAND_INT alike: seven floats, coordinates in degrees, NaN for what is left out."""
 
     number: int
     params: tuple[float, ...]

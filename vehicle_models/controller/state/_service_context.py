@@ -13,9 +13,7 @@ from ._texts import Texts
 
 @dataclass(frozen=True, slots=True)
 class ServiceContext:
-    """The vehicle's state, the airframe below it, the local frame, the ways to talk to clients, and the
-    parameters.
-    """
+    """The vehicle's state, airframe, local frame and parameters, and the ways to talk to clients."""
 
     flight: FlightState
     airframe: Airframe

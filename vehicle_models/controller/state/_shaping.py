@@ -67,10 +67,7 @@ class AxisShaping:
 
     @classmethod
     def with_square_root(cls, accel_mps2: float, jerk_mps3: float) -> Self:
-        """ArduPilot's position controller: braking at half the acceleration, in proportion near the target.
-
-        Source: ArduPilot, `shape_pos_vel_accel` and `sqrt_controller` of AP_Math/control.
-        """
+        """ArduPilot (`shape_pos_vel_accel`, `sqrt_controller`): braking at half the acceleration."""
         brake, per_s = 0.5 * accel_mps2, 0.5 * jerk_mps3 / accel_mps2
         return cls(
             accel_mps2,

@@ -77,7 +77,6 @@ class Texts:
     _id: int = 0
     _kept: list[StatusText] | None = None  # while they are kept back
     listeners: list[Callable[[int, str], None]] = field(default_factory=list)
-    text_listeners: list[Callable[[int, str], None]] = field(default_factory=list)  # of texts alone
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {} if self._for_stations_s is None else {"HEARTBEAT": self._take_heartbeat}
@@ -99,9 +98,7 @@ class Texts:
             listener(severity, text)
 
     def announce(self, event: FlightEvent, *values: float) -> None:
-        """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
-        it.
-        """
+        """Send the text of an event, with `values` in its braces; nothing where there is none."""
         self.report(self._by_event.get(event), *values)
 
     def report(self, status_text: StatusText | None, *values: float | str) -> None:
@@ -121,8 +118,6 @@ class Texts:
 
     def send(self, severity: int, text: str) -> None:
         self.notify(severity, text)
-        for listener in self.text_listeners:
-            listener(severity, text)
         if self._kept is None:
             self._broadcast(severity, text)
         else:

@@ -1,4 +1,4 @@
-"""The attitude of the body as quaternion and rotation, worked out once for all messages of a step."""
+"""The attitude of the body as quaternion (w, x, y, z of body FRD against north-east-down), and turned vectors."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from bench.contracts import Vector
 
 from ..state._flight_state import FlightState
 
+Quaternion = tuple[float, float, float, float]
 
-def quaternion(flight: FlightState) -> tuple[float, float, float, float]:
-    """w, x, y, z of the body (FRD) against north-east-down."""
+
+def quaternion(flight: FlightState) -> Quaternion:
     return attitude_quaternion(flight.roll_rad, flight.pitch_rad, flight.yaw_rad)
 
 
-def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """w, x, y, z of an attitude against north-east-down, radians."""
+def attitude_quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """From angles in radians."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -27,30 +28,15 @@ def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, f
     )
 
 
-class BodyAttitude:
-    """The attitude of the body against north-east-down at one moment, `time_ns`; `quaternion` is w, x, y,
-    z.
-    """
-
-    __slots__ = ("_rows", "quaternion", "time_ns")
-
-    def __init__(self, flight: FlightState) -> None:
-        self.time_ns = flight.time_ns
-        self.quaternion = w, x, y, z = quaternion(flight)
-        self._rows = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-            (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-            (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-        )
-
-    def rotated(self, north: float, east: float, down: float) -> Vector:
-        """A north-east-down vector in the body's frame."""
-        (a, b, c), (d, e, f), (g, h, i) = self._rows
-        return (
-            a * north + b * east + c * down,
-            d * north + e * east + f * down,
-            g * north + h * east + i * down,
-        )
+def turned_to_body(attitude: Quaternion, ned: Vector) -> Vector:
+    """A vector of north, east, down in the axes of the body."""
+    w, x, y, z = attitude
+    n, e, d = ned
+    return (
+        (1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d,
+        2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d,
+        2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d,
+    )
 
 
 class AttitudeCache:
@@ -58,9 +44,10 @@ class AttitudeCache:
 
     def __init__(self, flight: FlightState) -> None:
         self._flight = flight
-        self._body = BodyAttitude(flight)
+        self._time_ns = -1
+        self._attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
-    def now(self) -> BodyAttitude:
-        if self._body.time_ns != self._flight.time_ns:
-            self._body = BodyAttitude(self._flight)
-        return self._body
+    def now(self) -> Quaternion:
+        if self._time_ns != self._flight.time_ns:
+            self._time_ns, self._attitude = self._flight.time_ns, quaternion(self._flight)
+        return self._attitude

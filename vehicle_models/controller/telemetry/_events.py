@@ -1,6 +1,4 @@
-"""Events: the machine-readable twins of texts, numbered without gaps so that a client can ask for what it
-missed.
-"""
+"""Events: the machine-readable twins of texts, numbered so that a client can ask for what it missed."""
 
 from __future__ import annotations
 

@@ -12,9 +12,7 @@ _REPEAT_NS = 1_000_000_000
 
 
 class GroundTexts:
-    """Sends `climbed_clear_texts` once in every flight, and `ground_contact_text` with the speed when the
-    feet meet the ground.
-    """
+    """`climbed_clear_texts` once in a flight; `ground_contact_text` with the speed when the feet touch."""
 
     def __init__(self, context: ServiceContext, policy: IdentityPolicy) -> None:
         self._context = context

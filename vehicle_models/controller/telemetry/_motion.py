@@ -20,10 +20,7 @@ _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
 
 
 class MotionTelemetry:
-    """Values in wire order.
-
-    SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth.
-    """
+    """In wire order; SIMSTATE, in a SITL the truth, is the estimate: agents must not learn the truth."""
 
     def __init__(self, context: ServiceContext, policy: TelemetryPolicy, attitude: AttitudeCache) -> None:
         self._context = context
@@ -59,7 +56,7 @@ class MotionTelemetry:
 
     def _attitude_quaternion(self) -> Values:
         f = self._flight
-        return (f.time_ms, *self._body.now().quaternion, f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
+        return (f.time_ms, *self._body.now(), f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
 
     def _local_position(self) -> Values | None:
         f = self._flight
@@ -87,9 +84,8 @@ class MotionTelemetry:
         f = self._flight
         if f.home is None:
             return None
-        # MAVLink's default child frame is the body; PX4's estimator gives velocities in the local frame and names
-        # that one as the child.
-        pose = (f.north_m, f.east_m, f.down_m, *self._body.now().quaternion)
+        # MAVLink's default child frame is the body; PX4 gives velocities in the local frame, and names it.
+        pose = (f.north_m, f.east_m, f.down_m, *self._body.now())
         velocity = (f.vn_mps, f.ve_mps, f.vd_mps)
         rates = (f.p_radps, f.q_radps, f.r_radps)
         frames = (_LOCAL_NED, _LOCAL_NED, 0, _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT)

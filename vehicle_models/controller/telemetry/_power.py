@@ -50,17 +50,8 @@ class PowerTelemetry:
         f = self._flight
         cells_mv = (self._battery.millivolts(), *(_NO_CELL,) * 9)
         used_mah, percent = round(self._battery.used_mah()), round(100.0 * f.battery_fraction)
-        head = (
-            used_mah,
-            -1,
-            _UNKNOWN_TEMPERATURE,
-            *cells_mv,
-            hundredths(f.battery_a),
-            0,
-            0,
-            self._policy.battery_type,
-        )
-        return (*head, percent, 0, self._charge_state(), 0, 0, 0, 0, 0, 0)
+        head = (used_mah, -1, _UNKNOWN_TEMPERATURE, *cells_mv, hundredths(f.battery_a), 0, 0)
+        return (*head, self._policy.battery_type, percent, 0, self._charge_state(), 0, 0, 0, 0, 0, 0)
 
     # What PX4's simulator link makes up of four speed controllers, in its source.
 

@@ -48,11 +48,6 @@ class RemoteIdentification:
         if f.home is None:
             return None
         seconds = max((f.unix_start_us + f.time_us - _EPOCH_US) // 1_000_000, 0)
-        operator = (
-            f.home.latitude_e7,
-            f.home.longitude_e7,
-            _NO_ALTITUDE_M,
-            _NO_ALTITUDE_M,
-            f.home.altitude_m,
-        )
-        return (*operator, seconds & 0xFFFFFFFF, 1, 0, 0, 0, *_NO_ID, 0, 0, 0, 0)
+        home = f.home
+        place = (home.latitude_e7, home.longitude_e7, _NO_ALTITUDE_M, _NO_ALTITUDE_M, home.altitude_m)
+        return (*place, seconds & 0xFFFFFFFF, 1, 0, 0, 0, *_NO_ID, 0, 0, 0, 0)

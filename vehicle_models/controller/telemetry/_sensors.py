@@ -9,12 +9,11 @@ from ..links._frames import heading_cdeg, int16
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import Stream, Values
 from ..state._service_context import ServiceContext
-from ._attitude import AttitudeCache
+from ._attitude import AttitudeCache, turned_to_body
 
 _SEA_LEVEL_HPA = 1013.25
 _STANDARD_GRAVITY_MPS2 = 9.80665
-# Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of
-# the field.
+# Earth's field over Zurich in gauss, north, east, down, shown anywhere: there is no model of it here.
 _FIELD_NED = (0.2146, 0.0133, 0.4329)
 # HIGHRES_IMU.fields_updated
 _ALL_FIELDS_UPDATED = 0x1FFF
@@ -49,7 +48,7 @@ class SensorTelemetry:
     def _highres_imu(self) -> Values:
         f = self._flight
         force = self._context.airframe.specific_force_mps2()
-        field = self._body.now().rotated(*_FIELD_NED)
+        field = turned_to_body(self._body.now(), _FIELD_NED)
         air = (_pressure_hpa(f.altitude_m), 0.0, f.altitude_m, _TEMPERATURE_C)
         return (f.time_us, *force, f.p_radps, f.q_radps, f.r_radps, *field, *air, _ALL_FIELDS_UPDATED, 0)
 
@@ -58,7 +57,7 @@ class SensorTelemetry:
         force = self._context.airframe.specific_force_mps2()
         force_mg = (int16(axis / _STANDARD_GRAVITY_MPS2 * 1000.0) for axis in force)
         rates = (int16(rate * 1000.0) for rate in (f.p_radps, f.q_radps, f.r_radps))
-        field = (int16(axis * 1000.0) for axis in self._body.now().rotated(*_FIELD_NED))
+        field = (int16(axis * 1000.0) for axis in turned_to_body(self._body.now(), _FIELD_NED))
         return (f.time_us, *force_mg, *rates, *field, 0, _CASE_TEMPERATURE_CDEG)
 
     def _scaled_imu(self) -> Values:
@@ -84,23 +83,7 @@ class SensorTelemetry:
 
     def _distance(self) -> Values:
         down_cm = min(max(round(-self._flight.down_m * 100.0), 10), 4000)
-        return (
-            self._flight.time_ms,
-            10,
-            4000,
-            down_cm,
-            0,
-            0,
-            _FACING_DOWN,
-            0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0,
-        )
+        return (self._flight.time_ms, 10, 4000, down_cm, 0, 0, _FACING_DOWN, 0, *(0.0,) * 6, 0)
 
 
 def _pressure_hpa(altitude_m: float) -> float:

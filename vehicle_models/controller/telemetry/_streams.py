@@ -12,7 +12,7 @@ from bench.errors import SetupError
 from ..links._enums import MAV_CMD, MAV_DATA_STREAM
 from ..links._frames import KINDS, MESSAGE_NAMES
 from ..links._radio import Channel
-from ..policies._message_table import SENDING_ORDER
+from ..policies._tables import SENDING_ORDER
 from ..policies._telemetry import TelemetryPolicy
 from ..state._service import (
     AnyStream,
@@ -102,8 +102,7 @@ class Streams:
             for stream in self._schedules[channel.name]:
                 if stream.due_ns <= now_ns:
                     stream.due_ns += stream.interval_ns
-                    # The rate exceeds the controller's, or no client was there; a backlog is dropped, not
-                    # sent in a burst.
+                    # Too fast for the controller, or no client was there: a backlog is dropped.
                     if stream.due_ns <= now_ns:
                         stream.due_ns = now_ns + 1
                     if stream.halfway and (values := stream.halfway()) is not None:
@@ -134,13 +133,8 @@ class Streams:
         rates = {"HEARTBEAT": 1.0, **sets[name]}
         # A link without streams gets none of the gimbal either.
         if sets[name]:
-            rates.update(
-                {
-                    name: hz
-                    for name, hz in self._policy.gimbal_rates_hz.items()
-                    if KINDS[name].id in self._values
-                }
-            )
+            gimbal = self._policy.gimbal_rates_hz.items()
+            rates |= {message: hz for message, hz in gimbal if KINDS[message].id in self._values}
         for message, hz in rates.items():
             self._schedule(channel, KINDS[message].id, round(1e9 / hz))
 

@@ -39,10 +39,8 @@ class TargetTelemetry:
     def _attitude_target(self) -> Values | None:
         f = self._flight
         roll, pitch, yaw, thrust = self._context.airframe.commanded_attitude()
-        attitude = f.target.attitude
-        rates = (
-            attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
-        )
+        given = f.target.attitude.rates_radps if f.target.attitude else None
+        rates = given or (0.0, 0.0, f.target.yawrate_radps)
         return (f.time_ms, *attitude_quaternion(roll, pitch, yaw), *rates, thrust, 0)
 
     def _local_target(self) -> Values | None:
@@ -75,17 +73,8 @@ class TargetTelemetry:
         altitude = f.origin.altitude_m - target.down_m
         yaw = target.yaw_rad if target.yaw_rad is not None else _NAN
         motion = (*target.velocity_ned_mps, *target.acceleration_ned_mps2)
-        return (
-            f.time_ms,
-            latitude,
-            longitude,
-            altitude,
-            *motion,
-            yaw,
-            target.yawrate_radps,
-            _GLOBAL_MASK,
-            _GLOBAL,
-        )
+        place = (latitude, longitude, altitude)
+        return (f.time_ms, *place, *motion, yaw, target.yawrate_radps, _GLOBAL_MASK, _GLOBAL)
 
     def _navigation_output(self) -> Values:
         f, target = self._flight, self._flight.target

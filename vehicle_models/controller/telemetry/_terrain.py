@@ -50,18 +50,12 @@ class Terrain:
     def _corner_e7(self, spacing_m: int) -> tuple[int, int]:
         """South-west corner of the grid: grids are counted from whole degrees."""
         f = self._flight
-        latitude, longitude = (
-            f.latitude_e7 // 10_000_000 * 10_000_000,
-            f.longitude_e7 // 10_000_000 * 10_000_000,
-        )
+        latitude, longitude = (angle // 10_000_000 * 10_000_000 for angle in (f.latitude_e7, f.longitude_e7))
         # ArduPilot takes the mean latitude between the point and the corner of its degree.
         narrowing = math.cos(math.radians((latitude + f.latitude_e7) / 2e7))
-        north_m, east_m = (
-            (f.latitude_e7 - latitude) * _METRES_PER_E7,
-            (f.longitude_e7 - longitude) * _METRES_PER_E7 * narrowing,
-        )
+        north_m = (f.latitude_e7 - latitude) * _METRES_PER_E7
+        east_m = (f.longitude_e7 - longitude) * _METRES_PER_E7 * narrowing
         north = int(north_m / spacing_m) // _BLOCK_NORTH * _BLOCK_NORTH * spacing_m / _METRES_PER_E7
         east = int(east_m / spacing_m) // _BLOCK_EAST * _BLOCK_EAST * spacing_m / _METRES_PER_E7
-        return latitude + int(north), longitude + int(
-            east / math.cos(math.radians((latitude + north / 2.0) / 1e7))
-        )
+        east /= math.cos(math.radians((latitude + north / 2.0) / 1e7))
+        return latitude + int(north), longitude + int(east)

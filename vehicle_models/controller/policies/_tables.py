@@ -10,6 +10,16 @@
   as 0
 - `ardupilot_nan`: the parameters that may be NaN; no other may, and none may be infinite
 - `ardupilot_turn`: skipped, where AP_Mission takes the item and ArduCopter does not know it when its turn comes
+
+Messages of the autopilots: `messages.csv`, in the order in which a step sends those that are due.
+
+Recordings hold them in this order, so rows do not move; those that nothing here fills stand last. The cells of an
+autopilot:
+
+- `px4`: stream, request (on request alone), or silent; `px4_onboard_hz` and `px4_gcs_hz` are the rates of its links
+- `ardupilot`: its group of streams (MAV_DATA_STREAM), request, or silent
+
+A silent message is a stream of the real autopilot that nothing here fills: an interval is accepted, nothing is sent.
 """
 
 from __future__ import annotations
@@ -20,20 +30,20 @@ from pathlib import Path
 from ..._read_table import read_table
 from ..state._service import CommandResult
 
-_ROWS = {int(row["number"]): row for row in read_table(Path(__file__).with_name("commands.csv"))}
+_COMMANDS = {int(row["number"]): row for row in read_table(Path(__file__).with_name("commands.csv"))}
 
-COMMAND_NAMES: Mapping[int, str] = {number: row["command"] for number, row in _ROWS.items()}
+COMMAND_NAMES: Mapping[int, str] = {number: row["command"] for number, row in _COMMANDS.items()}
 """Names as in MAV_CMD."""
 
 
 def commands_with(column: str, *cells: str) -> frozenset[int]:
     """Commands that have one of these cells in a column."""
-    return frozenset(number for number, row in _ROWS.items() if row[column] in cells)
+    return frozenset(number for number, row in _COMMANDS.items() if row[column] in cells)
 
 
 def cells_by_command(column: str) -> dict[int, str]:
     """What stands in a column, where something does."""
-    return {number: row[column] for number, row in _ROWS.items() if row[column]}
+    return {number: row[column] for number, row in _COMMANDS.items() if row[column]}
 
 
 def parameter_indices(column: str) -> dict[int, tuple[int, ...]]:
@@ -50,3 +60,18 @@ def fixed_results(column: str) -> dict[int, CommandResult | None]:
         number: None if cell == "silence" else CommandResult[cell]
         for number, cell in cells_by_command(column).items()
     }
+
+
+_MESSAGES = read_table(Path(__file__).with_name("messages.csv"))
+
+SENDING_ORDER = tuple(row["message"] for row in _MESSAGES)
+
+
+def messages_with(column: str, *cells: str) -> frozenset[str]:
+    """Messages that have one of these cells in a column."""
+    return frozenset(row["message"] for row in _MESSAGES if row[column] in cells)
+
+
+def rates_hz(column: str) -> dict[str, float]:
+    """Rates by message, of those that have one."""
+    return {row["message"]: float(row[column]) for row in _MESSAGES if row[column]}
