@@ -132,8 +132,7 @@ def standing_span_of(time_s: Floats) -> Counts:
 
 def _at(values: Real, time_s: Floats) -> Real:
     """Of (EPOCHS, n, k) those of the epoch of each moment (n, k)."""
-    chosen: Real = np.take_along_axis(values, standing_span_of(time_s)[None], axis=0)[0]
-    return chosen
+    return np.asarray(np.take_along_axis(values, standing_span_of(time_s)[None], axis=0)[0])
 
 
 def known_near(
