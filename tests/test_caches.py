@@ -63,7 +63,7 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (17, 4, 1),
         (17, 3, 2),
     ),
-    "bench.realization.design._orthogonal_hypercubes._nearly_orthogonal": (
+    "bench.realization.design._orthogonal_hypercubes.nearly_orthogonal_latin_hypercube": (
         (12, 3, 1),
         (13, 3, 1),
         (12, 4, 1),

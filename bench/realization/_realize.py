@@ -8,7 +8,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +88,15 @@ def realize(
     pairs = _pairs(patches, rate)
     scenes = {point.id: patches.apply(point) for point in {point.id: point for point, _ in pairs}.values()}
     return [
-        _plan(scenes[point.id], design, point, replicate, agent, label)
+        RealizationPlan(
+            f"{point.id}-r{replicate}-{label}",
+            point.id,
+            replicate,
+            point.levels,
+            scenes[point.id],
+            agent,
+            scene_seed(design.seed, point.scene, replicate),
+        )
         for point, replicate in pairs
         for agent, label in zip(agents, labels, strict=True)
     ]
@@ -112,16 +120,9 @@ def _pairs(patches: _Patches, rate: Rating | None) -> list[tuple[DesignPoint, in
     design = patches.design
     if not design.rated:
         return design.pairs()
-    return _as_setup_error(lambda: design.pairs(patches.rated(rate)))
-
-
-T = TypeVar("T")
-
-
-def _as_setup_error(draw: Callable[[], T]) -> T:
-    """Run a draw; a ValueError becomes a SetupError, because the author of the design can fix it."""
     try:
-        return draw()
+        return design.pairs(patches.rated(rate))
+    # The author of the design can fix it.
     except ValueError as error:
         raise SetupError("design: method", str(error)) from None
 
@@ -132,14 +133,6 @@ def scene_seed(seed: int, design_point: str, replicate: int) -> int:
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     # 63 bits: the SimSpec's seeds are below 2**63.
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-
-def _plan(
-    scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str
-) -> RealizationPlan:
-    name = f"{point.id}-r{replicate}-{label}"
-    seed = scene_seed(design.seed, point.scene, replicate)
-    return RealizationPlan(name, point.id, replicate, point.levels, scene, agent, seed)
 
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
@@ -221,7 +214,9 @@ class _Patches:
         final = [
             fault
             for fault, factor in faults.items()
-            if factor is None or factor.when is None or not _fits_some(factor, bases)
+            if factor is None
+            or factor.when is None
+            or not any(base.paths.keys() >= set(_paths_of(factor)) for base in bases.values())
         ]
         if final:
             raise SetupError(final)
@@ -292,10 +287,6 @@ class _Patches:
 def _paths_of(factor: DesignFactor) -> list[str]:
     """Every path that a factor can change, each once."""
     return list(dict.fromkeys([*factor.sets, *(path for patch in factor.patches.values() for path in patch)]))
-
-
-def _fits_some(factor: DesignFactor, bases: Mapping[str, _BoundBase]) -> bool:
-    return any(all(path in base.paths for path in _paths_of(factor)) for base in bases.values())
 
 
 def _chooser(base: Bases, design: Design) -> DesignFactor | None:

@@ -167,8 +167,7 @@ class GroundCamera:
         lens = self.lens
         pixels = lens.model().pixels(np.stack((x / depth, y / depth), axis=-1))
         u, v = pixels[..., 0], pixels[..., 1]
-        inside: Bools = (z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px)
-        return inside
+        return np.asarray((z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px))
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
         """How far ahead the lower edge, the middle and the upper edge of the image meet the ground."""

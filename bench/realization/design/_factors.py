@@ -146,9 +146,9 @@ class DesignFactor(Document):
             raise ValueError(
                 f"factor {self.name!r} is a range; this design counts levels: give levels or range.steps"
             )
-        return tuple(
-            _rounded(self.range.at(step / (self.range.steps - 1))) for step in range(self.range.steps)
-        )
+        values = (self.range.at(step / (self.range.steps - 1)) for step in range(self.range.steps))
+        # To 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` with 0.3 matches it.
+        return tuple(float(f"{value:.12g}") if isinstance(value, float) else value for value in values)
 
     def ends(self) -> tuple[FactorLevel, FactorLevel]:
         """Its two levels, or the ends of its range. Raises ValueError for any other number of levels."""
@@ -178,8 +178,3 @@ class DesignFactor(Document):
         if self.when is not None and level == INACTIVE:
             return {}
         return dict.fromkeys(self.sets, level) | self.patches.get(str(level), {})
-
-
-def _rounded(value: float | int) -> float | int:
-    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` with 0.3 matches it."""
-    return float(f"{value:.12g}") if isinstance(value, float) else value

@@ -162,16 +162,13 @@ def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[s
 def _runs_of(columns: Sequence[int]) -> Counts:
     """The runs of a fraction: base factors in standard order, the last one changing fastest."""
     bases = max(columns).bit_length()
-    base = [column for column in columns if column.bit_count() == 1]
-    place = {column: bases - 1 - at for at, column in enumerate(sorted(base))}
     runs = np.arange(2**bases)
-    raised = {column: 2 * (runs >> place[column] & 1) - 1 for column in base}
-    return np.stack([_product(raised, column) for column in columns], axis=1)
-
-
-def _product(raised: Mapping[int, Counts], column: int) -> Counts:
-    bases = [raised[1 << place] for place in range(column.bit_length()) if column >> place & 1]
-    return np.asarray(np.prod(bases, axis=0), dtype=np.int64)
+    base = [2 * (runs >> (bases - 1 - place) & 1) - 1 for place in range(bases)]
+    products = [
+        np.prod([signs for place, signs in enumerate(base) if column >> place & 1], axis=0)
+        for column in columns
+    ]
+    return np.stack(products, axis=1)
 
 
 def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:

@@ -57,31 +57,22 @@ def hadamard_matrix(order: int) -> Counts | None:
 
 
 def _jacobsthal_matrix(size: int) -> Counts | None:
-    """Jacobsthal's matrix of the field of a prime or its square: +1 where a difference is a square."""
-    if size % 2 == 1 and _is_prime(size):
-        signs = _quadratic_character(size)
-        return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])
+    """Jacobsthal's matrix of the field of an odd prime or its square: +1 where a difference is a square, else -1, and 0 on
+    the diagonal. Elements are a + b x with x x = n, no square of the prime's field; of a prime's own field b is 0.
+    """
     root = round(size**0.5)
+    prime = root if root * root == size else size
     # Fields of higher prime powers (27, 125) have no construction here.
-    if root * root != size or root == 2 or not _is_prime(root):
+    if prime == 2 or not _is_prime(prime):
         return None
-    return _jacobsthal_of_square(root)
-
-
-def _jacobsthal_of_square(prime: int) -> Counts:
-    """As `_field`, for pairs a + b x over a prime's field with x x = n, n no square there."""
-    residues = _quadratic_character(prime)
     # Any non-square will do; the smallest makes the matrix the same every time.
-    odd = next(n for n in range(2, prime) if residues[n] < 0)
-    pairs = list(itertools.product(range(prime), repeat=2))
-    squares = {((a * a + odd * b * b) % prime, 2 * a * b % prime) for a, b in pairs if (a, b) != (0, 0)}
-
-    def sign(a: int, b: int) -> int:
-        return 0 if (a, b) == (0, 0) else 1 if (a, b) in squares else -1
-
-    return np.array(
-        [[sign((a - c) % prime, (b - d) % prime) for a, b in pairs] for c, d in pairs], dtype=np.int64
-    )
+    odd = int(np.flatnonzero(_quadratic_character(prime) < 0)[0])
+    pairs = list(itertools.product(range(prime), range(size // prime)))
+    signs = np.full((prime, size // prime), -1, dtype=np.int64)
+    for a, b in pairs:
+        signs[(a * a + odd * b * b) % prime, 2 * a * b % prime] = 1
+    signs[0, 0] = 0
+    return np.array([[signs[(a - c) % prime, (b - d) % prime] for a, b in pairs] for c, d in pairs])
 
 
 def _quadratic_character(prime: int) -> Counts:

@@ -131,11 +131,6 @@ def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
     return best
 
 
-def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
-    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches."""
-    return _nearly_orthogonal(points, factors, seed).copy()
-
-
 def largest_correlation(square: Counts) -> float:
     """The largest absolute correlation between two columns of a Latin hypercube; 0.0 is exact."""
     products = square.T @ square
@@ -144,7 +139,8 @@ def largest_correlation(square: Counts) -> float:
 
 
 @lru_cache(maxsize=16)
-def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
+def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
+    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches. Not to be changed."""
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
     designs = [

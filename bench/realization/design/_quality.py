@@ -148,8 +148,8 @@ def design_quality(
         factor.name: column for factor in space.free if (column := _column(factor, points)) is not None
     }
     columns = {factor.name: block for factor in space.free if (block := _block(factor, points)) is not None}
-    largest, pair = _largest(columns, numbers, names=False)
-    association, associated = _largest(columns, numbers, names=True)
+    largest, pair = _largest(columns, names=False)
+    association, associated = _largest(columns, names=True)
     mixed, mixing, aliased = _interactions(numbers)
     cube = [
         column
@@ -157,7 +157,14 @@ def design_quality(
         if (column := numbers.get(factor.name, _names_column(factor, points))) is not None
     ]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
-    measured = unit.shape[1] > 0 and 2 <= len(points) <= MAX_POINTS_FOR_DISTANCE
+    discrepancy = min_distance = None
+    if unit.shape[1] > 0 and 2 <= len(points) <= MAX_POINTS_FOR_DISTANCE:
+        # Imported here: scipy.stats takes half a second.
+        from scipy.spatial.distance import pdist
+        from scipy.stats import qmc
+
+        discrepancy = float(qmc.discrepancy(np.clip(unit, 0.0, 1.0), method="CD"))
+        min_distance = float(pdist(unit).min() / math.sqrt(unit.shape[1]))
     return DesignQuality(
         points=len(points),
         pairs=len(points) if pairs is None else pairs,
@@ -169,8 +176,8 @@ def design_quality(
         interacting=mixing,
         aliased=aliased,
         estimable=_estimable(columns),
-        discrepancy=_discrepancy(unit) if measured else None,
-        min_distance=_min_distance(unit) if measured else None,
+        discrepancy=discrepancy,
+        min_distance=min_distance,
         coverage=tuple(factor for t in (2, 3) if (factor := coverage(space, points, t)) is not None),
         configurations=dict(sorted(Counter(configurations).items())),
         extendable=extendable,
@@ -292,25 +299,22 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
 
 
 def _largest(
-    blocks: Mapping[str, NDArray[np.float64]], always: Mapping[str, NDArray[np.float64]], *, names: bool
+    blocks: Mapping[str, NDArray[np.float64]], *, names: bool
 ) -> tuple[float | None, tuple[str, ...]]:
-    """The largest correlation of two factors where both are active, with or without those of three names.
-
-    `always` are the factors of one column that are active everywhere.
-    """
-    largest, pair = (None, ()) if names else _correlation(always)
+    """The largest correlation of two factors where both are active, with or without those of three names."""
+    largest: float | None = None
+    pair: tuple[str, ...] = ()
     for (name, first), (other_name, second) in itertools.combinations(blocks.items(), 2):
-        if (max(first.shape[1], second.shape[1]) > 1) is not names or (
-            name in always and other_name in always
-        ):
+        if (max(first.shape[1], second.shape[1]) > 1) is not names:
             continue
         together = ~np.isnan(first[:, 0]) & ~np.isnan(second[:, 0])
         bases = [_basis(block[together]) for block in (first, second)]
         if min(base.shape[1] for base in bases) == 0:
             continue
+        # Nine decimals, so that the rounding noise of an exact 0 is reported as 0.
         correlation = float(round(min(1.0, np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0]), 9))
         if largest is None or correlation > largest:
-            largest, pair = correlation, (name, other_name)
+            largest, pair = correlation, (name, other_name) if correlation or names else ()
     return largest, pair
 
 
@@ -320,17 +324,6 @@ def _basis(block: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.zeros((len(block), 0))
     vectors, sizes, _ = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
     return np.asarray(vectors[:, sizes > TOLERANCE * max(1.0, float(sizes.max(initial=0.0)))])
-
-
-def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | None, tuple[str, ...]]:
-    names, units = _units(columns)
-    if len(names) < 2:
-        return None, ()
-    correlations = np.abs(np.triu(units.T @ units, 1))
-    first, second = divmod(int(correlations.argmax()), len(names))
-    # Nine decimals, so that the rounding noise of an exact 0 is reported as 0.
-    largest = float(round(min(1.0, correlations[first, second]), 9))
-    return largest, (names[first], names[second]) if largest else ()
 
 
 def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArray[np.float64]]:
@@ -375,16 +368,3 @@ def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
         return None
     columns = np.hstack(whole)
     return bool(np.linalg.matrix_rank(columns) == columns.shape[1])
-
-
-def _discrepancy(unit: NDArray[np.float64]) -> float:
-    # Imported here: scipy.stats takes half a second.
-    from scipy.stats import qmc
-
-    return float(qmc.discrepancy(np.clip(unit, 0.0, 1.0), method="CD"))
-
-
-def _min_distance(unit: NDArray[np.float64]) -> float:
-    from scipy.spatial.distance import pdist
-
-    return float(pdist(unit).min() / math.sqrt(unit.shape[1]))

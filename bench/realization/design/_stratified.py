@@ -69,10 +69,13 @@ class Stratified(Document):
         Raises ValueError where there are more configurations than points, or too few candidates.
         """
         strata: dict[tuple[object, ...], list[FactorLevels]] = {}
-        for levels in self._candidates(space, seed):
+        sequence = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
+        # Halton points can round to equal levels; a stratum must not contain one point twice.
+        for levels in {tuple(levels.items()): levels for levels in sequence}.values():
             rated = difficulties(levels)
             if self._is_wanted(rated):
-                strata.setdefault(self._stratum(rated), []).append(levels)
+                bands = tuple(None if item is None else self._band(item) for item in rated.values())
+                strata.setdefault(bands, []).append(levels)
         if len(strata) > self.points:
             raise ValueError(
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
@@ -87,11 +90,6 @@ class Stratified(Document):
             )
         return drawn
 
-    def _candidates(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
-        # Halton points can round to equal levels; a stratum must not contain one point twice.
-        return list({tuple(levels.items()): levels for levels in drawn}.values())
-
     def _is_wanted(self, difficulties: Mapping[str, float | None]) -> bool:
         if self.above is None and self.up_to is None:
             return True
@@ -105,11 +103,6 @@ class Stratified(Document):
     def _range_text(self) -> str:
         low = "" if self.above is None else f" above {self.above:g}"
         return low + ("" if self.up_to is None else f" up to {self.up_to:g}")
-
-    def _stratum(self, difficulties: Mapping[str, float | None]) -> tuple[object, ...]:
-        return tuple(
-            None if difficulty is None else self._band(difficulty) for difficulty in difficulties.values()
-        )
 
     def _band(self, difficulty: float) -> float:
         rounded = round(difficulty, DECIMALS)

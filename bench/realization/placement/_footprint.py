@@ -96,16 +96,14 @@ def gaps(first: Footprints, second: Footprints) -> Floats:
 def _reach(axes: Floats, own_axes: Floats, half_m: Floats) -> Floats:
     """(n, 2) half extents of rectangles with axes `own` along other `axes`."""
     projected: Floats = np.abs(np.einsum("nsk,nak->nsa", axes, own_axes))
-    reach: Floats = np.einsum("nsa,na->ns", projected, half_m)
-    return reach
+    return np.asarray(np.einsum("nsa,na->ns", projected, half_m))
 
 
 def _corner_distance(frame: Footprints, other: Footprints) -> Floats:
     """(n,) least distance of the corners of `other` to the rectangle `frame`."""
     local = np.einsum("nsk,nck->ncs", frame.axes(), other.corners() - frame.centre_m[:, None, :])
     outside = np.maximum(np.abs(local) - frame.half_m[:, None, :], 0.0)
-    distance: Floats = np.hypot(outside[..., 0], outside[..., 1]).min(axis=1)
-    return distance
+    return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=1))
 
 
 def too_close(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:

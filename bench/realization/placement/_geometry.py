@@ -157,8 +157,7 @@ def bounding_octagon(geometry: Geometry) -> Geometry:
 def hull_ways(start: Geometry, end: Geometry) -> Floats:
     """(n, 2) the ways from each corner of one ground's hull to each corner of another's."""
     starts, ends = (shapely.get_coordinates(shapely.convex_hull(ground)) for ground in (start, end))
-    ways: Floats = (ends[None, :, :] - starts[:, None, :]).reshape(-1, 2)
-    return ways
+    return np.asarray((ends[None, :, :] - starts[:, None, :]).reshape(-1, 2))
 
 
 def simplified(geometry: Geometry) -> Geometry:
@@ -178,7 +177,6 @@ def uniform_places(room: Geometry, count: int, rng: np.random.Generator) -> Floa
     # The square root below keeps points from crowding at the first corner.
     chosen = corners[rng.choice(len(area), size=count, p=area / area.sum())]
     first, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    places: Floats = (
+    return np.asarray(
         (1 - first) * chosen[:, 0] + first * (1 - second) * chosen[:, 1] + first * second * chosen[:, 2]
     )
-    return places

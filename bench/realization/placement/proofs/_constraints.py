@@ -58,7 +58,17 @@ def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Con
     free = [group for group in peopled if not group.placement.at]
     home_text = f"actors keep {HOME_CLEARANCE_M:g} m from the vehicle's home"
     return [
-        *(_fixed_constraint(group, at) for group in peopled if (at := group.placement.at)),
+        *(
+            Constraint(
+                field_path(group, "at"),
+                f"{group.id!r} stands at {at.east_m:g} east, {at.north_m:g} north",
+                group.id,
+                "at",
+                shapely_point(at),
+            )
+            for group in peopled
+            if (at := group.placement.at)
+        ),
         Constraint(HOME_FIELD, home_text, HOME_FIELD, "home", shapely_point(simspec.vehicle.home)),
         *(term for group in free for term in _member_constraints(simspec, group)),
     ]
@@ -70,11 +80,6 @@ def shapely_point(place: Point) -> Geometry:
 
 def fixed_outline(group: ActorGroup) -> Geometry:
     return shapely.polygons(fixed_footprint(group).corners())[0]
-
-
-def _fixed_constraint(group: ActorGroup, at: Point) -> Constraint:
-    text = f"{group.id!r} stands at {at.east_m:g} east, {at.north_m:g} north"
-    return Constraint(field_path(group, "at"), text, group.id, "at", shapely_point(at))
 
 
 def _member_constraints(simspec: SimSpec, group: ActorGroup) -> Iterator[Constraint]:
@@ -112,7 +117,8 @@ def _wishes(simspec: SimSpec, group: ActorGroup) -> Iterator[tuple[str, str, Kin
             yield tie.path, tie.text, "ground", room
     for between in between_relations(simspec, group):
         yield between.path, between.text, "between", between
-    if group.placement.hidden_from and not _anything_solid(simspec, group):
+    others = [other for other in simspec.actors if other.id != group.id and member_count(simspec, other)]
+    if group.placement.hidden_from and not any(other.definition.solid for other in others):
         # An empty ground: nothing can hide the members, so they may stand nowhere.
         text = "stand out of sight, and no other group has a solid asset"
         yield field_path(group, "hidden_from"), text, "ground", shapely.Polygon()
@@ -123,11 +129,3 @@ def _wishes(simspec: SimSpec, group: ActorGroup) -> Iterator[tuple[str, str, Kin
         route_m = np.concatenate(list(route_points(simspec, group).values()))
         text = "walk straight from its place to some point of its patrol route"
         yield f"actors[{group.id}].motion.route", text, "route", route_m
-
-
-def _anything_solid(simspec: SimSpec, group: ActorGroup) -> bool:
-    return any(
-        other.definition.solid and member_count(simspec, other)
-        for other in simspec.actors
-        if other.id != group.id
-    )

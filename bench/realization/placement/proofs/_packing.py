@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import ceil, cos, floor, inf, radians, sin, sqrt
+from collections.abc import Mapping
+from math import cos, floor, inf, radians, sin, sqrt
 
 import numpy as np
 import shapely
 import shapely.affinity
 
-from .._geometry import Geometry, areal_parts
+from .._geometry import Geometry
 
 _TOLERANCE = 1e-6
+
+# Of each kind of piece; chosen, not measured. And what linprog says of a program without a solution.
+ALLOCATION_SLACK_M2, INFEASIBLE = 0.02, 2
 
 # Shares of a footprint's length for the axis-parallel rectangle inside it; every one gives a valid bound.
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
@@ -100,53 +103,26 @@ def _max_lattice_points(span_m: float, pitch_m: float) -> float:
     return inf if pitch_m <= 0.0 else float(floor(span_m / pitch_m + _TOLERANCE) + 1)
 
 
-MAX_PIECES = 200
+def areas_can_be_allocated(zones: Mapping[str, Geometry], needs: Mapping[str, float]) -> bool:
+    """Whether the pieces into which the zones cut each other can be shared out as the groups need: a linear program."""
+    # Imported here: scipy.optimize takes a third of a second, and most scenes need no proof.
+    from scipy.optimize import linprog
 
-
-def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
-    """Whether the pieces into which the zones cut each other can be shared out as the groups need.
-
-    In square decimetres, needs rounded down and pieces up; True when undecided.
-    """
-    pieces = _overlay_pieces(list(zones.values()))
-    if pieces is None:
-        return True
-    # Imported here: ortools takes half a second.
-    from ortools.sat.python import cp_model
-
-    model = cp_model.CpModel()
-    names = list(zones)
-    taken: dict[str, list[cp_model.IntVar]] = {name: [] for name in names}
-    for piece, owners in pieces:
-        # CP-SAT takes whole numbers; this rounding can only make a scene look easier, never infeasible.
-        room = ceil(100.0 * piece.area) + 1
-        shares = [model.new_int_var(0, room, "") for _ in owners]
-        model.add(sum(shares) <= room)
-        for owner, share in zip(owners, shares, strict=True):
-            taken[names[owner]].append(share)
-    for name in names:
-        model.add(sum(taken[name]) >= floor(100.0 * needs[name]))
-    solver = cp_model.CpSolver()
-    # One worker and a deterministic limit: the same scene is refused on every run.
-    solver.parameters.num_workers = 1
-    solver.parameters.max_deterministic_time = 0.5
-    return bool(solver.solve(model) != cp_model.INFEASIBLE)
-
-
-def _overlay_pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
-    """The ground cut along the zones' edges, with the zones of each piece; None for too many pieces."""
-    pieces: list[tuple[Geometry, tuple[int, ...]]] = []
-    for index, zone in enumerate(zones):
-        rest, cut = zone, []
-        for piece, owners in pieces:
-            both = areal_parts(shapely.intersection(piece, zone))
-            if both.area > 0.0:
-                cut.append((both, (*owners, index)))
-                rest = areal_parts(rest.difference(both))
-                piece = areal_parts(piece.difference(both))
-            if piece.area > 0.0:
-                cut.append((piece, owners))
-        pieces = [*cut, (rest, (index,))] if rest.area > 0.0 else cut
-        if len(pieces) > MAX_PIECES:
-            return None
-    return pieces
+    outlines = shapely.union_all([shapely.boundary(zone) for zone in zones.values()])
+    pieces = shapely.get_parts(shapely.polygonize(shapely.get_parts(outlines)))
+    inside = np.array([shapely.contains(zone, shapely.point_on_surface(pieces)) for zone in zones.values()])
+    kinds, kind = np.unique(inside, axis=1, return_inverse=True)
+    # Slack for what the overlay rounds: it can only make a scene look easier, never infeasible.
+    room_m2 = np.bincount(kind.ravel(), shapely.area(pieces)) + ALLOCATION_SLACK_M2
+    need_m2 = np.array([needs[name] for name in zones])
+    # A share of each kind of piece for each group: all of a kind are its room at most, all of a group its need at least.
+    groups, number = kinds.shape
+    of_kinds = np.tile(np.eye(number), groups)
+    of_groups = np.repeat(np.eye(groups), number, axis=1)
+    result = linprog(
+        np.zeros(groups * number),
+        A_ub=np.vstack([of_kinds, -of_groups]),
+        b_ub=np.concatenate([room_m2, -need_m2]),
+        bounds=[(0.0, None if is_inside else 0.0) for is_inside in kinds.ravel()],
+    )
+    return bool(result.status != INFEASIBLE)

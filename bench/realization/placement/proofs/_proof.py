@@ -14,7 +14,7 @@ infeasible:
 - *counts* inside areas that no numbers of members in the parts of the ground keep, by how many of them each
   part has room for; *extents* in which so many members find no room.
 - *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces
-  of ground in which their groups may stand; CP-SAT decides that.
+  of ground in which their groups may stand; a linear program decides that.
 
 A scene that is not refused may still be infeasible.
 """

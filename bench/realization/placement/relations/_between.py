@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from bench.arrays import Bools
-from bench.simspec import HOME, ActorGroup, Between, SimSpec
+from bench.simspec import HOME, ActorGroup, SimSpec
 
 from .._footprint import Footprints
 from .._geometry import Geometry, grown_at_least
@@ -55,8 +55,7 @@ class BetweenRelation:
             along = offset @ forward
             aside = offset[:, 0] * forward[1] - offset[:, 1] * forward[0]
             # Strictly between: beside an end is not between.
-            valid: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
-            return valid
+            return np.asarray((along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m))
 
         return Relation(
             self.path, self.text, keeps, lambda: self.ground(shapely.Point(start_m), shapely.Point(end_m))
@@ -84,19 +83,7 @@ def between_relations(simspec: SimSpec, group: ActorGroup) -> list[BetweenRelati
     if between is None:
         return []
     home = point_footprint(simspec.vehicle.home) if is_home(simspec, HOME) else None
-    return [
-        BetweenRelation(
-            field_path(group, "between"),
-            _text(between),
-            between.first,
-            between.second,
-            between.within_m,
-            home,
-        )
-    ]
-
-
-def _text(between: Between) -> str:
-    if between.first == between.second:
-        return f"stand between the first two members of {between.first!r}, within {between.within_m:g} m of the way"
-    return f"stand between {between.first!r} and {between.second!r}, within {between.within_m:g} m of the way"
+    first, second, within_m = between.first, between.second, between.within_m
+    ends = f"the first two members of {first!r}," if first == second else f"{first!r} and {second!r},"
+    text = f"stand between {ends} within {within_m:g} m of the way"
+    return [BetweenRelation(field_path(group, "between"), text, first, second, within_m, home)]

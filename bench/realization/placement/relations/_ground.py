@@ -65,8 +65,7 @@ def _outside(simspec: SimSpec, group: ActorGroup, number: int, name: str, gap_m:
 
     def keeps(candidates: Footprints) -> Bools:
         distance_m = shapely.distance(area, shapely.polygons(candidates.corners()))
-        valid: Bools = (distance_m > 0.0) & (distance_m >= gap_m)
-        return valid
+        return np.asarray((distance_m > 0.0) & (distance_m >= gap_m))
 
     def ground() -> Geometry:
         # Errs to too little covered ground, since this part is taken away.
@@ -96,8 +95,7 @@ def _heading_relation(
     def keeps(candidates: Footprints) -> Bools:
         off_deg = np.degrees(candidates.heading_rad) - course_deg(candidates.centre_m)
         turn_deg = np.abs((off_deg + period_deg / 2.0) % period_deg - period_deg / 2.0)
-        valid: Bools = turn_deg <= required.within_deg + 1e-9
-        return valid
+        return np.asarray(turn_deg <= required.within_deg + 1e-9)
 
     return Relation(required.path, required.text, keeps)
 
@@ -144,13 +142,11 @@ def _road_relation(group: ActorGroup, along: Along, road: Road) -> Relation:
     path = field_path(group, "along")
 
     def on(candidates: Footprints) -> Bools:
-        valid: Bools = shapely.covers(ground_m2, shapely.polygons(candidates.corners()))
-        return valid
+        return np.asarray(shapely.covers(ground_m2, shapely.polygons(candidates.corners())))
 
     def beside(candidates: Footprints) -> Bools:
         gap = shapely.distance(ground_m2, shapely.polygons(candidates.corners()))
-        valid: Bools = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
-        return valid
+        return np.asarray((gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m))
 
     def verge() -> Geometry:
         # Errs to too little covered ground, since this part is taken away.

@@ -42,8 +42,7 @@ def sampled_headings_deg(
         return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
     # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
     limit = 0.999 * within_deg
-    headings: Floats = np.round(aimed + rng.uniform(-limit, limit, count), 3) % 360.0
-    return headings
+    return np.asarray(np.round(aimed + rng.uniform(-limit, limit, count), 3) % 360.0)
 
 
 def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:

@@ -68,30 +68,25 @@ def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Float
 
 
 def sight_relations(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[GroupRelation]:
-    for name, quantifier in (("hidden_from", "every"), ("visible_from", "some")):
+    """Out of sight of every eye, and in sight of some."""
+    quantifiers: dict[str, Quantifier] = {"hidden_from": "every", "visible_from": "some"}
+    for name, quantifier in quantifiers.items():
         sight = group.placement.place_references.get(name)
         if isinstance(sight, Sight):
-            target = RelationTarget.referenced(simspec, sight)
-            yield _sight_relation(
-                group,
-                name,
-                sight,
-                target,
-                "every" if quantifier == "every" else "some",
-                solids.without(group.id),
-            )
+            yield _sight_relation(simspec, group, name, sight, quantifier, solids.without(group.id))
 
 
 def _sight_relation(
-    group: ActorGroup, name: str, sight: Sight, target: RelationTarget, quantifier: Quantifier, solids: Solids
+    simspec: SimSpec, group: ActorGroup, name: str, sight: Sight, quantifier: Quantifier, solids: Solids
 ) -> GroupRelation:
-    top_m = group.definition.height_m
+    target, is_hidden = RelationTarget.referenced(simspec, sight), name == "hidden_from"
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        top_m = group.definition.height_m
         hidden = solids.between(others.centre_m, sight.height_m, candidates.centre_m, top_m)
-        return hidden if name == "hidden_from" else ~hidden
+        return hidden if is_hidden else ~hidden
 
-    verb = "out of sight" if name == "hidden_from" else "in sight"
+    verb = "out of sight" if is_hidden else "in sight"
     text = f"stand {verb} of {target.described(quantifier)} at {sight.height_m:g} m"
     return GroupRelation(
         field_path(group, name), text, target.of, quantifier, pairs, unbounded, unbounded, target.points

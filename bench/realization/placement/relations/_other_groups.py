@@ -131,8 +131,7 @@ def _distance(
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
         distance = distances_m(candidates, others)
-        valid: Bools = (distance >= low_m) & (distance <= most_m)
-        return valid
+        return np.asarray((distance >= low_m) & (distance <= most_m))
 
     def room(others: Geometry) -> Geometry | None:
         return band_ground(others, low_m, high_m)
@@ -151,8 +150,7 @@ def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_d
     span = (to_deg - from_deg) % 360.0
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
-        valid: Bools = (bearings_deg(candidates, others) - from_deg) % 360.0 <= span
-        return valid
+        return np.asarray((bearings_deg(candidates, others) - from_deg) % 360.0 <= span)
 
     there, back = _Sector(from_deg, span), _Sector((from_deg + 180.0) % 360.0, span)
     return GroupRelation(path, text, target.of, "first", pairs, there, back, target.points)
@@ -187,7 +185,6 @@ def _facing(path: str, text: str, target: RelationTarget, within_deg: float) -> 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
         towards = (bearings_deg(candidates, others) + 180.0) % 360.0
         off = np.abs((np.degrees(candidates.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
-        valid: Bools = off <= within_deg + 1e-9
-        return valid
+        return np.asarray(off <= within_deg + 1e-9)
 
     return GroupRelation(path, text, target.of, "first", pairs, unbounded, unbounded, target.points)

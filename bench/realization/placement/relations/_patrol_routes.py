@@ -108,8 +108,7 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
 
 def grown_outlines(walls: Footprints, by_m: float) -> Floats:
     """(n,) polygons: footprints grown along and across."""
-    polygons: Floats = shapely.polygons(replace(walls, half_m=walls.half_m + by_m).corners())
-    return polygons
+    return np.asarray(shapely.polygons(replace(walls, half_m=walls.half_m + by_m).corners()))
 
 
 def route_clearances(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
@@ -125,8 +124,7 @@ def route_clearances(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
 
 def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
     def keeps(candidates: Footprints) -> Bools:
-        valid: Bools = ~np.any(list(blocked_routes(simspec, walker, candidates).values()), axis=0)
-        return valid
+        return np.asarray(~np.any(list(blocked_routes(simspec, walker, candidates).values()), axis=0))
 
     return Relation(_route_field(walker), f"leave the patrol route of {walker.id!r} open", keeps)
 
@@ -234,8 +232,7 @@ def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     first, second = (-half - begin) / way, (half - begin) / way
     enters = np.maximum(np.minimum(first, second).max(axis=-1), 0.0)
     leaves = np.minimum(np.maximum(first, second).min(axis=-1), 1.0)
-    touches: Bools = enters <= leaves
-    return touches
+    return np.asarray(enters <= leaves)
 
 
 def approach_legs(simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints) -> Floats:
@@ -254,10 +251,9 @@ def _clear_of_approaches(simspec: SimSpec, walker: ActorGroup, placed: Mapping[s
     shapely.prepare(ways)
 
     def keeps(candidates: Footprints) -> Bools:
-        valid: Bools = ~shapely.intersects(
-            ways, grown_outlines(candidates, half_width_m(walker) + ROUNDING_MARGIN_M)
+        return np.asarray(
+            ~shapely.intersects(ways, grown_outlines(candidates, half_width_m(walker) + ROUNDING_MARGIN_M))
         )
-        return valid
 
     return Relation(_route_field(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
 

@@ -60,8 +60,7 @@ class GroupRelation:
         """(k,) whether places keep it towards all of the others who count."""
         counted = others[np.arange(1)] if self.quantifier == "first" else others
         matrix = self.pairs(candidates, counted)
-        valid: Bools = np.any(matrix, axis=1) if self.quantifier == "some" else np.all(matrix, axis=1)
-        return valid
+        return np.asarray(np.any(matrix, axis=1) if self.quantifier == "some" else np.all(matrix, axis=1))
 
     def bound(self, others: Footprints) -> Relation:
         """The relation to members that stand."""

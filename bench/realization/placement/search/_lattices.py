@@ -75,5 +75,4 @@ class _BoundingFrame:
         ]
         ticks = [self.size_m[side] - tick if corner[side] else tick for side, tick in enumerate(ticks)]
         grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-        places: Floats = np.round(self.corner_m + grid @ self.axes, 3)
-        return places
+        return np.asarray(np.round(self.corner_m + grid @ self.axes, 3))

@@ -348,14 +348,12 @@ class Sampler:
                     clash = "; ".join(f"{text}, {int(satisfied[text].sum())} places do" for text in subset)
                     return f"{summary}; of {len(pool)} places tried none does all of this: {clash}. Loosen one of these"
         free = int(np.logical_and.reduce(list(satisfied.values())).sum())
+        extent_m = self.group.placement.extent_m
+        extent_text = f" and no more than {extent_m:g} m from one to another" if extent_m else ""
         return (
             f"{summary}; of {len(pool)} places tried {free} keep the relations ({'; '.join(satisfied)}), but they crowd each other with a "
-            f"separation of {self.group.placement.separation_m:g} m{self._extent_text()}: lower the count or the separation, or widen the region"
+            f"separation of {self.group.placement.separation_m:g} m{extent_text}: lower the count or the separation, or widen the region"
         )
-
-    def _extent_text(self) -> str:
-        extent_m = self.group.placement.extent_m
-        return f" and no more than {extent_m:g} m from one to another" if extent_m else ""
 
 
 def gathering_ground(
@@ -391,5 +389,4 @@ class _Ring:
         centre = self._centres[rng.integers(len(self._centres), size=count)]
         radius = np.sqrt(rng.uniform(self._inner**2, self._outer**2, count))
         angle = rng.uniform(0.0, 2 * pi, count)
-        places: Floats = centre + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        return places
+        return np.asarray(centre + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1))

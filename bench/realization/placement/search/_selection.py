@@ -41,27 +41,19 @@ class ChosenMembers:
         reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + candidate.radius_m[0]
         reach = reach + np.maximum(room.gap_m[: self.count], candidate.gap_m[0])
         square = offset[:, 0] ** 2 + offset[:, 1] ** 2
-        if self._spread_m and np.any(np.delete(square, [] if but is None else but) < self._spread_m**2):
-            return False
-        if self._extent_m < np.inf and np.any(
-            np.delete(square, [] if but is None else but) > self._extent_m**2
-        ):
-            return False
+        if self._spread_m or self._extent_m < np.inf:
+            others = np.delete(square, [] if but is None else but)
+            if np.any((others < self._spread_m**2) | (others > self._extent_m**2)):
+                return False
         close = np.nonzero(square < reach * reach)[0]
         if but is not None:
             close = close[close != but]
-        if self._overlaps(candidate, close, square[close]):
+        gap_m = np.maximum(room.gap_m[close], candidate.gap_m[0])
+        # Whether circles inside the footprints are too close: a cheap test that settles most.
+        inner = room.half_m[close].min(axis=1) + candidate.half_m[0].min() + gap_m
+        if np.any(square[close] < (inner - 1e-9) ** 2):
             return False
         return len(close) == 0 or not bool(too_close(candidate, room[close])[0])
-
-    def _overlaps(self, candidate: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
-        """Whether circles inside the footprints are too close: a cheap test that settles most."""
-        inner = (
-            self._room.half_m[close].min(axis=1)
-            + candidate.half_m[0].min()
-            + np.maximum(self._room.gap_m[close], candidate.gap_m[0])
-        )
-        return bool(np.any(square_m2 < (inner - 1e-9) ** 2))
 
     def put(self, index: int, members: Footprints) -> None:
         """Let members take the places from `index` on."""
@@ -116,7 +108,7 @@ class ChosenMembers:
         # Of the candidates only those that come before: everybody is too close to itself.
         before = np.arange(len(others))[None, :] < self.count + np.arange(len(candidates))[:, None]
         near = (unwanted | (square < outer * outer)) & before
-        # As `_overlaps` has it.
+        # As `fits` has it.
         hit = (unwanted | (square < (inner - 1e-9) ** 2))[:, : self.count]
         return ~np.asarray(near.any(axis=1)), np.asarray(hit.any(axis=1))
 
@@ -207,5 +199,4 @@ def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
 
 
 def _scaled_exponential(power: Floats) -> Floats:
-    weight: Floats = np.exp(power - power.max())
-    return weight
+    return np.asarray(np.exp(power - power.max()))
