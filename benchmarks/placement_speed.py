@@ -130,7 +130,8 @@ def main(count: int) -> None:
     print(f"{'import of the solver, once':58} {1e3 * (time.process_time() - began):9.1f} ms")
     paper = load_campaign(PAPER)
     print(f"{'scene':58} {'mean':>12}  {'worst':>12}")
-    base = paper.situation
+    base = paper.base
+    assert base is not None
     outcome(base)
     seeds = [
         base.model_copy(update={"seeds": base.seeds.model_copy(update={"root": seed})}) for seed in range(30)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.contracts import Observation
+from bench.scoring import Difficulty
 from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
 Layer = Mapping[str, Sequence[str]] | Sequence[dict[str, Any]]
@@ -80,3 +81,10 @@ def worked_decomposition(
 def observed(xs: Mapping[str, float | None]) -> tuple[Observation, ...]:
     """What was measured of each observable; None where a run did not consider it."""
     return tuple(Observation(observable=name, considered=x is not None, x=x) for name, x in xs.items())
+
+
+def rated(difficulty: Difficulty, node: str) -> float:
+    """The difficulty of a node that has one."""
+    value = difficulty.of(node)
+    assert value is not None
+    return value

@@ -63,10 +63,6 @@ class Stopping(Document):
         float,
         Field(ge=0.5, lt=1.0, description="Probability that the decision about a design point is right."),
     ] = 0.95
-    look: Annotated[
-        Literal["design_point"],
-        Field(description="What is decided about: the replicates of one design point."),
-    ] = "design_point"
 
 
 def _floor_agents() -> tuple[AgentSpec, ...]:
@@ -333,18 +329,13 @@ class Campaign(Document):
         return self.floor.oracle.label if self.floor and self.floor.oracle else None
 
     @property
-    def situation(self) -> SimSpec:
-        """The base SimSpec with the campaign's budgets and pace. Only for a loaded campaign with one base."""
-        return self._adjusted(self.base)
-
-    @property
     def bases(self) -> Bases:
         """The base SimSpec, or those of all situations by name, with the campaign's budgets and pace.
 
         Only for a campaign from `load_campaign`.
         """
         if not self.situations:
-            return self.situation
+            return self._adjusted(self.base)
         return {situation.name: self._adjusted(situation.base) for situation in self.situations}
 
     def _adjusted(self, base: SimSpec | None) -> SimSpec:

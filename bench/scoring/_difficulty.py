@@ -154,13 +154,6 @@ class Difficulty:
         """Difficulty of a node, None where it has none. Raises KeyError for an unknown id."""
         return self.nodes[node].difficulty
 
-    def rated(self, node: str) -> float:
-        """Difficulty of a node that has one. Raises KeyError for an unknown id, ValueError where it has none."""
-        difficulty = self.of(node)
-        if difficulty is None:
-            raise ValueError(f"{node} has no difficulty: the situation exercises no observable under it")
-        return difficulty
-
     def as_json(self) -> dict[str, Any]:
         """Every node and observable as JSON values, with the rating of every factor."""
         return {

@@ -16,7 +16,7 @@ from decompositions import Decomposition, Level, Observable
 
 from ._difficulty import Difficulty, ObservableDifficulty, Standing, absence_of
 from ._report import NodeReport
-from ._scores import NodeScore, RunScores, score_run
+from ._scores import NodeScore, score_run
 from ._table import ScoredRun
 
 State = Literal["failed", "near miss", "achieved", "not considered", "not exercisable"]
@@ -278,7 +278,7 @@ class _Explainer:
             observables_left_out=len(leaves) - len(shown),
         )
 
-    def _ruling_path(self, scores: RunScores, difficulty: Difficulty) -> tuple[str, ...]:
+    def _ruling_path(self, scores: Mapping[str, NodeScore], difficulty: Difficulty) -> tuple[str, ...]:
         """Ids from the node down to the first observable that gives the minimum; empty where no child rules."""
         node = self.node
         # A mean has no ruling child: every child moves it.

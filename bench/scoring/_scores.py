@@ -37,16 +37,6 @@ class NodeScore:
 
 
 @dataclass(frozen=True, slots=True)
-class RunScores:
-    """Every node in one run, in the order of the decomposition."""
-
-    nodes: Mapping[str, NodeScore]
-
-    def __getitem__(self, node: str) -> NodeScore:
-        return self.nodes[node]
-
-
-@dataclass(frozen=True, slots=True)
 class MeasuredRuns:
     """Runs as arrays (leaves, runs): difficulty (infinite where there is none, so that it is never the
     minimum), measured x (0 where not considered), whether the measure considered the leaf, whether the
@@ -91,8 +81,8 @@ def score_run(
     decomposition: Decomposition,
     difficulties: Difficulty | Mapping[str, float],
     observations: Iterable[Observation],
-) -> RunScores:
-    """Score one run.
+) -> dict[str, NodeScore]:
+    """Score one run: every node, in the order of the decomposition.
 
     `difficulties` are those of the observables; as a plain mapping, all of them count. An observable without
     an observation is not considered. Raises ValueError for an observation of an unknown observable, a second one of the same, or a considered
@@ -105,7 +95,7 @@ def score_run(
         difficulty[:, None], x[:, None], measured[:, None], exercisable[:, None], counted[:, None]
     )
     scores = score_runs(arrays, run)
-    return RunScores({node: _node_score(node, index, scores) for index, node in enumerate(arrays.nodes)})
+    return {node: _node_score(node, index, scores) for index, node in enumerate(arrays.nodes)}
 
 
 def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:

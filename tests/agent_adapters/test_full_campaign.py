@@ -17,7 +17,7 @@ CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "full.yaml"
 def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() -> None:
     """Each kind of order, outage, fault and rule about the operator's link is in two scenes at least."""
     campaign = load_campaign(CAMPAIGN)
-    plans = realize(campaign.situation, campaign.design, campaign.agents)
+    plans = realize(campaign.bases, campaign.design, campaign.agents)
     assert len({plan.agent for plan in plans}) == 2
     scenes = [plan.simspec for plan in plans if plan.agent == "reference-naive"]
     assert len(scenes) == len(plans) / 2 == 24
@@ -45,7 +45,7 @@ def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() ->
 def test_its_scenes_have_a_place_for_everybody() -> None:
     """Placed as they would be flown, nobody overlaps and every relation holds."""
     campaign = load_campaign(CAMPAIGN)
-    plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
+    plans = realize(campaign.bases, campaign.design, campaign.agents[:1])
     for plan in plans[::6]:
         assert check_placement(place(plan.simspec)) == []
 
@@ -62,7 +62,7 @@ def test_every_observable_is_exercised_and_every_key_attribute_takes_three_diffi
     """
     campaign = load_campaign(CAMPAIGN)
     decomposition = load_decomposition(campaign.decomposition)
-    plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
+    plans = realize(campaign.bases, campaign.design, campaign.agents[:1])
     difficulties = [difficulty_of(decomposition, plan.simspec) for plan in plans]
     exercised = {
         observable: sum(difficulty.of(observable) is not None for difficulty in difficulties)

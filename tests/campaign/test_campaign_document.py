@@ -33,7 +33,7 @@ def test_demo_is_twelve_scenes_for_two_agents() -> None:
     """The demo flies at least twelve different scenes, each by both reference agents."""
     campaign = load_campaign(CAMPAIGNS / "demo.yaml")
 
-    plans = realize(campaign.situation, campaign.design, campaign.agents)
+    plans = realize(campaign.bases, campaign.design, campaign.agents)
 
     assert len(plans) == 24
     assert len({(plan.design_point, plan.replicate) for plan in plans}) == 12
@@ -46,7 +46,7 @@ def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
     time limit.
     """
     campaign = load_campaign(CAMPAIGNS / f"{name}.yaml")
-    plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
+    plans = realize(campaign.bases, campaign.design, campaign.agents[:1])
 
     for plan in plans[:: max(len(plans) // 12, 1)]:
         placed = place(plan.simspec)
@@ -173,7 +173,7 @@ def test_two_levels_that_are_one_number(tmp_path: Path) -> None:
 @pytest.mark.parametrize("levels", [[True, 5], [False]])
 def test_truth_values_are_no_levels_of_numbers(levels: list[object]) -> None:
     """The factor and its level are named; a field of truth values takes them."""
-    base = small_campaign().situation
+    base = small_campaign().bases
     factor = {"name": "a", "levels": levels, "sets": ["environment.fog_level"]}
     with pytest.raises(
         SetupError, match=rf"factor 'a': level {levels[0]} for environment.fog_level: .*truth value"

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 from competence_trials import competence_of
-from made_decompositions import observed
+from made_decompositions import observed, rated
 
 from bench.contracts import Outcome
 from bench.scoring import Difficulty, ScoredRun, difficulty_of_values, score_table, summary_frame
@@ -57,7 +57,7 @@ def test_the_summary_has_it_for_all_runs_together(
     lost = replace(runs[0], realization="lost", outcome=Outcome.BENCH_ERROR, observations=())
     frame = summary_frame(score_table(decomposition, [*runs, lost]), decomposition)
     rows = {(row["configuration"], row["node"]): row for row in frame.iter_rows(named=True)}
-    best = max(name.rated("KA-05") for name in situations)
+    best = max(rated(name, "KA-05") for name in situations)
     top = rows["all", "KA-05"]
     assert (top["competence_50"], top["competence_50_low"], top["competence_50_at_least"]) == (
         best,
@@ -65,7 +65,7 @@ def test_the_summary_has_it_for_all_runs_together(
         True,
     )
     assert top["competence_90_low"] == min(
-        name.rated("KA-05") for name in situations
+        rated(name, "KA-05") for name in situations
     )  # 36 straight at the easiest and up
     assert rows["all", "KA-18"]["competence_50"] is None
     assert rows["all", "KA-18"]["competence_90_at_least"] is None
@@ -130,6 +130,6 @@ def test_a_design_point_may_have_several_difficulties(
     ]
     row = whole(decomposition, runs).row(by_predicate=pl.col("node") == "KA-05", named=True)
     for name, share in (("competence_50", HALF), ("competence_90", NINE_TENTHS)):
-        alone = competence_of([difficulty.rated("KA-05") for difficulty in hard], ok, points, share)
+        alone = competence_of([rated(difficulty, "KA-05") for difficulty in hard], ok, points, share)
         assert (row[name], row[f"{name}_low"], row[f"{name}_at_least"]) == alone
     assert row["competence_50_low"] > 0

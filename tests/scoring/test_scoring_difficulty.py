@@ -10,7 +10,7 @@ from typing import Any, Literal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_decompositions import factor_row, leaf, made_decomposition
+from made_decompositions import factor_row, leaf, made_decomposition, rated
 
 from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
@@ -183,14 +183,14 @@ def test_without_bystanders_nothing_about_them_is_exercisable(decomposition: Dec
     }
     difficulties = difficulty_of_values(decomposition, values)
     assert (difficulties.of("KA-03"), difficulties.of("KA-18")) == (None, None)
-    assert (difficulties.rated("KA-05"), difficulties.rated("KA-20")) == (55.0, 50.0)
+    assert (rated(difficulties, "KA-05"), rated(difficulties, "KA-20")) == (55.0, 50.0)
 
 
 def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
     """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
-        lowest = min(difficulties.rated(observable) for observable in decomposition.observables_under(node))
+        lowest = min(rated(difficulties, observable) for observable in decomposition.observables_under(node))
         assert difficulties.of(node) == lowest
         assert all(difficulties.of(observable) == lowest for observable in difficulties.nodes[node].ruled_by)
     assert {row["node"] for row in difficulties.as_json()["nodes"]} == set(decomposition.nodes)
@@ -251,7 +251,7 @@ def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decompos
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
-    values = [difficulties.rated(node) for difficulties in configurations for node in decomposition.study]
+    values = [rated(difficulties, node) for difficulties in configurations for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
     tensions = {configuration_tension(decomposition, difficulties) for difficulties in configurations}
