@@ -7,7 +7,6 @@ from collections.abc import Collection
 
 from bench.contracts import (
     ConsentRequest,
-    Detector,
     IntelligenceDocument,
     MissionOrder,
     NoFlyDocument,
@@ -43,7 +42,7 @@ from bench.streams import (
 from ._air_network import AirNetwork
 from ._camera_messages import CameraMessages
 from ._consents import OperatorConsents
-from ._detection_messages import DetectionMessages, in_outage
+from ._detection_messages import in_outage
 from ._frames import base_frame, body_in_map, level_frame
 
 # Fields of the mission order that the SimSpec has under the same names.
@@ -57,14 +56,13 @@ _AS_IN_THE_RULES = (
 
 class MissionInformation:
     """Publishes on the air network what is due: `/clock`, the mission, `/tf`, the operator's link,
-    intelligence, orders, answers to requests for consent, camera info and detections, in that order.
+    intelligence, orders, answers to requests for consent, in that order.
     """
 
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
         self._base, self._level = base_frame(simspec), level_frame(simspec)
         cameras = [CameraMessages.of(simspec, camera) for camera in simspec.vehicle.cameras]
-        self._main = cameras[0]
         self._fixed = [messages for messages in cameras if not messages.camera.gimbal]
         self._turning = [messages for messages in cameras if messages.camera.gimbal]
         self._any_level = any(messages.camera.stabilized for messages in cameras)
@@ -73,9 +71,7 @@ class MissionInformation:
         self._orders = deque(orders(simspec))
         self._consents = OperatorConsents(simspec)
         self._outages = simspec.outages
-        self._detections = DetectionMessages(simspec, simspec.vehicle.camera, air.detections)
         self._link_up: bool | None = None
-        self._exposures: deque[SimTime] = deque()
         self._mission_published = False
         self._deactivated = False
         self._delivered: list[OrderDocument] = []
@@ -90,16 +86,12 @@ class MissionInformation:
         delivered, self._delivered = self._delivered, []
         return delivered
 
-    def record_exposure(self, time: SimTime) -> None:
-        """Note an exposure; its camera info is published with the next tick."""
-        self._exposures.append(time)
-
     def hear(self, now: SimTime, request: ConsentRequest) -> None:
         """Bring a request for consent to the operator, who hears it only while the link is up."""
         if not in_outage(self._outages, "operator_link", now):
             self._consents.hear(now.s, request)
 
-    def publish(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
+    def publish(self, now: SimTime, vehicle: Vehicle) -> None:
         """Publish everything that the agent may know at `now` and that was not published before."""
         air = self._air
         air.clock.publish(now, Clock(clock=Time.of(now.ns)))
@@ -112,9 +104,6 @@ class MissionInformation:
             air.mission.publish_document(now, self._order)
         air.tf.publish(now, self._pose(now, vehicle.estimate()))
         self._publish_operator_messages(now)
-        while self._exposures:
-            air.cameras[0].info.publish(now, self._main.camera_info(self._exposures.popleft()))
-        self._detections.publish(now, detector)
 
     def _publish_operator_messages(self, now: SimTime) -> None:
         """Publish what the operator has sent while the link is up, reports before orders about them."""

@@ -37,12 +37,12 @@ from bench.perception import PictureDetector, open_detectors
 from bench.simspec import SimSpec
 
 from ._air_network import AirNetwork, open_air_network
-from ._further_cameras import scene_faults
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_resources import count_memory_kills
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
+from ._session_cameras import scene_faults
 from ._session_faults import firmware_faults, tick_faults
 from ._truth import TruthRecorder
 

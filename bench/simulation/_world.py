@@ -5,7 +5,6 @@ from __future__ import annotations
 from bench.contracts import (
     DETECTOR_OPENED,
     FIRMWARE_BOOTED,
-    CarriesCamera,
     FirmwareBuild,
     Outcome,
     PixelDetectorBuild,
@@ -13,9 +12,8 @@ from bench.contracts import (
     fact_of,
 )
 
-from ._further_cameras import FurtherCameras
 from ._mission_information import MissionInformation
-from ._pictures import camera_pictures
+from ._session_cameras import SessionCameras
 from ._session_parts import SessionParts
 from ._stop_session import StopSession
 
@@ -27,16 +25,9 @@ class World:
         spec = parts.plan.simspec
         self._parts, self._progress, self._truth = parts, parts.progress, parts.truth
         self.information = MissionInformation(spec, parts.air, parts.scene)
-        self._detector, *detectors = parts.detectors
-        self._pictures, *pictures = camera_pictures(spec, parts.air, parts.truth, parts.plan.open_renderer)
-        names = [camera.name for camera in spec.perceiving_cameras[1:]]
-        self._further_cameras = FurtherCameras(
-            spec, parts.air, tuple(pictures), dict(zip(names, detectors, strict=True)), parts.truth
+        self._cameras = SessionCameras(
+            spec, parts.air, parts.detectors, parts.truth, parts.plan.open_renderer
         )
-        self._carries_camera = parts.vehicle if isinstance(parts.vehicle, CarriesCamera) else None
-        self._frame = 0
-        self._frame_period_ns = round(1e9 / spec.vehicle.camera.rate_hz)
-        self._next_frame_ns = 0
 
     def begin(self) -> None:
         """Write what stands at the head of the recording."""
@@ -58,9 +49,8 @@ class World:
 
     def publish(self, now: SimTime) -> None:
         """Publish what the agent may know, and let the operator do what is due while the vehicle is handed over."""
-        self.information.publish(now, self._parts.vehicle, self._detector)
-        self._pictures.publish(now)
-        self._further_cameras.publish(now)
+        self.information.publish(now, self._parts.vehicle)
+        self._cameras.publish(now)
         operator = self._parts.operator
         if operator is None:
             return
@@ -83,28 +73,8 @@ class World:
                     Outcome.AGENT_FLOODED,
                     f"the agent floods link {link!r}: more than is recorded of a link (docs/streams.md)",
                 )
-            if now.ns >= self._next_frame_ns:
-                self._capture_frame(now)
-            if self._further_cameras.due(now):
-                scene.advance(now)
-                self._further_cameras.capture(vehicle, scene, now)
+            self._cameras.capture(vehicle, scene, now)
             self._write_due(now)
 
     def _write_due(self, now: SimTime) -> None:
         self._truth.write_due(now, self._parts.vehicle, self._parts.scene)
-
-    def _capture_frame(self, now: SimTime) -> None:
-        # One frame a step at most: a camera that is faster than the controller has the controller's rate.
-        vehicle, scene = self._parts.vehicle, self._parts.scene
-        self._next_frame_ns += self._frame_period_ns
-        scene.advance(now)
-        frame = scene.observe(vehicle.truth(), self._frame)
-        self._frame += 1
-        self._truth.write_frame(frame)
-        picture = None
-        if self._pictures.wanted:
-            picture = self._pictures.capture_with_pose(vehicle, scene, frame.number, now)
-        if self._carries_camera is not None:
-            self._carries_camera.record_exposure(frame.number, now)
-        self.information.record_exposure(now)
-        self._detector.process(frame, picture)

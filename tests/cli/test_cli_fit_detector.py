@@ -17,6 +17,7 @@ from bench.recording import open_recording
 from bench.simspec import Perception, SimSpec
 from bench.simulation import HostClock, open_plain_scene
 from bench.simulation._air_network import open_air_network
+from bench.simulation._detection_messages import DetectionMessages
 from bench.simulation._mission_information import MissionInformation
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle
@@ -41,12 +42,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         air.open_for_all()
         truth, information = TruthRecorder(spec.vehicle.name, recorder), MissionInformation(spec, air, scene)
+        detections = DetectionMessages(spec, spec.vehicle.camera, air.detections)
         truth.write_cast(SimTime(0), scene)
         for frame in breathing_frames(FRAMES, len(ASSETS)):
             truth.write_frame(frame)
             detector.process(frame)
             for tick_ns in (0, 100_000_000):
-                information.publish(SimTime(frame.exposed.ns + tick_ns), vehicle, detector)
+                now = SimTime(frame.exposed.ns + tick_ns)
+                information.publish(now, vehicle)
+                detections.publish(now, detector)
     return path
 
 

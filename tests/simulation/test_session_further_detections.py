@@ -30,8 +30,8 @@ from bench.recording import TapeBuilder, open_recording
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
 from bench.simulation import SessionPlan, open_plain_scene, run_session
-from bench.simulation._further_cameras import scene_faults
 from bench.simulation._scene import PlainScene
+from bench.simulation._session_cameras import scene_faults
 from bench.streams import Detection2DArray, decode
 from bench.testing import agent_manifest
 from test_ports.perception.answers import Answers

@@ -17,18 +17,16 @@ from bench.contracts import (
     Detector,
     Record,
     SimTime,
-    VehiclePlan,
     VehicleTopics,
     cast_of,
 )
 from bench.documents import read_document
 from bench.perception import open_detector
 from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec, SizePoint
-from bench.simulation import HostClock, open_plain_scene
+from bench.simulation import HostClock
 from bench.simulation._air_network import open_air_network
-from bench.simulation._mission_information import MissionInformation
+from bench.simulation._detection_messages import DetectionMessages
 from bench.streams import Detection2DArray, decode
-from bench.testing import StillVehicle
 
 ACTORS = 30
 TICKS = 41
@@ -61,14 +59,13 @@ def spec_of(source: PerceptionSource, model: DetectionModel = PROMPT) -> SimSpec
 def published(spec: SimSpec, detector: Detector) -> list[Record]:
     """What the agent gets on the topic of detections: one frame every other tick of 0.1 s."""
     records: list[Record] = []
-    vehicle = StillVehicle(VehiclePlan(spec, ()))
     with open_air_network(spec, records.append, zenoh=False, clock=HostClock()) as air:
         air.open_for_all()
-        information = MissionInformation(spec, air, open_plain_scene(spec))
+        detections = DetectionMessages(spec, spec.vehicle.camera, air.detections)
         for tick in range(TICKS):
             if tick % 2 == 0:
                 detector.process(camera_frame(tick // 2, ACTORS, height_px=40.0))
-            information.publish(SimTime(tick * 100_000_000), vehicle, detector)
+            detections.publish(SimTime(tick * 100_000_000), detector)
     topic = VehicleTopics(spec.vehicle.name).detections
     return [record for record in records if record.topic == topic]
 
