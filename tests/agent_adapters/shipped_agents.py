@@ -320,8 +320,8 @@ def steps_table(numbers: Numbers) -> str:
             step = numbers.situations[row["design_point"], row["replicate"]][1]
             outcomes[row["agent"], step].append(row["confidence"] < 1.0)
     cells = [
-        [f"`{agent}`", *(percent(fmean(outcomes[agent, step])) if (agent, step) in outcomes else "–" for step in "12345")]
-        for agent in numbers.agents
+        [f"`{agent.label}`", *(percent(fmean(outcomes[agent.label, step])) for step in "12345")]
+        for agent in numbers.campaign.agents
     ]
     return table(["agent", *(f"step {step}" for step in "12345")], cells)
 
