@@ -2,7 +2,7 @@
 
     .venv/bin/python tests/agent_adapters/shipped_agents.py [FOLDER]
 
-flies the campaigns `standard` and `full`, with null agents and the oracle, and `demo` into FOLDER (out/shipped; what is there
+flies the campaigns `standard`, `standard_2` and `full`, with null agents and the oracle, and `demo` into FOLDER (out/shipped; what is there
 is not flown again), keeps what each run measured in shipped_agents/, writes the marked parts of the pages from that, and the
 numbers of docs/tutorial.md from its commands. `--pages` flies nothing and writes the marked parts alone.
 `test_shipped_agents.py` compares the pages with what is kept, and a sample of it with new flights.
@@ -42,7 +42,7 @@ from decompositions import Decomposition, Level
 ROOT = Path(__file__).parents[2]
 KEPT = Path(__file__).with_name("shipped_agents")
 BLOCK = re.compile(r"<!-- shipped agents: (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
-WITH_FLOOR = {"standard": True, "full": True, "demo": False}
+WITH_FLOOR = {"standard": True, "standard_2": True, "full": True, "demo": False}
 OUTCOME = "outcome"
 ESCORT = "OBS-205"  # staying with the convoy
 
@@ -311,6 +311,21 @@ def escort_text(numbers: Numbers) -> str:
     )
 
 
+def steps_table(numbers: Numbers) -> str:
+    """Of the key attributes under study, the share that fails at each step of measured difficulty, by agent."""
+    outcomes: dict[tuple[str, str], list[bool]] = defaultdict(list)
+    for row in numbers.scores.iter_rows(named=True):
+        if row["node"] in numbers.campaign.study and row["confidence"] is not None:
+            # s1a to s5d: the step and a letter.
+            step = numbers.situations[row["design_point"], row["replicate"]][1]
+            outcomes[row["agent"], step].append(row["confidence"] < 1.0)
+    cells = [
+        [f"`{agent.label}`", *(percent(fmean(outcomes[agent.label, step])) for step in "12345")]
+        for agent in numbers.campaign.agents
+    ]
+    return table(["agent", *(f"step {step}" for step in "12345")], cells)
+
+
 def bad_agents_table(numbers: Numbers) -> str:
     """Mean confidences on the scenes of the floor; agents with equal numbers share a row."""
     principles, runs = numbers.decomposition.at_level(Level.PRINCIPLE), numbers.on_floor_scenes()
@@ -388,6 +403,9 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Numbers], str]]] = {
     "standard": ("standard", agents_table),
     "standard_floor": ("standard", discrimination_text),
     "competences": ("standard", limits_table),
+    "steps": ("standard_2", steps_table),
+    "standard_2": ("standard_2", agents_table),
+    "standard_2_floor": ("standard_2", discrimination_text),
     "full": ("full", bad_agents_table),
     "full_floor": ("full", discrimination_text),
     "reckless": ("full", reckless_text),
@@ -396,7 +414,8 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Numbers], str]]] = {
 }
 """The marked parts of the pages, each with the campaign behind it."""
 PAGES = {
-    ROOT / "docs" / "standard.md": ("limits", "escort", "standard", "standard_floor", "competences"),
+    ROOT / "docs" / "standard.md": ("steps", "standard_2", "standard_2_floor"),
+    ROOT / "docs" / "standard-1.md": ("limits", "escort", "standard", "standard_floor", "competences"),
     ROOT / "docs" / "measures.md": ("full", "full_floor", "reckless", "flying"),
     ROOT / "README.md": ("demo",),
 }

@@ -1,4 +1,4 @@
-"""The standard benchmark: what docs/standard.md promises, read from the SimSpecs alone."""
+"""The standard benchmark, version 1: what docs/standard-1.md promises, read from the SimSpecs alone."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ APPLICATIONS = ("search", "missing", "escort")
 FROZEN_QUESTION = "777eefb7ad947fa554b60e0ba7e350d11c675651171d7398d5292f56df3b4eaf"
 FROZEN_DECOMPOSITION = "84ee1a9b972bcd7357b57202aae10a5ca4f7b67099a5358f652453cd1aeb3f46"
 NEW_VERSION = (
-    "rebar-standard-1 is frozen, and results on it are compared between laboratories. Keep its files as they are: put "
-    "the change into a new version (rebar-standard-2, with its own campaign file, page and digests)"
+    "rebar-standard-1 is frozen, and results on it are compared between laboratories. Keep its files as they are: "
+    "rebar-standard-2 follows it"
 )
 
 
@@ -67,7 +67,7 @@ def test_it_has_twenty_situations_over_three_applications() -> None:
 
 def test_it_is_frozen() -> None:
     """What is asked of an agent has the published digest, whoever flies; so has the decomposition."""
-    page = (ROOT / "docs" / "standard.md").read_text()
+    page = (ROOT / "docs" / "standard-1.md").read_text()
     assert question_sha256(CAMPAIGN) == FROZEN_QUESTION, NEW_VERSION
     assert decomposition().digest == FROZEN_DECOMPOSITION, NEW_VERSION
     assert FROZEN_QUESTION in page
@@ -120,7 +120,7 @@ def test_key_attributes_take_several_difficulties_and_none_is_free() -> None:
 
 
 def test_the_page_states_the_computed_difficulties() -> None:
-    page = (ROOT / "docs" / "standard.md").read_text()
+    page = (ROOT / "docs" / "standard-1.md").read_text()
     words = " ".join(page.split())
     for node in decomposition().key_attributes:
         values = values_of(node)

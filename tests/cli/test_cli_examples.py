@@ -36,7 +36,7 @@ def test_every_file_is_listed_and_copied(tmp_path: Path, capsys: pytest.CaptureF
     mine = tmp_path / "mine"
     assert run(["examples", "--copy", str(mine)]) == 0
     assert all((mine / name).is_file() for name in wanted)
-    for campaign in ("demo", "full", "paper", "rescue", "standard"):
+    for campaign in ("demo", "full", "paper", "rescue", "standard", "standard_2"):
         load_campaign(mine / "campaigns" / f"{campaign}.yaml")
     for simspec in ("search", "rescue", "governed", "patrol"):
         load_simspec(mine / "examples" / f"{simspec}.yaml")
