@@ -8,11 +8,10 @@ many at once; only those are routed, one by one, by the agent's own airspace.
 from __future__ import annotations
 
 import math
-from functools import cache, cached_property
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse.csgraph import floyd_warshall
 
 from bench.arrays import Bools, Floats
 from bench.polygons import are_inside
@@ -32,18 +31,10 @@ class SurrogateAirspace:
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
         length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        rows = np.flatnonzero(self._needs_route(begin_m, end_m))
-        if not len(rows):
-            return length_m
-        begin, end = self._nearest_allowed(begin_m[rows]), self._nearest_allowed(end_m[rows])
-        extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
-        direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
-        round_m = np.full(len(rows), np.inf)
-        if self.airspace.nodes:
-            to_node_m = (self._straight_m(begin)[:, :, None] + self._route_lengths_m[None]).min(axis=1)
-            round_m = (to_node_m + self._straight_m(end)).min(axis=1)
-        route_m = extra_m + np.minimum(direct_m, round_m)
-        length_m[rows] = np.where(np.isfinite(route_m), route_m, length_m[rows])
+        # Those that lead through a block, or end in one or outside the fence.
+        routed = self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
+        for row in np.flatnonzero(routed):
+            length_m[row] = self.airspace.length_m(_place(begin_m[row]), _place(end_m[row]))
         return length_m
 
     def paths(self, corners_m: Floats) -> Floats:
@@ -77,10 +68,6 @@ class SurrogateAirspace:
                 path.append(b)
         return path
 
-    def _needs_route(self, begin_m: Floats, end_m: Floats) -> Bools:
-        """(r,) ways that lead through a block, or end in one or outside the fence."""
-        return self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
-
     def _allowed(self, places_m: Floats) -> Bools:
         allowed: Bools = (
             np.ones(len(places_m), dtype=np.bool_)
@@ -103,25 +90,12 @@ class SurrogateAirspace:
             cut |= ~beside & (leave - enter > 1e-9)
         return cut
 
-    @cached_property
-    def _route_lengths_m(self) -> Floats:
-        """Lengths of the shortest ways between nodes."""
-        # All pairs once: the same rules serve every mission of a batch.
-        return np.asarray(floyd_warshall(self._straight_m(np.array(self.airspace.nodes))))
-
     def _nearest_allowed(self, places_m: Floats) -> Floats:
         """The nearest allowed places."""
         moved = places_m.copy()
         for row in np.flatnonzero(~self._allowed(places_m)):
             moved[row] = self.airspace.nearest(_place(places_m[row]))
         return moved
-
-    def _straight_m(self, places_m: Floats) -> Floats:
-        """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
-        nodes = np.array(self.airspace.nodes)
-        begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
-        length_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
-        return length_m.reshape(len(places_m), len(nodes))
 
 
 @cache
