@@ -7,9 +7,7 @@ many at once; only those are routed, one by one, by the agent's own airspace.
 
 from __future__ import annotations
 
-import math
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -31,9 +29,7 @@ class SurrogateAirspace:
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
         length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        # Those that lead through a block, or end in one or outside the fence.
-        routed = self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
-        for row in np.flatnonzero(routed):
+        for row in np.flatnonzero(self._needs_route(begin_m, end_m)):
             length_m[row] = self.airspace.length_m(_place(begin_m[row]), _place(end_m[row]))
         return length_m
 
@@ -44,29 +40,21 @@ class SurrogateAirspace:
         The first corner is where the vehicle is, and stays.
         """
         rows, count, _ = corners_m.shape
-        moved = corners_m.copy()
-        moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
-        cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
-        cut[:, 0] |= ~self._allowed(moved[:, 0])
+        ends = corners_m[:, :-1].reshape(-1, 2), corners_m[:, 1:].reshape(-1, 2)
+        bent = self._needs_route(*ends).reshape(rows, count - 1).any(axis=1)
         routed = {
-            int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
+            int(row): np.array([self.airspace.path([_place(corner) for corner in corners_m[row]])])
+            for row in np.flatnonzero(bent)
         }
-        longest = max([count, *(len(path) for path in routed.values())])
-        lengthened = padded(moved, longest)
+        longest = max([count, *(path.shape[1] for path in routed.values())])
+        lengthened = padded(corners_m, longest)
         for row, path in routed.items():
-            lengthened[row] = padded(np.array([path]), longest)[0]
+            lengthened[row] = padded(path, longest)[0]
         return lengthened
 
-    def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
-        """One path with those of its ways routed that are cut."""
-        corners = [_place(corner) for corner in corners_m]
-        path = [corners[0]]
-        for (a, b), around in zip(pairwise(corners), cut, strict=True):
-            if around and math.dist(a, b) > TOUCH_M:
-                path += self.airspace.route(a, b)[1:]
-            else:
-                path.append(b)
-        return path
+    def _needs_route(self, begin_m: Floats, end_m: Floats) -> Bools:
+        """(r,) ways that lead through a block, or end in one or outside the fence."""
+        return self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
 
     def _allowed(self, places_m: Floats) -> Bools:
         allowed: Bools = (
@@ -89,13 +77,6 @@ class SurrogateAirspace:
             beside = ((at_begin <= 0.0) & (at_end <= 0.0)).any(axis=1)
             cut |= ~beside & (leave - enter > 1e-9)
         return cut
-
-    def _nearest_allowed(self, places_m: Floats) -> Floats:
-        """The nearest allowed places."""
-        moved = places_m.copy()
-        for row in np.flatnonzero(~self._allowed(places_m)):
-            moved[row] = self.airspace.nearest(_place(places_m[row]))
-        return moved
 
 
 @cache
