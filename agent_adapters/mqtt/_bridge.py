@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import time
+from bisect import insort
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping
 
@@ -16,7 +17,6 @@ from bench.errors import LinkLost
 from bench.streams import Sample, String, json_value
 
 from ._connection import Arrival, BrokerConnection
-from ._latency import Latencies
 from ._mavlink import MavlinkTranslator
 from ._topics import ACK, END, READY, TICK, mavlink_from_agent, mavlink_to_agent
 
@@ -29,6 +29,24 @@ _TICK_S = 0.1
 # The router drops a larger sample without a word; a String adds 9 bytes to its text, and the token its padding.
 MAX_PAYLOAD_BYTES = 256 * 1024 - 16
 _REFUSALS_SHOWN = 5
+
+
+class Latencies:
+    """Spans of host time, and their median and 99th percentile in milliseconds."""
+
+    def __init__(self) -> None:
+        self._sorted_s: list[float] = []
+
+    def add(self, span_s: float) -> None:
+        insort(self._sorted_s, span_s)
+
+    def summary(self) -> dict[str, float]:
+        """Empty without a span."""
+        if not self._sorted_s:
+            return {}
+        last = len(self._sorted_s) - 1
+        ranks = {"median_ms": 0.5, "p99_ms": 0.99, "max_ms": 1.0}
+        return {name: round(1000.0 * self._sorted_s[round(rank * last)], 3) for name, rank in ranks.items()}
 
 
 class AgentEnded(Exception):

@@ -44,7 +44,12 @@ def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detecti
     """Fly one session; returns why it ended. Raises SetupError and LinkLost."""
     settings = Settings.of(environment.options, policy)
     name = f"reference-{'pictures' if eyes == 'pictures' else policy.replace('_', '-')}"
-    detector = _open_shipped_detector() if eyes == "pictures" else None
+    detector: PixelDetector | None = None
+    if eyes == "pictures":
+        # Imported only by an agent that sees for itself: OpenCV, scipy and the network cost the others a second at the start.
+        from .perception._pictures import open_shipped_detector
+
+        detector = open_shipped_detector()
     if policy == "bystander_aware":
         # It asks for many places in many views: NumPy is imported before the flight, not in the middle of it.
         import_module("numpy")
@@ -79,21 +84,6 @@ def wanted(environment: AgentEnvironment, camera: str, eyes: Eyes = "detections"
     return listened if environment.tick is not None else [*listened, Wanted(CLOCK, Clock)]
 
 
-# Imported only by an agent that sees for itself: OpenCV, scipy and the network cost the others a second at the start.
-
-
-def _open_shipped_detector() -> PixelDetector:
-    from .perception._pictures import open_shipped_detector
-
-    return open_shipped_detector()
-
-
-def _open_pictures(detector: PixelDetector, poses: PoseHistory, eyes: ObjectPerception) -> PictureDetections:
-    from .perception._pictures import PictureDetections
-
-    return PictureDetections(detector, poses, lambda: eyes.camera)
-
-
 @value_class(frozen=True, slots=True)
 class AgentParts:
     """What an agent is made of; parts share the vehicle, the perception and the log."""
@@ -120,7 +110,11 @@ class AgentParts:
         poses = PoseHistory()
         vehicle = PilotedVehicle(link, poses)
         eyes = ObjectPerception(poses, settings.mount, own_identities=detector is not None)
-        pictures = _open_pictures(detector, poses, eyes) if detector is not None else None
+        pictures: PictureDetections | None = None
+        if detector is not None:
+            from .perception._pictures import PictureDetections  # see `run`
+
+            pictures = PictureDetections(detector, poses, lambda: eyes.camera)
         log = Log(publish, name)
         watch = Watch(vehicle, eyes, log)
         mission = SearchMission(vehicle, eyes, log, watch, policy, settings)

@@ -140,11 +140,6 @@ class Control:
         self._log.decide("go_on", cause, "the autopilot's failsafe is over")
         self._log.enter(*before)
 
-    def likely_cause(self) -> str:
-        if self._vehicle.gps_ok is False:
-            return "gps"
-        return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
-
     def _retake(self) -> Steps[None]:
         """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
         vehicle = self._vehicle

@@ -27,6 +27,7 @@ def lawnmower(
     """
     count = max(1, math.ceil(2.0 * radius_m / spacing_m))
     between_m = 2.0 * radius_m / count
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     waypoints: list[Place] = []
     for leg in range(count):
         across_m = -radius_m + (leg + 0.5) * between_m
@@ -34,7 +35,13 @@ def lawnmower(
         begin_m = -half_m - near_m
         end_m = max(half_m - middle_m, begin_m + 10.0)
         along = (begin_m, end_m) if leg % 2 == 0 else (-begin_m, -end_m)
-        waypoints += [_placed(center, heading_rad, leg_m, across_m) for leg_m in along]
+        waypoints += [
+            (
+                center[0] + leg_m * sine + across_m * cosine,
+                center[1] + leg_m * cosine - across_m * sine,
+            )
+            for leg_m in along
+        ]
     return waypoints
 
 
@@ -60,10 +67,11 @@ class Walk:
     def __init__(self, path: Sequence[Place]) -> None:
         self._path = [path[0], *(b for a, b in pairwise(path) if math.dist(a, b) > 1e-6)]
         self._starts_m = list(accumulate((math.dist(a, b) for a, b in pairwise(self._path)), initial=0.0))
-        self._corners = [
-            (self._starts_m[index], _turn_rad(*self._path[index - 1 : index + 2]))
-            for index in range(1, len(self._path) - 1)
+        bearings_rad = [bearing_rad(a, b) for a, b in pairwise(self._path)]
+        turns_rad = [
+            math.remainder(after - before, 2.0 * math.pi) for before, after in pairwise(bearings_rad)
         ]
+        self._corners = list(zip(self._starts_m[1:], turns_rad, strict=False))
         self.done_m = 0.0
 
     @property
@@ -94,7 +102,8 @@ class Walk:
         for index, (a, b) in enumerate(pairwise(self._path)):
             if along_m <= self._starts_m[index + 1]:
                 length_m = self._starts_m[index + 1] - self._starts_m[index]
-                return _between(a, b, max(along_m - self._starts_m[index], 0.0) / length_m)
+                share = max(along_m - self._starts_m[index], 0.0) / length_m
+                return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
         return self._path[-1]
 
     def direction(self, along_m: float) -> Place:
@@ -119,17 +128,3 @@ class Walk:
 def _projection_m(position: Place, a: Place, b: Place) -> float:
     """How far along the line from a to b the position lies."""
     return ((position[0] - a[0]) * (b[0] - a[0]) + (position[1] - a[1]) * (b[1] - a[1])) / math.dist(a, b)
-
-
-def _turn_rad(a: Place, b: Place, c: Place) -> float:
-    return math.remainder(bearing_rad(b, c) - bearing_rad(a, b), 2.0 * math.pi)
-
-
-def _between(a: Place, b: Place, share: float) -> Place:
-    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-
-
-def _placed(center: Place, heading_rad: float, along_m: float, across_m: float) -> Place:
-    """A point given along and to the right of a heading."""
-    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
-    return center[0] + along_m * sine + across_m * cosine, center[1] + along_m * cosine - across_m * sine

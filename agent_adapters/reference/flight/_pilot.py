@@ -337,8 +337,10 @@ class Pilot:
         self._log.enter(*before)
 
     def _failsafe_cause(self) -> str:
-        """The fault that the autopilot acts on, or ""."""
-        return self._control.likely_cause()
+        """The fault that the autopilot acts on."""
+        if self._vehicle.gps_ok is False:
+            return "gps"
+        return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
 
     def _step_aside(self) -> Steps[None]:
         """To where it may stand; the reference agent stands where it is."""

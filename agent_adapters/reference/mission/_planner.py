@@ -89,7 +89,12 @@ class Planner:
     ) -> None:
         """`sinks_on_the_way`: whether it comes down while it flies home from a place, and not only over home."""
         self.tasks: dict[str, SearchTask] = {}
-        self.convoy = _convoy_of(order)
+        self.convoy: Convoy | None = None
+        if order.escort is not None:
+            # Imported here: a mission without an escort is flown without NumPy.
+            from ._convoy import Convoy
+
+            self.convoy = Convoy(order.escort, order.time_limit_s)
         self._home = (order.home.east_m, order.home.north_m)
         self._limit_s = order.time_limit_s
         self._returns = order.return_home
@@ -160,12 +165,3 @@ class Planner:
     def more_urgent_than(self, task: SearchTask) -> SearchTask | None:
         """A waiting task that should not wait for this one."""
         return next((other for other in self.waiting(task.place) if other.urgency < task.urgency), None)
-
-
-def _convoy_of(order: MissionOrder) -> Convoy | None:
-    """The convoy of a mission; None without an escort, whose agent does without NumPy."""
-    if order.escort is None:
-        return None
-    from ._convoy import Convoy
-
-    return Convoy(order.escort, order.time_limit_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -49,15 +49,18 @@ class PictureDetections:
     def detections(self, image: CompressedImage) -> Detection2DArray | None:
         """What is in the picture, with the stamp of its exposure; None when it cannot be read, or is an old one."""
         camera, exposed = self._camera(), SimTime(image.header.stamp.ns)
-        bgr = _decoded(image)
+        data = np.frombuffer(image.data, np.uint8)
+        # OpenCV raises for no bytes at all, and gives None for what is no picture.
+        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
         # In real time a picture may overtake another.
         if camera is None or bgr is None or (self._last is not None and exposed <= self._last):
             return None
         self._last = exposed
         if self._tracker is None:
             self._tracker = KalmanTracker(camera.lens.fx, lens=camera.lens.model())
-        named = self._tracker.name(self._detector.detect(bgr), exposed, self._warp(camera, exposed))
-        return _message(image.header, named)
+        found = self._detector.detect(np.asarray(bgr, np.uint8))
+        named = self._tracker.name(found, exposed, self._warp(camera, exposed))
+        return Detection2DArray(image.header, tuple(_detection(image.header, each) for each in named))
 
     def _warp(self, camera: GroundCamera, exposed: SimTime) -> NDArray[np.float64] | None:
         """From the last picture to this one; None where a pose is missing."""
@@ -75,17 +78,6 @@ def open_shipped_detector() -> PixelDetector:
     """The small network that ships with the bench, on one thread: the machine's other cores fly other sessions."""
     use_one_thread()
     return SmallDetector(load_model(), SmallDetectorOptions())
-
-
-def _decoded(image: CompressedImage) -> NDArray[np.uint8] | None:
-    data = np.frombuffer(image.data, np.uint8)
-    # OpenCV raises for no bytes at all, and gives None for what is no picture.
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    return None if picture is None else np.asarray(picture, np.uint8)
-
-
-def _message(header: Header, detections: Sequence[Detection]) -> Detection2DArray:
-    return Detection2DArray(header, tuple(_detection(header, detection) for detection in detections))
 
 
 def _detection(header: Header, detection: Detection) -> Detection2D:

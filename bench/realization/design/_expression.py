@@ -206,10 +206,7 @@ class _Reader:
 def _value(node: ast.expr, levels: Mapping[str, object]) -> Value:
     match node:
         case ast.Name():
-            value = levels.get(node.id)
-            if value is None:
-                raise InactiveFactor(node.id)
-            return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else value  # type: ignore[return-value]
+            return _level(levels, node.id)
         case ast.Constant(value=bool() | float() | str() as constant):
             return constant
         case ast.BinOp():
@@ -245,6 +242,13 @@ def _compare(node: ast.Compare, levels: Mapping[str, object]) -> bool:
             return False
         first = second
     return True
+
+
+def _level(levels: Mapping[str, object], name: str) -> Value:
+    value = levels.get(name)
+    if value is None:
+        raise InactiveFactor(name)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else value  # type: ignore[return-value]
 
 
 def _number(value: Value) -> float:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable, Sequence
 from math import hypot
+from typing import TypeVar
 
 from bench.simspec import HOME, ActorGroup, CountRange, Polygon, SimSpec, generator
 
 from ._geometry import Geometry, shrunk_at_most
+
+Item = TypeVar("Item")
 
 
 def is_home(simspec: SimSpec, name: str | None) -> bool:
@@ -93,3 +97,22 @@ def centre_distance_m(group: ActorGroup) -> float:
 def centre_ground(geometry: Geometry, group: ActorGroup) -> Geometry:
     """The ground of centres whose footprints lie inside the geometry; errs to too much."""
     return shrunk_at_most(geometry, inner_radius_m(group))
+
+
+def smallest_failing(items: Sequence[Item], fails: Callable[[list[Item]], bool], run: int = 1) -> list[Item]:
+    """A smallest set of items that fail together: none can be left out.
+
+    Runs of `run` items are left out first, then ever smaller ones, while the rest still fails.
+    """
+    core = list(items)
+    while True:
+        start = 0
+        while start < len(core):
+            rest = core[:start] + core[start + run :]
+            if rest and fails(rest):
+                core = rest
+            else:
+                start += run
+        if run == 1:
+            return core
+        run //= 2

@@ -15,8 +15,7 @@ from bench.simspec import ActorGroup, Near, Polygon, SimSpec
 from .._area_counts import named_area
 from .._fitting import REMEMBERED_ANSWERS, may_fit
 from .._geometry import grown_at_least, polygon_ground, road_ground
-from .._groups import hosts_of, is_home, member_count, outer_radius_m, region_of
-from .._infeasible import smallest_failing
+from .._groups import hosts_of, is_home, member_count, outer_radius_m, region_of, smallest_failing
 from ..relations._relation import field_path
 
 # Areas that differ by less are equal, so that the rounding of sums refuses nothing that fits exactly.
@@ -76,21 +75,22 @@ def _need(simspec: SimSpec, groups: Sequence[ActorGroup]) -> tuple[float, float]
     return gap, sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
 
 
-def _overfull(
+def _require_room(
     simspec: SimSpec,
     groups: Sequence[ActorGroup],
     room_m2: float,
     where: str,
     remedy: str,
     clash: Sequence[str],
-) -> PlacementInfeasible:
-    """The refusal of groups that need more area than there is."""
+) -> None:
+    """Refuse groups that need more area than there is."""
     gap, need = _need(simspec, groups)
-    names = ", ".join(f"{member_count(simspec, group)} of {group.id!r}" for group in groups)
-    return PlacementInfeasible(
-        f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but {where} {room_m2:.0f} m2: {remedy}",
-        clash=tuple(clash),
-    )
+    if need > room_m2 + AREA_TOLERANCE_M2:
+        names = ", ".join(f"{member_count(simspec, group)} of {group.id!r}" for group in groups)
+        raise PlacementInfeasible(
+            f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but {where} {room_m2:.0f} m2: {remedy}",
+            clash=tuple(clash),
+        )
 
 
 def _check_region(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> None:
@@ -105,7 +105,7 @@ def _check_region(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup
         where = f"their region of {region.area_m2:.0f} m2 offers"
         remedy = "lower the counts, lower separation_m or widen the region"
         clash = [count_path(group) for group in core] + list(dict.fromkeys(map(_region_path, core)))
-        raise _overfull(simspec, core, room_m2(core), where, remedy, clash)
+        _require_room(simspec, core, room_m2(core), where, remedy, clash)
 
 
 @lru_cache(REMEMBERED_ANSWERS)
@@ -115,16 +115,14 @@ def _offered_m2(region: Polygon, gap_m: float) -> float:
 
 def _check_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> None:
     """The same near others: a grown footprint reaches half its gap and its radius beyond the band."""
-    gap, need = _need(simspec, [group])
     # The centre lies in the band; a footprint reaches half its diagonal, and its margin half its gap further.
-    reach_m = outer_radius_m(group) + gap / 2.0
+    reach_m = outer_radius_m(group) + group.placement.separation_m / 2.0
     hole_m = max(0.0, relation.min_m - reach_m)
     others = 1 if is_home(simspec, relation.of) else member_count(simspec, simspec.group(relation.of))
     room = others * pi * ((relation.max_m + reach_m) ** 2 - hole_m**2)
-    if need > room + AREA_TOLERANCE_M2:
-        where = f"within {relation.min_m:g} to {relation.max_m:g} m of {relation.of!r} there are"
-        remedy = "lower the count or separation_m, or raise max_m"
-        raise _overfull(simspec, [group], room, where, remedy, (count_path(group), field_path(group, "near")))
+    where = f"within {relation.min_m:g} to {relation.max_m:g} m of {relation.of!r} there are"
+    remedy = "lower the count or separation_m, or raise max_m"
+    _require_room(simspec, [group], room, where, remedy, (count_path(group), field_path(group, "near")))
 
 
 def _check_inside(simspec: SimSpec, host: ActorGroup) -> None:
@@ -134,14 +132,12 @@ def _check_inside(simspec: SimSpec, host: ActorGroup) -> None:
         for guest in simspec.actors
         if guest.placement.inside and guest.placement.inside.of == host.id and member_count(simspec, guest)
     ]
-    gap, need = _need(simspec, guests)
     count = member_count(simspec, host)
-    room = count * grown_area_m2(host, gap)
-    if need > room + AREA_TOLERANCE_M2:
-        where = f"inside the {count} of {host.id!r} there are"
-        remedy = f"lower the counts or separation_m, or raise the number of {host.id!r}"
-        clash = [path for guest in guests for path in (count_path(guest), field_path(guest, "inside"))]
-        raise _overfull(simspec, guests, room, where, remedy, clash)
+    room = count * grown_area_m2(host, _need(simspec, guests)[0])
+    where = f"inside the {count} of {host.id!r} there are"
+    remedy = f"lower the counts or separation_m, or raise the number of {host.id!r}"
+    clash = [path for guest in guests for path in (count_path(guest), field_path(guest, "inside"))]
+    _require_room(simspec, guests, room, where, remedy, clash)
 
 
 def _region_path(group: ActorGroup) -> str:

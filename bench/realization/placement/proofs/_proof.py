@@ -47,8 +47,8 @@ from .._groups import (
     member_count,
     outer_radius_m,
     region_of,
+    smallest_failing,
 )
-from .._infeasible import smallest_failing
 from ..relations._between import BetweenRelation
 from ..relations._distance_bands import band_ground
 from ..relations._headings import RequiredHeading, headings_conflict
@@ -271,10 +271,9 @@ class _Relaxation:
 
     def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
         """A lone member keeps the mean itself, and so does a lone target seen from the group's ground."""
-        if self._alone(group_id):
-            self._keep_mean(group_id, mean.of, mean, 0.0)
-        if not is_home(self.simspec, mean.of) and self._alone(mean.of):
-            self._keep_mean(mean.of, group_id, mean, 0.0)
+        for name, other in ((group_id, mean.of), (mean.of, group_id)):
+            if not is_home(self.simspec, name) and self._alone(name):
+                self._keep_mean(name, other, mean, 0.0)
 
     def _keep_mean(self, name: str, other: str, mean: MeanDistance, more_m: float) -> None:
         """Keep the ground within the mean distance from the other ground, up to its tolerance and so much more."""

@@ -22,8 +22,7 @@ from bench.simspec import ActorGroup, SimSpec
 
 from .._footprint import Footprints, joined
 from .._geometry import EVERYWHERE, Geometry, polygon_ground
-from .._groups import member_count, region_of
-from .._infeasible import smallest_failing
+from .._groups import member_count, region_of, smallest_failing
 from ._relation import Relation, field_path
 
 # How far inside the border a route point beyond it is moved; the simulation does the same.
