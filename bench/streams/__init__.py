@@ -37,8 +37,14 @@ if TYPE_CHECKING:
     from ._node import open_client as open_client
     from ._poses import decode_pose_array as decode_pose_array
     from ._poses import encode_pose_array as encode_pose_array
+    from ._px4 import PX4_FROM_AGENT as PX4_FROM_AGENT
+    from ._px4 import PX4_RELEASES as PX4_RELEASES
+    from ._px4 import PX4_TO_AGENT as PX4_TO_AGENT
+    from ._px4 import px4_message as px4_message
+    from ._px4 import px4_releases_of as px4_releases_of
     from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
     from ._router import AirPlan as AirPlan
+    from ._router import Endpoint as Endpoint
     from ._router import Router as Router
     from ._router import Topic as Topic
     from ._router import open_router as open_router

@@ -70,16 +70,23 @@ def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
     return tuple(dict.fromkeys(walk(kind)))
 
 
+def _class_of(kind: str | type[object]) -> type[RosMessage]:
+    if isinstance(kind, str):
+        return BY_NAME[kind]
+    type_name_of(kind)
+    return kind  # type: ignore[return-value]
+
+
 @cache
-def type_hash(type_name: str) -> str:
-    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when
-    unknown.
+def type_hash(kind: str | type[object]) -> str:
+    """The RIHS01 hash of a message class or a type's name (REP 2016): SHA-256 over the canonical JSON of its description.
+    KeyError for an unknown name.
     """
-    kind = BY_NAME[type_name]
-    inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
+    message = _class_of(kind)
+    inside = sorted(dependencies(message), key=lambda part: part.TYPE)
     whole = {
-        "type_description": _description(kind),
-        "referenced_type_descriptions": [_description(message) for message in inside],
+        "type_description": _description(message),
+        "referenced_type_descriptions": [_description(part) for part in inside],
     }
     # The separators ", " and ": " are the defaults of json.dumps, and part of the canonical form.
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
@@ -93,6 +100,8 @@ _TYPE_IDS = {
     "uint16": 5,
     "int32": 6,
     "uint32": 7,
+    "uint64": 9,
+    "float32": 10,
     "float64": 11,
     "bool": 15,
     "string": 17,
@@ -119,15 +128,15 @@ def _type_description(field: Field) -> dict[str, Any]:
 
 
 @cache
-def schema_text(type_name: str) -> str:
-    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it.
+def schema_text(kind: str | type[object]) -> str:
+    """The `ros2msg` schema of a message class or a type's name with all it depends on, as rosbag2 and MCAP want it.
 
-    KeyError when unknown.
+    KeyError for an unknown name.
     """
-    kind = BY_NAME[type_name]
-    parts = [_definition(kind)]
+    whole = _class_of(kind)
+    parts = [_definition(whole)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
-    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]
+    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(whole)]
     return ("=" * 80 + "\n").join(parts)
 
 
