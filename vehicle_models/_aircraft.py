@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
 from bench.contracts import (
     MavlinkTap,
+    Px4Sample,
     SimTime,
     Vector,
     Vehicle,
@@ -122,13 +123,23 @@ class Aircraft(LinkedVehicle, ABC):
         self._failures = self._failures_of(plan, self._navigation, self.rotors, self._plant.set_works)
         truth = self._hil_state if simspec.vehicle.ground_truth else None
         self._equipment = Equipment(
-            simspec.vehicle.camera, truth, self._failures.break_part, simspec.vehicle.simulation_control
+            simspec.vehicle.camera,
+            truth,
+            self._failures.break_part,
+            simspec.vehicle.simulation_control,
+            plan.px4_topics,
         )
         self._controller = self._boot(None)
 
     def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of this vehicle's camera."""
         self._controller.record_exposure(frame)
+
+    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
+        self._controller.take_px4(samples)
+
+    def px4_samples(self) -> list[Px4Sample]:
+        return self._controller.px4_samples()
 
     def step(self) -> None:
         if self._controller.restart_requested:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from typing import Any
 
 import xxhash
 
@@ -63,7 +64,7 @@ def is_name(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
-def dds_name(kind: str | type[object]) -> str:
+def dds_name(kind: str | type[Any]) -> str:
     """`std_msgs/msg/String` as keys write it: `std_msgs::msg::dds_::String_`."""
     package, part, name = (kind if isinstance(kind, str) else type_name_of(kind)).split("/")
     return f"{package}::{part}::dds_::{name}_"
@@ -74,7 +75,7 @@ def mangle(name: str) -> str:
     return name.replace("/", "%")
 
 
-def data_key(domain: int, topic: str, kind: str | type[object]) -> str:
+def data_key(domain: int, topic: str, kind: str | type[Any]) -> str:
     """Where the samples of a topic travel; `kind` is a message class or the name of its type. KeyError for a type that the
     bench does not speak.
     """
@@ -93,7 +94,7 @@ def endpoint_token(
     kind: str,
     node: tuple[str, str],
     topic: str,
-    message: str | type[object],
+    message: str | type[Any],
     qos: QoS,
 ) -> str:
     """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes;

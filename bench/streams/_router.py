@@ -43,7 +43,7 @@ _TOKEN_PARTS = 13
 # Far more than one stack has.
 _MAX_ENDPOINTS = 1000
 
-Topic = tuple[str, str | type[object]]
+Topic = tuple[str, str | type[Any]]
 """A topic's full name, and its ROS 2 type by name or as a message class."""
 
 

@@ -70,7 +70,7 @@ def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
     return tuple(dict.fromkeys(walk(kind)))
 
 
-def _class_of(kind: str | type[object]) -> type[RosMessage]:
+def _class_of(kind: str | type[Any]) -> type[RosMessage]:
     if isinstance(kind, str):
         return BY_NAME[kind]
     type_name_of(kind)
@@ -78,7 +78,7 @@ def _class_of(kind: str | type[object]) -> type[RosMessage]:
 
 
 @cache
-def type_hash(kind: str | type[object]) -> str:
+def type_hash(kind: str | type[Any]) -> str:
     """The RIHS01 hash of a message class or a type's name (REP 2016): SHA-256 over the canonical JSON of its description.
     KeyError for an unknown name.
     """
@@ -128,7 +128,7 @@ def _type_description(field: Field) -> dict[str, Any]:
 
 
 @cache
-def schema_text(kind: str | type[object]) -> str:
+def schema_text(kind: str | type[Any]) -> str:
     """The `ros2msg` schema of a message class or a type's name with all it depends on, as rosbag2 and MCAP want it.
 
     KeyError for an unknown name.

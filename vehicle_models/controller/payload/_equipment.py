@@ -20,10 +20,12 @@ class Equipment:
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
     serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
-    of the simulation: an agent would choose the situation in which it is tested.
+    of the simulation: an agent would choose the situation in which it is tested. `px4_topics`: a companion sees PX4's topics
+    beside the links.
     """
 
     camera: Camera | None = None
     truth: Callable[[], tuple[Any, ...]] | None = None
     break_part: BreakPart | None = None
     simulation_control: bool = True
+    px4_topics: bool = False

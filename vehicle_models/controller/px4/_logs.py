@@ -8,14 +8,12 @@ from datetime import UTC, datetime
 from ..logs._ulog import UlogEncoder, UlogIdentity
 from ..policies._choices import choices
 from ..policies._logs import LogPolicy
-from ..policies._modes import numbers_by_mode
 from ..state._flight_state import FlightState
 from ..state._log_records import LogOpening
 from ..state._parameter_store import ParameterStore
 from ._identity import IDENTITY
-from ._modes import MODES, MODES_TABLE
+from ._modes import MODES, NAV_STATES
 
-_NAV_STATES = numbers_by_mode(MODES_TABLE, "nav_state")
 # SDLOG_BACKEND
 _FILE, _MAVLINK = 1, 2
 # SDLOG_MODE
@@ -27,7 +25,7 @@ _ULOG = UlogIdentity(
     release=IDENTITY.flight_sw_version,
     git_hash=IDENTITY.flight_custom_version.hex(),
     system_uuid=f"{IDENTITY.uid:016x}",
-    nav_states={mode.custom: _NAV_STATES[mode.name] for mode in MODES.modes},
+    nav_states={mode.custom: NAV_STATES[mode.name] for mode in MODES.modes},
     thresholds=("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"),
 )
 

@@ -52,6 +52,15 @@ class BodyAttitude:
             g * north + h * east + i * down,
         )
 
+    def to_ned(self, forward: float, right: float, down: float) -> Vector:
+        """A vector in the body's frame as north, east, down."""
+        (a, b, c), (d, e, f), (g, h, i) = self._rows
+        return (
+            a * forward + d * right + g * down,
+            b * forward + e * right + h * down,
+            c * forward + f * right + i * down,
+        )
+
 
 class AttitudeCache:
     """The present attitude; several messages of a step need it."""
