@@ -74,19 +74,22 @@ def _class_of(kind: str | type[Any]) -> type[RosMessage]:
     if isinstance(kind, str):
         return BY_NAME[kind]
     type_name_of(kind)
-    return kind  # type: ignore[return-value]
+    return kind
 
 
-@cache
 def type_hash(kind: str | type[Any]) -> str:
     """The RIHS01 hash of a message class or a type's name (REP 2016): SHA-256 over the canonical JSON of its description.
     KeyError for an unknown name.
     """
-    message = _class_of(kind)
-    inside = sorted(dependencies(message), key=lambda part: part.TYPE)
+    return _hash_of(_class_of(kind))
+
+
+@cache
+def _hash_of(kind: type[RosMessage]) -> str:
+    inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
     whole = {
-        "type_description": _description(message),
-        "referenced_type_descriptions": [_description(part) for part in inside],
+        "type_description": _description(kind),
+        "referenced_type_descriptions": [_description(message) for message in inside],
     }
     # The separators ", " and ": " are the defaults of json.dumps, and part of the canonical form.
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
@@ -127,16 +130,19 @@ def _type_description(field: Field) -> dict[str, Any]:
     }
 
 
-@cache
 def schema_text(kind: str | type[Any]) -> str:
     """The `ros2msg` schema of a message class or a type's name with all it depends on, as rosbag2 and MCAP want it.
 
     KeyError for an unknown name.
     """
-    whole = _class_of(kind)
-    parts = [_definition(whole)]
+    return _schema_of(_class_of(kind))
+
+
+@cache
+def _schema_of(kind: type[RosMessage]) -> str:
+    parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
-    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(whole)]
+    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]
     return ("=" * 80 + "\n").join(parts)
 
 
