@@ -136,10 +136,11 @@ class Aircraft(LinkedVehicle, ABC):
         self._controller.record_exposure(frame)
 
     def take_px4(self, samples: Sequence[Px4Sample]) -> None:
-        self._controller.take_px4(samples)
+        if topics := self._controller.px4:
+            topics.inbox.extend(samples)
 
     def px4_samples(self) -> list[Px4Sample]:
-        return self._controller.px4_samples()
+        return topics.take_published() if (topics := self._controller.px4) else []
 
     def step(self) -> None:
         if self._controller.restart_requested:

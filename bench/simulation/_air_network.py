@@ -9,6 +9,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from operator import attrgetter
 from typing import Any, NoReturn
 
 from bench.contracts import (
@@ -26,6 +27,7 @@ from bench.simspec import SimSpec
 from bench.streams import (
     AirAccess,
     AirPlan,
+    RosNode,
     Router,
     Sample,
     String,
@@ -37,6 +39,7 @@ from bench.streams import (
 
 from ._air_topics import (
     DOMAIN,
+    AirTopic,
     RecordedPublisher,
     air_topics,
     camera_publishers,
@@ -44,7 +47,7 @@ from ._air_topics import (
     px4_to_agent,
     recorded_publisher,
 )
-from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, PX4_SAMPLES, TopicAllowance
+from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
@@ -106,9 +109,7 @@ class AirNetwork:
         self.operator_link = recorded(topics.operator_link)
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
-        self.px4 = {
-            topic.name: recorded(topic.name) for topic in (px4_to_agent(px4_msgs) if px4_msgs else ())
-        }
+        self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
         self._publishers = (
             self.clock,
             self.tf,
@@ -134,19 +135,11 @@ class AirNetwork:
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
-        written = sorted(
-            (topic for topic in table.values() if topic.from_agent), key=lambda topic: topic.name
-        )
-        names = [topic.name for topic in written]
-        self._subscriptions = (
-            tuple(node.subscribe(topic.name, topic.kind) for topic in written) if node else ()
-        )
-        self._allowances = {
-            topic.name: TopicAllowance() if topic.kind is String else TopicAllowance(PX4_SAMPLES)
-            for topic in written
-        }
+        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
+        self._subscriptions = _subscribe(node, written)
+        self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
-        self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in names}
+        self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
 
     def open_for(self, subscribes: Iterable[str]) -> None:
         """Publish from now on to the topics that the agent declares, once the network knows of each of its
@@ -281,7 +274,7 @@ class AirNetwork:
         """What the agent announced of PX4's topics and this session does not have."""
         if self._router is None:
             return ()
-        px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)] if self._px4_msgs else []
+        px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)]
         return unmatched_px4(self._router.endpoints, px4, self._px4_msgs)
 
     def _look_for_readers(self) -> None:
@@ -361,6 +354,10 @@ class AirNetwork:
             "air_dropped": self.dropped[0],
             "air_unstated": unstated,
         }
+
+
+def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
+    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
 
 
 @contextmanager

@@ -32,6 +32,7 @@ from bench.streams import (
     px4_message,
 )
 
+from ._allowance import PX4_SAMPLES, TOPIC_SAMPLES, Limit
 from ._outbox import Outbox
 
 # Every session has a router of its own, so all of them may use the same ROS domain.
@@ -47,6 +48,8 @@ class AirTopic:
     qos: QoS = RELIABLE_10
     depth: int = 0
     from_agent: bool = False
+    samples: Limit = TOPIC_SAMPLES
+    """How many of the agent's are recorded."""
 
     @property
     def key(self) -> str:
@@ -83,14 +86,16 @@ def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic,
             AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
             for camera in simspec.perception.more_cameras
         ),
-        *(px4_to_agent(px4_msgs) if px4_msgs else ()),
+        *px4_to_agent(px4_msgs),
         *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
-        *(px4_from_agent(px4_msgs) if px4_msgs else ()),
+        *px4_from_agent(px4_msgs),
     )
 
 
-def px4_to_agent(release: str) -> list[AirTopic]:
-    """PX4's topics for a companion, in the order in which a step publishes them."""
+def px4_to_agent(release: str | None) -> list[AirTopic]:
+    """PX4's topics for a companion; none without a release."""
+    if release is None:
+        return []
     # Whoever comes late still learns home, which is said once; as over uXRCE-DDS.
     return [
         AirTopic(name, px4_message(kind, release), SENSOR_DATA, depth=int(kind == "HomePosition"))
@@ -98,10 +103,13 @@ def px4_to_agent(release: str) -> list[AirTopic]:
     ]
 
 
-def px4_from_agent(release: str) -> list[AirTopic]:
-    """PX4's topics that a companion writes."""
+def px4_from_agent(release: str | None) -> list[AirTopic]:
+    """PX4's topics that a companion writes; none without a release."""
+    if release is None:
+        return []
     return [
-        AirTopic(name, px4_message(kind, release), from_agent=True) for name, kind in PX4_FROM_AGENT.items()
+        AirTopic(name, px4_message(kind, release), from_agent=True, samples=PX4_SAMPLES)
+        for name, kind in PX4_FROM_AGENT.items()
     ]
 
 

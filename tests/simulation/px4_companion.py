@@ -75,6 +75,15 @@ class Companion:
 
         return self.session.declare_subscriber(key(topic, kind), hear)
 
+    def wait(self, counts: dict[str, int]) -> None:
+        """Until everything that a tick states has come."""
+
+        def complete() -> bool:
+            return all(len(self.came[topic]) >= count for topic, count in counts.items())
+
+        with self.arrival:
+            assert self.arrival.wait_for(complete, 60.0)
+
     def publish(self, topic: str, kind: str, form: str, *values: Any) -> None:
         if topic not in self.publishers:
             self.publishers[topic] = self.session.declare_publisher(key(topic, kind))
@@ -143,16 +152,14 @@ def main() -> None:
         message = json.loads(text)
         if message["kind"] == "end":
             break
-        with companion.arrival:
-            for topic, count in message["topics"].items():
-                assert companion.arrival.wait_for(lambda t=topic, c=count: len(companion.came[t]) >= c, 60.0)
+        companion.wait(message["topics"])
         try:
             next(flight)
         except StopIteration:
             break
         ack = {"kind": "ack", "number": message["number"], "topics": companion.sent, "links": {}}
         print(json.dumps(ack), file=line, flush=True)
-    companion.session.close()
+    companion.session.close()  # type: ignore[no-untyped-call]
 
 
 if __name__ == "__main__":

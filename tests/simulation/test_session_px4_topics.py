@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -90,7 +91,7 @@ def test_what_is_flown_by_px4s_topics_is_in_the_recording_with_schemas(tmp_path:
     assert files[0] == files[1]
     with (tmp_path / "a.mcap").open("rb") as file:
         messages = {
-            (channel.topic, schema.name): message
+            (channel.topic, schema.name if schema else ""): message
             for schema, channel, _, message in make_reader(
                 file, decoder_factories=[DecoderFactory()]
             ).iter_decoded_messages()
@@ -197,7 +198,7 @@ def test_the_bench_announces_all_topics_of_px4_with_their_hashes() -> None:
             while sum("%fmu%" in token for token in tokens) < len(PX4_TO_AGENT) + len(PX4_FROM_AGENT):
                 assert time.monotonic() < deadline_s
                 time.sleep(0.001)
-            watch.undeclare()
+            watch.undeclare()  # type: ignore[no-untyped-call]
     found = {tuple(token.split("/")[5:6] + token.split("/")[9:12]) for token in tokens if "%fmu%" in token}
     expected = {
         (way, topic.replace("/", "%"), f"px4_msgs::msg::dds_::{kind}_", type_hash(px4_message(kind, "1.16")))
@@ -221,7 +222,7 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
             return []
 
     command, life = px4_message("VehicleCommand", "1.17"), px4_message("OffboardControlMode", "1.17")
-    came = {
+    came: dict[str, list[Any]] = {
         "/fmu/in/vehicle_command": [command(command=176), command(command=400)],  # type: ignore[call-arg]
         "/fmu/in/offboard_control_mode": [life(position=True)],  # type: ignore[call-arg]
         "/vehicle_1/agent/status": ["{}"],

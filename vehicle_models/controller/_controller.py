@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from bench.contracts import MavlinkTap, Px4Sample
+from bench.contracts import MavlinkTap
 
 from .._geodesy import LocalFrame
 from ._message_router import COMPONENT, MessageRouter
@@ -89,7 +89,7 @@ class Controller:
     a step.
 
     `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of
-    the same vehicle left, and takes their place.
+    the same vehicle left, and takes their place. `px4` is there where the equipment asks for PX4's topics.
     """
 
     def __init__(
@@ -131,10 +131,10 @@ class Controller:
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
         equipment = equipment or Equipment()
-        self._px4: Px4Topics | None = None
+        self.px4: Px4Topics | None = None
         self._join(self._build_services(equipment), equipment.truth)
         if equipment.px4_topics:
-            self._px4 = Px4Topics(
+            self.px4 = Px4Topics(
                 self._context,
                 self._autopilot,
                 self._system,
@@ -343,15 +343,6 @@ class Controller:
         if self._camera:
             self._camera.record_exposure(frame)
 
-    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
-        """Hand over what a companion has published on PX4's topics."""
-        if self._px4:
-            self._px4.inbox.extend(samples)
-
-    def px4_samples(self) -> list[Px4Sample]:
-        """What was published on PX4's topics since the last call."""
-        return self._px4.take_published() if self._px4 else []
-
     def control(self) -> None:
         """Run messages, services and guidance of one step, and steer."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
@@ -359,8 +350,8 @@ class Controller:
         if self._autopilot.identity.texts_follow_answers:
             self._context.texts.keep()
         self._router.handle()
-        if self._px4:
-            self._px4.handle()
+        if self.px4:
+            self.px4.handle()
         self._context.texts.release()
         for tick in self._ticks:
             tick()
@@ -377,8 +368,8 @@ class Controller:
         """
         self._streams.send_due()
         self._context.radio.flush()
-        if self._px4:
-            self._px4.publish()
+        if self.px4:
+            self.px4.publish()
 
     def crash(self) -> None:
         """The vehicle has hit something: the rotors stop for good."""
