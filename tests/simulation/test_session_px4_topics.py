@@ -15,9 +15,9 @@ from mcap_ros2.decoder import DecoderFactory
 from pydantic import ValidationError
 from test_session import session_simspec
 
-from bench.agents import open_agent
+from bench.agents import load_manifest, open_agent
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, Outcome, Px4Sample, Record, SessionResult
+from bench.contracts import AgentManifest, Outcome, Px4Sample, Record, SessionResult, UnmatchedTopics
 from bench.recording import open_recording
 from bench.simspec import AgentSpec, Home, Mission, Pace, SimSpec, VehicleSpec
 from bench.simulation import SessionPlan, run_session, session_faults
@@ -238,3 +238,20 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
         ("/fmu/in/vehicle_command", 176),
         ("/fmu/in/vehicle_command", 400),
     ]
+
+
+def test_the_example_in_rclpys_style_flies_on_pyzeros(tmp_path: Path) -> None:
+    """Its keys, hashes and encoder are those of pyzeros."""
+    pytest.importorskip("pyzeros", reason="pyzeros is not installed: pip install pyzeros==0.1.0")
+    agent, folder = load_manifest(Path(__file__).parents[2] / "examples" / "ros2" / "offboard-ros2.yaml")
+    records: list[Record] = []
+    situation = spec(120.0, mode="warp")
+    end = run_session(SessionPlan(situation, agent, folder, open_agent, tmp_path / "scratch", records.append))
+    assert end.outcome is Outcome.COMPLETED, end.reason
+    assert end.fact(UnmatchedTopics) is None
+    heights = [
+        -record.value.z
+        for record in records
+        if record.topic == "/fmu/out/vehicle_local_position"  # type: ignore[attr-defined]
+    ]
+    assert max(heights) == pytest.approx(5.0, abs=0.6)

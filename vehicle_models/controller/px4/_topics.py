@@ -193,7 +193,7 @@ class Px4Topics:
 
     def _publish(self, topic: str, fields: _Sample) -> None:
         stamps = dict.fromkeys(("timestamp", "timestamp_sample"), self._flight.time_us)
-        self._published.append((f"/fmu/out/{topic}", stamps | fields))
+        self._published.append((f"/fmu/out/{topic}", {**stamps, **fields}))
 
     def _publish_state(self, topic: str, period_ns: int | None, fields: _Sample) -> None:
         """Publish what has changed, or was last said a period ago."""
