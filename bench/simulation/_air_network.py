@@ -225,12 +225,13 @@ class AirNetwork:
                 message = sample.message()
                 if subscription.kind is String:
                     self._tap(Record(time, topic, String.TYPE, sample.data))
-                    content = message and message.data
-                else:
-                    # Its value, because the layout of its type is that of a release.
+                elif message is not None:
+                    # With its value, because the layout of its type is that of a release.
                     self._tap(Record(time, topic, subscription.kind.TYPE, sample.data, message))
-                    content = message
-                if content is not None:
+                else:
+                    subscription.malformed += 1
+                if message is not None:
+                    content = message.data if isinstance(message, String) else message
                     documents.setdefault(topic, []).append(content)
         if dropped:
             self._check_flood()

@@ -17,13 +17,13 @@ from test_session import session_simspec
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, Outcome, Px4Sample, Record, SessionResult, UnmatchedTopics
+from bench.contracts import AgentManifest, Outcome, Px4Sample, Record, SessionResult, SimTime, UnmatchedTopics
 from bench.recording import open_recording
 from bench.simspec import AgentSpec, Home, Mission, Pace, SimSpec, VehicleSpec
 from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._air_network import AirNetwork, open_air_network
 from bench.simulation._px4_topics import Px4Companion
-from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, open_client, px4_message, type_hash
+from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, encode, open_client, px4_message, type_hash
 
 COMPANION = Path(__file__).with_name("px4_companion.py")
 
@@ -206,6 +206,23 @@ def test_the_bench_announces_all_topics_of_px4_with_their_hashes() -> None:
         for topic, kind in table.items()
     }
     assert found == expected
+
+
+def test_a_latched_publisher_is_heard_and_a_malformed_sample_is_counted() -> None:
+    """As px4-offboard publishes, transient local; a sample of another layout is neither recorded nor handed over."""
+    topic, kind = "/fmu/in/vehicle_command", px4_message("VehicleCommand", "1.17")
+    records: list[Record] = []
+    with (
+        open_air_network(spec(), records.append, zenoh=True, px4_msgs="1.17") as air,
+        open_client(air.access, "stack") as node,  # type: ignore[arg-type]
+    ):
+        publisher = node.latched(topic, kind)
+        publisher.put_bytes(encode(String("not a command")))
+        publisher.put(kind(command=400))  # type: ignore[call-arg]
+        documents = air.receive(SimTime(0), {topic: 2}, 30.0)
+        assert air.counters()["air_malformed"] == 1
+    assert [message.command for message in documents[topic]] == [400]
+    assert [(record.topic, record.value) for record in records] == [(topic, documents[topic][0])]
 
 
 def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None:
