@@ -266,9 +266,8 @@ def test_the_example_in_rclpys_style_flies_on_pyzeros(tmp_path: Path) -> None:
     end = run_session(SessionPlan(situation, agent, folder, open_agent, tmp_path / "scratch", records.append))
     assert end.outcome is Outcome.COMPLETED, end.reason
     assert end.fact(UnmatchedTopics) is None
-    heights = [
-        -record.value.z
-        for record in records
-        if record.topic == "/fmu/out/vehicle_local_position"  # type: ignore[attr-defined]
+    places: list[Any] = [
+        record.value for record in records if record.topic == "/fmu/out/vehicle_local_position"
     ]
+    heights = [-place.z for place in places]
     assert max(heights) == pytest.approx(5.0, abs=0.6)
