@@ -25,6 +25,7 @@ from bench.contracts import (
 )
 from bench.simspec import SimSpec
 from bench.streams import (
+    PX4_PREFIX,
     AirAccess,
     AirPlan,
     RosNode,
@@ -170,8 +171,10 @@ class AirNetwork:
         known = {*published, *self._allowances}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
+                lacks_release = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
+                without = "without px4_msgs in its manifest" if lacks_release else "in any session"
                 self._refuse_topic(
-                    topic, published, "the agent's hello subscribes to", "it cannot read in any session"
+                    topic, published, "the agent's hello subscribes to", f"it cannot read {without}"
                 )
 
     def _refuse_topic(self, topic: str, known: Sequence[str], deed: str, reason: str) -> NoReturn:

@@ -105,9 +105,9 @@ class Session:
             self._world.end(end.outcome)
             raise end from None
         finally:
-            # An agent that never flew was told nothing.
             if unmatched := self._parts.air.unmatched:
                 self._progress.add(UnmatchedTopics(sentences=unmatched))
+            # An agent that never flew was told nothing.
             if (unread := self._parts.air.unread) and self._progress.now > START:
                 self._progress.add(UnreadTopics(topics=unread))
             self._progress.counters = {

@@ -105,7 +105,7 @@ class Router:
     def _take_token(self, sample: zenoh.Sample) -> None:
         """Note an endpoint of another session; called by Zenoh's thread."""
         parts = str(sample.key_expr).split("/")
-        # docs/streams.md: @ros2_lv, domain, session, node, endpoint, kind, enclave, namespace, name, topic, type, hash, QoS.
+        # As `endpoint_token` makes it: the session is part 2, kind 5, topic 9, type and hash 10 and 11.
         if len(parts) < _TOKEN_PARTS or parts[5] not in ("MP", "MS") or parts[2] == str(self._session.zid()):
             return
         if len(self._endpoints) < _MAX_ENDPOINTS:

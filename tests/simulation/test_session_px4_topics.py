@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ from bench.simspec import AgentSpec, Home, Mission, Pace, SimSpec, VehicleSpec
 from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._air_network import AirNetwork, open_air_network
 from bench.simulation._px4_topics import Px4Companion
+from bench.simulation._stop_session import StopSession
 from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, encode, open_client, px4_message, type_hash
 
 COMPANION = Path(__file__).with_name("px4_companion.py")
@@ -172,6 +174,23 @@ def test_an_agent_without_the_manifests_release_is_told_of_it() -> None:
     ):
         node.subscribe("/fmu/out/vehicle_status", px4_message("VehicleStatus", "1.17"))
         assert 'write px4_msgs: "1.17"' in unmatched_of(air, 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("release", "topic", "words"),
+    [
+        (None, "/fmu/out/vehicle_status", "it cannot read without px4_msgs in its manifest"),
+        ("1.17", "/fmu/out/vehicle_statu", "in any session; did you mean /fmu/out/vehicle_status?"),
+    ],
+)
+def test_a_hello_with_a_topic_of_px4_that_it_cannot_read_ends_the_session(
+    release: str | None, topic: str, words: str
+) -> None:
+    with (
+        open_air_network(spec(), lambda record: None, zenoh=True, px4_msgs=release) as air,
+        pytest.raises(StopSession, match=re.escape(words)),
+    ):
+        air.open_for([topic])
 
 
 def test_the_bench_announces_all_topics_of_px4_with_their_hashes() -> None:
