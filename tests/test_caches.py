@@ -131,7 +131,8 @@ OF_PROCESS = {
         "agent_adapters.client.documents._reader",
         "bench.contracts._documents._adapter",
         *(f"bench.streams._cdr.{name}" for name in ("_builder", "_many", "_phased", "_reader", "_writers")),
-        *(f"bench.streams._schemas.{name}" for name in ("fields_of", "schema_text", "type_hash")),
+        "bench.streams._px4.px4_message",
+        *(f"bench.streams._schemas.{name}" for name in ("fields_of", "_hash_of", "_schema_of")),
     ),
     "of contact sheets, which are looked at": ("bench.camera.sheet._ground",),
 }

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
-from bench.contracts import MavlinkTap, SimTime, Vector, Vehicle, VehicleCondition, VehiclePlan, VehicleState
+from bench.contracts import (
+    MavlinkTap,
+    Px4Sample,
+    SimTime,
+    Vector,
+    Vehicle,
+    VehicleCondition,
+    VehiclePlan,
+    VehicleState,
+)
 from bench.errors import SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
@@ -95,13 +104,24 @@ class Aircraft(LinkedVehicle, ABC):
         self._failures = self._failures_of(plan, self._navigation, self.rotors, self._plant.set_works)
         truth = self._hil_state if simspec.vehicle.ground_truth else None
         self._equipment = Equipment(
-            simspec.vehicle.camera, truth, self._failures.break_part, simspec.vehicle.simulation_control
+            simspec.vehicle.camera,
+            truth,
+            self._failures.break_part,
+            simspec.vehicle.simulation_control,
+            plan.px4_topics,
         )
         self._controller = self._boot(None)
 
     def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of this vehicle's camera."""
         self._controller.record_exposure(frame)
+
+    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
+        if topics := self._controller.px4:
+            topics.inbox.extend(samples)
+
+    def px4_samples(self) -> list[Px4Sample]:
+        return topics.take_published() if (topics := self._controller.px4) else []
 
     def step(self) -> None:
         if self._controller.restart_requested:

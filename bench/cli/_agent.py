@@ -221,12 +221,15 @@ _LOSSES = {
 
 
 def _session_points(result: SessionResult) -> Iterator[_Point]:
-    from bench.contracts import UnreadTopics
+    from bench.contracts import UnmatchedTopics, UnreadTopics
 
     ended = result.outcome.value == "completed"
     # Indented: no line of what an agent printed is to be taken for one of ours.
     reason = result.reason.replace("\n", "\n    ")
     yield _Point(ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}")
+    if unmatched := result.fact(UnmatchedTopics):
+        for sentence in unmatched.sentences:
+            yield _Point(False, f"announced, never matched: {sentence}")
     if unread := result.fact(UnreadTopics):
         # Whoever does not read its orders cannot obey; without the mission it flies by what it was built for.
         has_mission = not any(topic.endswith("/mission") for topic in unread.topics)

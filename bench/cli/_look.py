@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -112,9 +113,19 @@ def schema(
 
 
 def _print_keys(simspec: Path, as_json: bool) -> None:
+    from bench.agents import load_manifest
+    from bench.errors import SetupError
     from bench.simspec import load_simspec
     from bench.simulation import air_topics
+    from bench.streams import PX4_PREFIX
 
+    spec = load_simspec(simspec)
+    release = None
+    if spec.vehicle.autopilot == "px4":
+        with suppress(SetupError):
+            release = load_manifest(spec.agent.manifest)[0].px4_msgs
+        # An agent without them is shown what it would have.
+        release = release or "1.17"
     rows = [
         {
             "topic": topic.name,
@@ -123,8 +134,9 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
             "direction": "from the agent" if topic.from_agent else "to the agent",
             "reliable": topic.depth > 0 or topic.qos.reliable,
             "latched": topic.depth,
+            **({"px4_msgs": release} if topic.name.startswith(PX4_PREFIX) else {}),
         }
-        for topic in air_topics(load_simspec(simspec))
+        for topic in air_topics(spec, release)
     ]
     if as_json:
         print(json.dumps(rows, indent=2))
@@ -133,7 +145,8 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     for row in rows:
         kind = "reliable" if row["reliable"] else "best effort"
         latched = f", latched ({row['latched']})" if row["latched"] else ""
-        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}\n  {row['key']}")
+        needs = f', with px4_msgs: "{row["px4_msgs"]}" in the manifest' if "px4_msgs" in row else ""
+        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{needs}\n  {row['key']}")
 
 
 def difficulty(

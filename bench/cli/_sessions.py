@@ -100,7 +100,7 @@ def _print_result(
 def _fact_lines(result: SessionResult) -> Iterator[str]:
     """What a user must know of the session before its observations."""
     from bench.agents.confinement import wall_text
-    from bench.contracts import Confinement, ServicesLetIn, TruthGiven, UnreadTopics
+    from bench.contracts import Confinement, ServicesLetIn, TruthGiven, UnmatchedTopics, UnreadTopics
 
     if truth := result.fact(TruthGiven):
         yield f"the truth was given to {truth.agent}: its results are no agent's"
@@ -112,6 +112,8 @@ def _fact_lines(result: SessionResult) -> Iterator[str]:
             network = "a network of its own" if own else f"the network is {confinement.network}"
             gaps = "; ".join(map(wall_text, confinement.open_walls or ()))
             yield f"isolation: {confinement.isolation}, {network}{'; leaves open: ' if gaps else ''}{gaps}"
+    if unmatched := result.fact(UnmatchedTopics):
+        yield from (f"announced, never matched: {sentence}" for sentence in unmatched.sentences)
     if unread := result.fact(UnreadTopics):
         topics = ", ".join(unread.topics)
         yield f"never subscribed to: {topics} (a wrong type or hash is no subscription: rebar schema --keys)"

@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from ._facts import Texts as Texts
     from ._facts import TruthGiven as TruthGiven
     from ._facts import TruthSightings as TruthSightings
+    from ._facts import UnmatchedTopics as UnmatchedTopics
     from ._facts import UnreadTopics as UnreadTopics
     from ._facts import WarpLibrary as WarpLibrary
     from ._facts import fact_of as fact_of
@@ -188,9 +189,11 @@ if TYPE_CHECKING:
     from ._truth_documents import ViewDocument as ViewDocument
     from ._vehicle import BootsFirmware as BootsFirmware
     from ._vehicle import CarriesCamera as CarriesCamera
+    from ._vehicle import HasPx4Topics as HasPx4Topics
     from ._vehicle import LinkSpec as LinkSpec
     from ._vehicle import MavlinkTap as MavlinkTap
     from ._vehicle import OpenVehicle as OpenVehicle
+    from ._vehicle import Px4Sample as Px4Sample
     from ._vehicle import Vector as Vector
     from ._vehicle import Vehicle as Vehicle
     from ._vehicle import VehicleCondition as VehicleCondition

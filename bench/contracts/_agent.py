@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from bench.documents import Document, added_field, is_default
 from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
@@ -61,6 +61,14 @@ class CacheNeed(Document):
 AgentRole = Literal["tested", "floor", "ceiling"]
 
 
+def _release_text(value: object) -> object:
+    """A release that YAML reads as a number because nobody quoted it."""
+    return f"{value:.2f}" if isinstance(value, float) else value
+
+
+Px4Release = Annotated[Literal["1.16", "1.17", "1.18"], BeforeValidator(_release_text)]
+
+
 class AgentManifest(Document):
     """How an agent is started, connected, paced and reset: a YAML file, or a plug-in of `rebar.agents`.
 
@@ -85,6 +93,10 @@ class AgentManifest(Document):
         "zenoh",
         "How the agent has the air network: as ROS 2 messages over Zenoh, or as JSON in the lines of the tick socket, which needs "
         "no library.",
+    )
+    px4_msgs: Px4Release | None = added_field(
+        None,
+        "The release of px4_msgs that the agent is built with: it also has the topics of a PX4 (/fmu/in/..., /fmu/out/...).",
     )
     truth: bool = Field(
         False,
@@ -120,6 +132,14 @@ class AgentManifest(Document):
     def on_zenoh(self) -> bool:
         """Whether it is given the session's router."""
         return self.zenoh and self.air == "zenoh"
+
+    @model_validator(mode="after")
+    def _has_zenoh_for_px4(self) -> Self:
+        if self.px4_msgs and not self.on_zenoh:
+            raise ValueError(
+                "px4_msgs: PX4's topics come over Zenoh alone; leave out zenoh: false and air: tick"
+            )
+        return self
 
     @model_validator(mode="after")
     def _is_python_where_forked(self) -> Self:

@@ -199,6 +199,13 @@ class UnreadTopics(Fact):
     topics: tuple[Words, ...]
 
 
+class UnmatchedTopics(Fact):
+    """What the agent announced of PX4's topics and this session does not have, each in a sentence."""
+
+    key = "unmatched_topics"
+    sentences: tuple[Words, ...]
+
+
 class AgentExit(Fact):
     """How the agent's process ended the session: its exit code, or minus the signal that killed it."""
 

@@ -24,7 +24,8 @@ class Record:
     data: bytes
     value: object = field(default=None, compare=False, repr=False)
     """What the bench itself made `data` of: the message, or the document in a String. Equal to what decoding `data` gives,
-    so that a tap may take it in place of decoding; None where the bytes came from elsewhere.
+    so that a tap may take it in place of decoding; None where the bytes came from elsewhere, but for PX4's topics: their types
+    have another layout in each release.
     """
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 from bench.clock import SimTime
 from bench.values import value_class
@@ -104,13 +104,15 @@ class LinkSpec:
 class VehiclePlan:
     """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens.
 
-    `artefacts` is where a real autopilot's console and logs are left; None: they are discarded.
+    `artefacts` is where a real autopilot's console and logs are left; None: they are discarded. With `px4_topics` a vehicle
+    that `HasPx4Topics` publishes them.
     """
 
     simspec: SimSpec
     links: tuple[LinkSpec, ...]
     controller_hz: int = 50
     artefacts: Path | None = None
+    px4_topics: bool = False
 
 
 MavlinkTap = Callable[[str, str, bytes], None]
@@ -175,6 +177,23 @@ class BootsFirmware(Protocol):
         """Start the autopilot's program and let it run until it can fly, before the first step; the simulated moment
         stays as it is. Returns name, version, digest and pace for the recording. Raises FirmwareFault.
         """
+
+
+Px4Sample = tuple[str, Mapping[str, Any]]
+"""A topic of PX4 (`/fmu/out/vehicle_status`), and the fields of its message by name; those that a release has beside them
+are zero.
+"""
+
+
+@runtime_checkable
+class HasPx4Topics(Protocol):
+    """What a vehicle promises beside `Vehicle` when a companion may see the topics of a PX4 on it."""
+
+    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
+        """Hand over what the companion has published, in order; the next step acts on it."""
+
+    def px4_samples(self) -> list[Px4Sample]:
+        """What was published since the last call, in order."""
 
 
 class OpenVehicle(Protocol):

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from bench.contracts import START, Record, SimTime
 from bench.documents import dump_json
 from bench.simspec import RealAutopilot, SimSpec
-from bench.streams import schema_text
+from bench.streams import message_class, schema_text
 
 PROFILE = "ros2"
 LIBRARY = "rebar"
@@ -74,7 +74,9 @@ class Recorder:
     def _register(self, record: Record) -> int:
         schema = self._schemas.get(record.type_name)
         if schema is None:
-            text = schema_text(record.type_name).encode()
+            # One session has one release of a type, whose class its value has.
+            known = record.type_name if message_class(record.type_name) else type(record.value)
+            text = schema_text(known).encode()
             schema = self._schemas[record.type_name] = self._writer.register_schema(
                 record.type_name, "ros2msg", text
             )

@@ -9,7 +9,8 @@ import json
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import NoReturn
+from operator import attrgetter
+from typing import Any, NoReturn
 
 from bench.contracts import (
     CLOCK,
@@ -24,8 +25,10 @@ from bench.contracts import (
 )
 from bench.simspec import SimSpec
 from bench.streams import (
+    PX4_PREFIX,
     AirAccess,
     AirPlan,
+    RosNode,
     Router,
     Sample,
     String,
@@ -35,11 +38,21 @@ from bench.streams import (
     open_router,
 )
 
-from ._air_topics import DOMAIN, RecordedPublisher, air_topics, camera_publishers, recorded_publisher
+from ._air_topics import (
+    DOMAIN,
+    AirTopic,
+    RecordedPublisher,
+    air_topics,
+    camera_publishers,
+    px4_from_agent,
+    px4_to_agent,
+    recorded_publisher,
+)
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
+from ._px4_topics import unmatched_px4
 from ._stop_session import StopSession
 
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
@@ -71,8 +84,10 @@ class AirNetwork:
         clock: HostClock,
         on_drop: Callable[[SimTime, str], None],
         in_ticks: bool = False,
+        px4_msgs: str | None = None,
     ) -> None:
         self._tap = tap
+        self._router, self._px4_msgs = router, px4_msgs
         self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
@@ -80,7 +95,7 @@ class AirNetwork:
         self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        table = {topic.name: topic for topic in air_topics(simspec)}
+        table = {topic.name: topic for topic in air_topics(simspec, px4_msgs)}
 
         def recorded(name: str) -> RecordedPublisher:
             return recorded_publisher(table[name], node, tap, self.outbox)
@@ -95,6 +110,7 @@ class AirNetwork:
         self.operator_link = recorded(topics.operator_link)
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
+        self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
         self._publishers = (
             self.clock,
             self.tf,
@@ -106,6 +122,7 @@ class AirNetwork:
             self.operator_link,
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
+            *self.px4.values(),
         )
         # What an agent is told in words, and the detections.
         told = (
@@ -119,11 +136,11 @@ class AirNetwork:
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
-        names = sorted(topics.from_agent)
-        self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
-        self._allowances = {topic: TopicAllowance() for topic in names}
+        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
+        self._subscriptions = _subscribe(node, written)
+        self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
-        self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in names}
+        self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
 
     def open_for(self, subscribes: Iterable[str]) -> None:
         """Publish from now on to the topics that the agent declares, once the network knows of each of its
@@ -140,7 +157,7 @@ class AirNetwork:
                 recorded.opened = True
                 while recorded.publisher is not None and not recorded.publisher.has_reader:
                     if self._clock.now() > deadline_s:
-                        key = data_key(DOMAIN, recorded.topic, recorded.kind.TYPE)
+                        key = data_key(DOMAIN, recorded.topic, recorded.kind)
                         raise StopSession(
                             Outcome.AGENT_PROTOCOL,
                             f"the agent says it subscribes to {recorded.topic}, but does not: the key is {key}",
@@ -151,11 +168,13 @@ class AirNetwork:
         """Raise StopSession for topics that no session has: what is misspelt stays silent, and the agent waits for ever."""
         # Cameras of other names are let pass: an agent may be made for vehicles with more of them.
         published = [recorded.topic for recorded in self._publishers]
-        known = {*published, *self._topics.from_agent}
+        known = {*published, *self._allowances}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
+                lacks_release = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
+                without = "without px4_msgs in its manifest" if lacks_release else "in any session"
                 self._refuse_topic(
-                    topic, published, "the agent's hello subscribes to", "it cannot read in any session"
+                    topic, published, "the agent's hello subscribes to", f"it cannot read {without}"
                 )
 
     def _refuse_topic(self, topic: str, known: Sequence[str], deed: str, reason: str) -> NoReturn:
@@ -183,8 +202,8 @@ class AirNetwork:
 
     def receive(
         self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float
-    ) -> dict[str, list[str | bytes]]:
-        """Record what the agent has sent and return its documents by topic.
+    ) -> dict[str, list[Any]]:
+        """Record what the agent has sent and return its documents by topic; of PX4's topics the messages.
 
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what
         has arrived. What is beyond the limits of its topic is dropped: neither recorded nor returned. Raises
@@ -192,7 +211,7 @@ class AirNetwork:
         """
         if stated is None:
             self._look_for_readers()
-        documents: dict[str, list[str | bytes]] = {}
+        documents: dict[str, list[Any]] = {}
         dropped = False
         for subscription in self._subscriptions:
             topic = subscription.topic
@@ -206,19 +225,26 @@ class AirNetwork:
                 if not self._admits(time, topic, len(sample.data)):
                     dropped = True
                     continue
-                self._tap(Record(time, topic, String.TYPE, sample.data))
                 message = sample.message()
+                if subscription.kind is String:
+                    self._tap(Record(time, topic, String.TYPE, sample.data))
+                elif message is not None:
+                    # With its value, because the layout of its type is that of a release.
+                    self._tap(Record(time, topic, subscription.kind.TYPE, sample.data, message))
+                else:
+                    subscription.malformed += 1
                 if message is not None:
-                    documents.setdefault(topic, []).append(message.data)
+                    content = message.data if isinstance(message, String) else message
+                    documents.setdefault(topic, []).append(content)
         if dropped:
             self._check_flood()
         return documents
 
-    def receive_messages(self, time: SimTime, messages: Iterable[AirMessage]) -> dict[str, list[str | bytes]]:
+    def receive_messages(self, time: SimTime, messages: Iterable[AirMessage]) -> dict[str, list[Any]]:
         """Record what an acknowledgement brought, and return it as `receive` does. Raises StopSession for a topic that the
         agent may not write.
         """
-        documents: dict[str, list[str | bytes]] = {}
+        documents: dict[str, list[Any]] = {}
         dropped = False
         # As over Zenoh: by topic, and in the order of each.
         for message in sorted(messages, key=lambda message: message.topic):
@@ -247,6 +273,14 @@ class AirNetwork:
         """What the agent was told and never subscribed to."""
         return tuple(self._unread)
 
+    @property
+    def unmatched(self) -> tuple[str, ...]:
+        """What the agent announced of PX4's topics and this session does not have."""
+        if self._router is None:
+            return ()
+        px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)]
+        return unmatched_px4(self._router.endpoints, px4, self._px4_msgs)
+
     def _look_for_readers(self) -> None:
         """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
         if self._beats % LOOKS_FOR_READERS == 0:
@@ -260,7 +294,8 @@ class AirNetwork:
         if not subscription.wait(count, budget_s):
             raise StopSession(
                 Outcome.AGENT_PROTOCOL,
-                f"the agent says it sent {count} samples on {topic}; {subscription.highest} came",
+                f"the agent says it sent {count} samples on {topic}; {subscription.highest} came, on the key "
+                f"{data_key(DOMAIN, topic, subscription.kind)}",
             )
         if subscription.overflowed:
             raise StopSession(
@@ -325,6 +360,10 @@ class AirNetwork:
         }
 
 
+def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
+    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
+
+
 @contextmanager
 def open_air_network(
     simspec: SimSpec,
@@ -332,17 +371,18 @@ def open_air_network(
     *,
     zenoh: bool,
     in_ticks: bool = False,
+    px4_msgs: str | None = None,
     clock: HostClock = HOST_CLOCK,
     on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router on which truth never is, with one credential, and one more
     where a companion computer comes from outside.
     """
-    outside, topics = simspec.agent.outside_air, air_topics(simspec)
+    outside, topics = simspec.agent.outside_air, air_topics(simspec, px4_msgs)
     plan = AirPlan(
         domain=DOMAIN,
-        agent_reads=tuple((topic.name, topic.kind.TYPE) for topic in topics if not topic.from_agent),
-        agent_writes=tuple((topic.name, topic.kind.TYPE) for topic in topics if topic.from_agent),
+        agent_reads=tuple((topic.name, topic.kind) for topic in topics if not topic.from_agent),
+        agent_writes=tuple((topic.name, topic.kind) for topic in topics if topic.from_agent),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
         # In lockstep and warp the session waits for its agent anyway, and a lost picture would end or change it.
         large_sample_wait_s=None if simspec.pace.mode == "realtime" else LARGE_SAMPLE_WAIT_S,
@@ -353,4 +393,4 @@ def open_air_network(
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None
         if router and outside:
             stack.enter_context(open_outside_air(outside, router.access.locator))
-        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks)
+        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, px4_msgs)

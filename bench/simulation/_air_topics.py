@@ -10,6 +10,8 @@ from bench.contracts import CLOCK, TF, TF_STATIC, Record, SimTime, Tap, VehicleT
 from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
+    PX4_FROM_AGENT,
+    PX4_TO_AGENT,
     RELIABLE_10,
     SENSOR_DATA,
     TF_QOS,
@@ -27,8 +29,10 @@ from bench.streams import (
     data_key,
     encode,
     json_value,
+    px4_message,
 )
 
+from ._allowance import PX4_SAMPLES, TOPIC_SAMPLES, Limit
 from ._outbox import Outbox
 
 # Every session has a router of its own, so all of them may use the same ROS domain.
@@ -44,15 +48,19 @@ class AirTopic:
     qos: QoS = RELIABLE_10
     depth: int = 0
     from_agent: bool = False
+    samples: Limit = TOPIC_SAMPLES
+    """How many of the agent's are recorded."""
 
     @property
     def key(self) -> str:
         """Where its samples travel."""
-        return data_key(DOMAIN, self.name, self.kind.TYPE)
+        return data_key(DOMAIN, self.name, self.kind)
 
 
-def air_topics(simspec: SimSpec) -> tuple[AirTopic, ...]:
-    """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write."""
+def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic, ...]:
+    """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write. With a release
+    of `px4_msgs` also those of PX4.
+    """
     topics = VehicleTopics(simspec.vehicle.name)
     cameras = [
         topic
@@ -78,8 +86,31 @@ def air_topics(simspec: SimSpec) -> tuple[AirTopic, ...]:
             AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
             for camera in simspec.perception.more_cameras
         ),
+        *px4_to_agent(px4_msgs),
         *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
+        *px4_from_agent(px4_msgs),
     )
+
+
+def px4_to_agent(release: str | None) -> list[AirTopic]:
+    """PX4's topics for a companion; none without a release."""
+    if release is None:
+        return []
+    # Whoever comes late still learns home, which is said once; as over uXRCE-DDS.
+    return [
+        AirTopic(name, px4_message(kind, release), SENSOR_DATA, depth=int(kind == "HomePosition"))
+        for name, kind in PX4_TO_AGENT.items()
+    ]
+
+
+def px4_from_agent(release: str | None) -> list[AirTopic]:
+    """PX4's topics that a companion writes; none without a release."""
+    if release is None:
+        return []
+    return [
+        AirTopic(name, px4_message(kind, release), from_agent=True, samples=PX4_SAMPLES)
+        for name, kind in PX4_FROM_AGENT.items()
+    ]
 
 
 @dataclass(slots=True)

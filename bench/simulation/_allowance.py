@@ -24,6 +24,8 @@ TOPIC_SAMPLES = Limit(500, 50)
 """Of each topic. Of 40 sessions with the reference agents, the busiest topic had 8 samples in its busiest second and
 2.4 a second over the session.
 """
+PX4_SAMPLES = Limit(2000, 500)
+"""Of each of PX4's topics. Its companions send setpoints of attitude at 100 Hz and of rates at 200 Hz."""
 TOPIC_BYTES = Limit(8 * 1024 * 1024, 256 * 1024)
 """Of each topic. The reference agents' tracks, the longest documents, are 4.4 kB a second."""
 MAX_DROPPED_SAMPLES = 10_000
@@ -42,6 +44,7 @@ MAVLINK_TO_AGENT_BYTES = Limit(64 * 1024 * 1024, 1024 * 1024)
 class TopicAllowance:
     """What one topic has used of its limits, and what was dropped beyond them."""
 
+    limit: Limit = TOPIC_SAMPLES
     samples: int = 0
     size: int = 0
     dropped: int = 0
@@ -49,7 +52,7 @@ class TopicAllowance:
 
     def admits(self, time: SimTime, size: int) -> bool:
         """Count one sample. False: it is dropped, and uses up nothing of the limits."""
-        if TOPIC_SAMPLES.reached(self.samples + 1, time) or TOPIC_BYTES.reached(self.size + size, time):
+        if self.limit.reached(self.samples + 1, time) or TOPIC_BYTES.reached(self.size + size, time):
             self.dropped += 1
             self.dropped_bytes += size
             return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import Any
 
 from bench.contracts import OPERATOR_LINK, AgentEndpoints, AgentProcess, Outcome, SimTime
 
@@ -16,8 +17,8 @@ COUNT_BUDGET_S = 5.0
 # Between two looks for MAVLink messages on loopback; a lockstep tick is to lose no more.
 RECEIVE_POLL_S = 0.0005
 
-Documents = Mapping[str, list[str | bytes]]
-"""What an agent published, by topic."""
+Documents = Mapping[str, list[Any]]
+"""What an agent published, by topic: documents, and the messages of PX4's topics."""
 
 
 class Pace(ABC):

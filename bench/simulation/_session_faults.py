@@ -11,6 +11,7 @@ from bench.contracts import (
     AgentManifest,
     BootsFirmware,
     ChecksHost,
+    HasPx4Topics,
     LinkSpec,
     OpenVehicle,
     Vehicle,
@@ -66,7 +67,11 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
         try:
             open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
             vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), lambda *_: None))
-            faults += [*tick_faults(spec, vehicle), *firmware_faults(spec, vehicle)]
+            faults += [
+                *tick_faults(spec, vehicle),
+                *firmware_faults(spec, vehicle),
+                *px4_faults(spec, manifest, vehicle),
+            ]
         except SetupError as error:
             faults += error.faults
     return faults
@@ -163,6 +168,15 @@ def firmware_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:
         return []
     what = "a real autopilot sends at moments of its own, for which warp cannot wait"
     return [Fault("vehicle.autopilot.firmware", what, "fly it with --pace realtime, or in lockstep")]
+
+
+def px4_faults(spec: SimSpec, manifest: AgentManifest, vehicle: Vehicle) -> list[Fault]:
+    """A fault if the agent wants the topics of a PX4, and the vehicle has none."""
+    if not manifest.px4_msgs or (isinstance(vehicle, HasPx4Topics) and spec.vehicle.autopilot == "px4"):
+        return []
+    what = f"the manifest of agent {manifest.name!r} says px4_msgs, and this vehicle has no topics of PX4"
+    remedy = "fly it with an imitated PX4 (autopilot: px4), or leave px4_msgs out and fly by MAVLink"
+    return [Fault("vehicle.autopilot", what, remedy)]
 
 
 def tick_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:

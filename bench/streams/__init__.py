@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ._keys import TF_QOS as TF_QOS
     from ._keys import QoS as QoS
     from ._keys import data_key as data_key
+    from ._keys import dds_name as dds_name
     from ._node import AirAccess as AirAccess
     from ._node import Publisher as Publisher
     from ._node import RosNode as RosNode
@@ -37,8 +38,15 @@ if TYPE_CHECKING:
     from ._node import open_client as open_client
     from ._poses import decode_pose_array as decode_pose_array
     from ._poses import encode_pose_array as encode_pose_array
+    from ._px4 import PX4_FROM_AGENT as PX4_FROM_AGENT
+    from ._px4 import PX4_RELEASES as PX4_RELEASES
+    from ._px4 import PX4_TO_AGENT as PX4_TO_AGENT
+    from ._px4 import px4_message as px4_message
+    from ._px4 import px4_releases_of as px4_releases_of
     from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
+    from ._router import PX4_PREFIX as PX4_PREFIX
     from ._router import AirPlan as AirPlan
+    from ._router import Endpoint as Endpoint
     from ._router import Router as Router
     from ._router import Topic as Topic
     from ._router import open_router as open_router

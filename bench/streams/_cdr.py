@@ -19,8 +19,8 @@ from ._types import RosMessage, message_class
 
 # Plain CDR, little endian, no options.
 HEADER = b"\x00\x01\x00\x00"
-# Only what the messages of `_types` need. CDR aligns each of these to its own size.
-_SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
+# CDR aligns each of these to its own size.
+_SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "Q": 8, "f": 4, "d": 8}
 _FORMATS = {
     "int8": "b",
     "uint8": "B",
@@ -28,6 +28,8 @@ _FORMATS = {
     "uint16": "H",
     "int32": "i",
     "uint32": "I",
+    "uint64": "Q",
+    "float32": "f",
     "float64": "d",
 }
 # Some writers pad the end of a sample to four bytes.
@@ -54,7 +56,7 @@ def encode(message: object) -> bytes:
     try:
         for write in _writers(kind):
             write(out, message)
-    except struct.error as error:
+    except (struct.error, OverflowError) as error:  # the latter of a float that is too large for 32 bits
         raise ValueError(f"{kind.TYPE}: a value does not fit its field: {error}") from error
     return bytes(out)
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 import struct
+from typing import Any
 
 import xxhash
 
 from bench.values import value_class
 
 from ._schemas import type_hash
-from ._types import RosMessage
+from ._types import type_name_of
 
 GRAPH = "@ros2_lv"
 # The default depth of rmw_zenoh. In a token, a value equal to its default is left out.
@@ -63,10 +64,10 @@ def is_name(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
-def dds_name(type_name: str) -> str:
+def dds_name(kind: str | type[Any]) -> str:
     """`std_msgs/msg/String` as keys write it: `std_msgs::msg::dds_::String_`."""
-    package, kind, name = type_name.split("/")
-    return f"{package}::{kind}::dds_::{name}_"
+    package, part, name = (kind if isinstance(kind, str) else type_name_of(kind)).split("/")
+    return f"{package}::{part}::dds_::{name}_"
 
 
 def mangle(name: str) -> str:
@@ -74,12 +75,11 @@ def mangle(name: str) -> str:
     return name.replace("/", "%")
 
 
-def data_key(domain: int, topic: str, kind: str | type[RosMessage]) -> str:
+def data_key(domain: int, topic: str, kind: str | type[Any]) -> str:
     """Where the samples of a topic travel; `kind` is a message class or the name of its type. KeyError for a type that the
     bench does not speak.
     """
-    type_name = kind if isinstance(kind, str) else kind.TYPE
-    return f"{domain}/{topic.strip('/')}/{dds_name(type_name)}/{type_hash(type_name)}"
+    return f"{domain}/{topic.strip('/')}/{dds_name(kind)}/{type_hash(kind)}"
 
 
 def node_token(domain: int, zid: str, node_id: int, namespace: str, name: str) -> str:
@@ -94,7 +94,7 @@ def endpoint_token(
     kind: str,
     node: tuple[str, str],
     topic: str,
-    type_name: str,
+    message: str | type[Any],
     qos: QoS,
 ) -> str:
     """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes;
@@ -103,7 +103,7 @@ def endpoint_token(
     node_id, own_id = ids
     namespace, name = node
     place = f"{GRAPH}/{domain}/{zid}/{node_id}/{own_id}/{kind}/%/{mangle(namespace)}/{name}"
-    return f"{place}/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/{qos.text}"
+    return f"{place}/{mangle(topic)}/{dds_name(message)}/{type_hash(message)}/{qos.text}"
 
 
 def endpoint_gid(token: str) -> bytes:

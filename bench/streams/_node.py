@@ -34,7 +34,6 @@ from ._keys import (
     read_sequence,
     write_attachment,
 )
-from ._types import type_name_of
 
 # The lease in the session file of rmw_zenoh: a link that dies silently is noticed after this time.
 _LEASE_MS = 60_000
@@ -209,7 +208,7 @@ class RosNode:
             return self.latched(topic, kind, qos.depth)
         token = self._token("MP", topic, kind, qos)
         publisher = self._session.declare_publisher(
-            data_key(self._domain, topic, type_name_of(kind)),
+            data_key(self._domain, topic, kind),
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
         )
@@ -220,7 +219,7 @@ class RosNode:
         (transient_local).
         """
         token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
-        key = data_key(self._domain, topic, type_name_of(kind))
+        key = data_key(self._domain, topic, kind)
         plain = self._session.declare_publisher(key)
         self._held.append(plain)
         publisher = zenoh.ext.declare_advanced_publisher(
@@ -244,7 +243,7 @@ class RosNode:
         """Listen to a topic. `latched` also asks for the last `depth` samples that were sent before."""
         token = self._token("MS", topic, kind, QoS(latched=latched, depth=depth))
         subscription = Subscription(topic, kind, capacity)
-        key = data_key(self._domain, topic, type_name_of(kind))
+        key = data_key(self._domain, topic, kind)
 
         def arrived(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
@@ -279,9 +278,7 @@ class RosNode:
                 "topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"
             )
         ids = (self._id, next(self._ids))
-        return endpoint_token(
-            self._domain, self._zid, ids, kind, self._name, topic, type_name_of(message), qos
-        )
+        return endpoint_token(self._domain, self._zid, ids, kind, self._name, topic, message, qos)
 
     def _announce(self, publisher: Publisher, token: str, zenoh_publisher: Any) -> Publisher:
         self._held.append(zenoh_publisher)

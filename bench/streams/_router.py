@@ -36,9 +36,15 @@ _ATTEMPTS = 16
 KEEP_ALIVES = 4
 # The fastest that an agent's clock is reckoned to run beside the host's; sessions in warp reach some tens.
 WARP_LEASE_FACTOR = 1000
+# Every topic of a PX4 begins so.
+PX4_PREFIX = "/fmu/"
+# Of a token; ROS 2 may append more to the QoS.
+_TOKEN_PARTS = 13
+# Far more than one stack has.
+_MAX_ENDPOINTS = 1000
 
-Topic = tuple[str, str]
-"""A topic's full name and its ROS 2 type."""
+Topic = tuple[str, str | type[Any]]
+"""A topic's full name, and its ROS 2 type by name or as a message class."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +71,18 @@ class AirPlan:
     in_warp: bool = False
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class Endpoint:
+    """What an agent announces: a topic that it `publishes` or reads, with DDS type (`px4_msgs::msg::dds_::VehicleStatus_`) and
+    type hash as they stand in its token.
+    """
+
+    publishes: bool
+    topic: str
+    dds_type: str
+    type_hash: str
+
+
 class Router:
     """The bench's end of the air network."""
 
@@ -74,6 +92,25 @@ class Router:
         self._ids = itertools.count()
         # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest.
         self._nodes: list[RosNode] = []
+        self._endpoints: set[Endpoint] = set()
+        self._graph: Any = session.liveliness().declare_subscriber(
+            f"{GRAPH}/{access.domain}/**", self._take_token, history=True
+        )
+
+    @property
+    def endpoints(self) -> list[Endpoint]:
+        """What the agent has announced so far, in alphabetical order; of a flood only the first."""
+        return sorted(self._endpoints.copy())
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        """Note an endpoint of another session; called by Zenoh's thread."""
+        parts = str(sample.key_expr).split("/")
+        # As `endpoint_token` makes it: the session is part 2, kind 5, topic 9, type and hash 10 and 11.
+        if len(parts) < _TOKEN_PARTS or parts[5] not in ("MP", "MS") or parts[2] == str(self._session.zid()):
+            return
+        if len(self._endpoints) < _MAX_ENDPOINTS:
+            topic = parts[9].replace("%", "/")
+            self._endpoints.add(Endpoint(parts[5] == "MP", topic, parts[10], parts[11]))
 
     def node(self, name: str, namespace: str = "/") -> RosNode:
         """A node in this process, which may read and write everything; it lives as long as the router."""
@@ -83,6 +120,7 @@ class Router:
 
     def close(self) -> None:
         """Close all nodes. Before the session: what it still holds then is never freed."""
+        self._graph.undeclare()
         while self._nodes:
             self._nodes.pop().close()
 
@@ -118,7 +156,7 @@ def _check(plan: AirPlan) -> None:
             "use a type of bench.streams.MESSAGES",
         )
         for topic, type_name in (*plan.agent_reads, *plan.agent_writes)
-        if message_class(type_name) is None
+        if isinstance(type_name, str) and message_class(type_name) is None
     ]
     if faults:
         raise SetupError(faults)
@@ -192,7 +230,7 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
 
 
 def _keys(plan: AirPlan, topics: tuple[Topic, ...]) -> list[str]:
-    return sorted({data_key(plan.domain, topic, type_name) for topic, type_name in topics})
+    return sorted({data_key(plan.domain, topic, kind) for topic, kind in topics})
 
 
 def _access_control(plan: AirPlan) -> dict[str, Any]:
@@ -237,10 +275,10 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 
 
 def _agent_tokens(plan: AirPlan) -> list[str]:
-    """The tokens that the agent may show: nodes of any name, and endpoints of exactly the topics that it may
-    use.
+    """The tokens that the agent may show: nodes of any name, endpoints of exactly the topics that it may use, and any of
+    PX4's topics, of which a wrong one is to be told.
 
-    So it cannot appear as a publisher of what the bench publishes.
+    So it cannot appear as a publisher of what the bench publishes under the vehicle's name.
     """
     node = f"{GRAPH}/{plan.domain}/*/*/*"
     ends = [("MS", endpoint) for endpoint in plan.agent_reads] + [
@@ -250,4 +288,5 @@ def _agent_tokens(plan: AirPlan) -> list[str]:
         f"{node}/{kind}/*/*/*/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/**"
         for kind, (topic, type_name) in ends
     }
-    return [f"{node}/NN/*/*/*", *sorted(tokens)]
+    px4 = [f"{node}/{kind}/*/*/*/{mangle(PX4_PREFIX)}$*/**" for kind in ("MP", "MS")]
+    return [f"{node}/NN/*/*/*", *px4, *sorted(tokens)]

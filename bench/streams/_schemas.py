@@ -70,12 +70,22 @@ def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
     return tuple(dict.fromkeys(walk(kind)))
 
 
-@cache
-def type_hash(type_name: str) -> str:
-    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when
-    unknown.
+def _class_of(kind: str | type[Any]) -> type[RosMessage]:
+    if isinstance(kind, str):
+        return BY_NAME[kind]
+    type_name_of(kind)
+    return kind
+
+
+def type_hash(kind: str | type[Any]) -> str:
+    """The RIHS01 hash of a message class or a type's name (REP 2016): SHA-256 over the canonical JSON of its description.
+    KeyError for an unknown name.
     """
-    kind = BY_NAME[type_name]
+    return _hash_of(_class_of(kind))
+
+
+@cache
+def _hash_of(kind: type[RosMessage]) -> str:
     inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
     whole = {
         "type_description": _description(kind),
@@ -93,6 +103,8 @@ _TYPE_IDS = {
     "uint16": 5,
     "int32": 6,
     "uint32": 7,
+    "uint64": 9,
+    "float32": 10,
     "float64": 11,
     "bool": 15,
     "string": 17,
@@ -118,13 +130,16 @@ def _type_description(field: Field) -> dict[str, Any]:
     }
 
 
-@cache
-def schema_text(type_name: str) -> str:
-    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it.
+def schema_text(kind: str | type[Any]) -> str:
+    """The `ros2msg` schema of a message class or a type's name with all it depends on, as rosbag2 and MCAP want it.
 
-    KeyError when unknown.
+    KeyError for an unknown name.
     """
-    kind = BY_NAME[type_name]
+    return _schema_of(_class_of(kind))
+
+
+@cache
+def _schema_of(kind: type[RosMessage]) -> str:
     parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
     parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]

@@ -1,6 +1,6 @@
 """Runs an rclpy program where ROS 2 is not installed: `on_pyzeros.py NODE.py` gives it what it imports, made of pyzeros.
 
-Here are the parts of rclpy and the messages that search_node.py uses; add what yours needs.
+Here are the parts of rclpy and the messages that search_node.py and offboard_node.py use; add what yours needs.
 """
 
 import json
@@ -11,7 +11,7 @@ import struct
 import sys
 import time
 from dataclasses import dataclass, field
-from types import ModuleType
+from types import ModuleType, new_class
 
 import zenoh
 from pyzeros import Node as Connection
@@ -24,6 +24,10 @@ from ros2_pyterfaces.cyclone.rosgraph_msgs import msg as rosgraph_msgs
 from ros2_pyterfaces.cyclone.sensor_msgs import msg as sensor_msgs
 from ros2_pyterfaces.cyclone.std_msgs import msg as std_msgs
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
+
+from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, px4_message, schema_text
+
+PX4_MSGS = "1.17"  # as in the manifest
 
 
 @dataclass
@@ -74,6 +78,24 @@ class Detection2D(IdlStruct, typename="vision_msgs/msg/Detection2D"):
 class Detection2DArray(IdlStruct, typename="vision_msgs/msg/Detection2DArray"):
     header: std_msgs.Header = field(default_factory=std_msgs.Header)
     detections: types.sequence[Detection2D] = field(default_factory=list)
+
+
+def px4_class(name):
+    """A class of px4_msgs, made of the bench's layouts; its hash is computed by pyzeros."""
+
+    def fill(content):
+        content["__annotations__"] = {}
+        for line in schema_text(px4_message(name, PX4_MSGS)).splitlines():
+            (base, _, count), key = line.split()[0].partition("["), line.split()[1]
+            kind = bool if base == "bool" else getattr(types, base)
+            zero = False if base == "bool" else 0.0 if base.startswith("float") else 0
+            content[key] = zero
+            if count:
+                zeros = [zero] * int(count[:-1])
+                kind, content[key] = types.array[kind, len(zeros)], field(default_factory=zeros.copy)
+            content["__annotations__"][key] = kind
+
+    return dataclass(new_class(name, (IdlStruct,), {"typename": f"px4_msgs/msg/{name}"}, fill))
 
 
 def open_session():
@@ -174,6 +196,9 @@ def main():
     for name, kinds in (("tf2_msgs", [TFMessage]), ("vision_msgs", [Detection2D, Detection2DArray])):
         provide(name)
         provide(f"{name}.msg", **{kind.__name__: kind for kind in kinds})
+    provide("px4_msgs")
+    names = {*PX4_TO_AGENT.values(), *PX4_FROM_AGENT.values()}
+    provide("px4_msgs.msg", **{name: px4_class(name) for name in names})
     sys.path.insert(0, os.path.dirname(os.path.abspath(sys.argv[1])))
     runpy.run_path(sys.argv[1], run_name="__main__")
 

@@ -13,7 +13,8 @@ from bench.agents import load_manifest
 from bench.campaign import load_campaign
 from bench.cli._agent import _document_points, _session_points
 from bench.cli._app import run
-from bench.contracts import Outcome, Record, SessionResult, SimTime, VehicleTopics
+from bench.cli._sessions import _fact_lines
+from bench.contracts import Outcome, Record, SessionResult, SimTime, UnmatchedTopics, VehicleTopics
 from bench.documents import load_document
 from bench.recording import read_records
 from bench.simspec import load_simspec
@@ -190,6 +191,20 @@ def test_lost_samples_and_an_early_end_do_not_hold() -> None:
     assert (end.holds, lost.holds) == (False, False)
     assert "it fell\n    over" in end.text
     assert lost.text.startswith("2 samples could not be read")
+
+
+def test_what_never_matched_is_told_by_the_check_and_by_simulate() -> None:
+    """Each in a line of its own; what an agent writes into a name is shown with visible escapes."""
+    sentences = ("the agent publishes /fmu/in/a, which", "the agent publishes /fmu/in/\x1b[2J, which")
+    result = SessionResult(realization="check", outcome=Outcome.COMPLETED, reason="done")
+    result = result.with_facts(UnmatchedTopics(sentences=sentences))
+    told = [point.text for point in _session_points(result) if point.holds is False]
+    lines = list(_fact_lines(result))
+    for texts in (told, lines):
+        assert texts == [
+            "announced, never matched: the agent publishes /fmu/in/a, which",
+            "announced, never matched: the agent publishes /fmu/in/\\x1b[2J, which",
+        ]
 
 
 @pytest.mark.slow

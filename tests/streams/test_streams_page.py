@@ -11,7 +11,7 @@ import pytest
 from bench.cli._app import run as run_app
 from bench.simspec import Camera, Home, Perception, VehicleSpec, load_simspec
 from bench.simulation import air_topics
-from bench.streams import String, data_key, encode
+from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, data_key, encode
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 PAGE = (Path(__file__).parents[2] / "docs" / "streams.md").read_text()
@@ -46,6 +46,44 @@ def test_the_keys_of_a_session_are_printed(capsys: pytest.CaptureFixture[str]) -
     lines = capsys.readouterr().out.splitlines()
     assert f"  {key}" in lines
     assert len(lines) == 2 * len(rows)
+
+
+def test_the_page_lists_every_topic_of_a_px4() -> None:
+    section = PAGE.partition("## PX4's topics")[2].partition("\n## ")[0]
+    out, _, into = section.partition("From the agent")
+    for text, table in ((out, PX4_TO_AGENT), (into, PX4_FROM_AGENT)):
+        names = {topic.rpartition("/")[2] for topic in table}
+        assert names == {
+            name for name in re.findall(r"`([a-z_]+)`", text) if name not in ("announced", "facts")
+        }
+
+
+def test_the_keys_of_px4s_topics_are_printed_in_the_release_of_the_manifest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """1.17 for an agent that has none, nothing with an ArduPilot; status has another hash in 1.18."""
+    hashes = {"1.17": "RIHS01_828bddbb", "1.18": "RIHS01_573d6f1a"}
+    topic = "/fmu/out/vehicle_status"
+    for release, given in (("1.17", ""), ("1.18", "px4_msgs: 1.18\n")):
+        (tmp_path / "mine.yaml").write_text(f"name: mine\ncommand: [true_]\n{given}")
+        scene = tmp_path / "scene.yaml"
+        scene.write_text(EXAMPLE.read_text().replace("manifest: reference-naive", "manifest: mine.yaml"))
+        run_app(["schema", "--keys", str(scene), "--json"])
+        rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+        assert (rows[topic]["px4_msgs"], rows[topic]["direction"]) == (release, "to the agent")
+        assert f"1{topic}/px4_msgs::msg::dds_::VehicleStatus_/{hashes[release]}" in rows[topic]["key"]
+        assert rows["/fmu/in/vehicle_command"]["direction"] == "from the agent"
+        assert rows["/fmu/out/home_position"]["latched"] == 1
+        assert "px4_msgs" not in rows["/clock"]
+    run_app(["schema", "--keys", str(EXAMPLE)])
+    assert f'{topic}  px4_msgs/msg/VehicleStatus  to the agent, best effort, with px4_msgs: "1.17" in' in (
+        capsys.readouterr().out
+    )
+    scene.write_text(
+        EXAMPLE.read_text().replace("  model: x500\n", "  model: x500\n  autopilot: ardupilot\n")
+    )
+    run_app(["schema", "--keys", str(scene)])
+    assert "/fmu/" not in capsys.readouterr().out
 
 
 def test_a_key_is_made_of_a_class_or_of_a_name() -> None:

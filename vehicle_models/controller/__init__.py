@@ -14,7 +14,8 @@ of the autopilots.
 - `files/`: MAVLink FTP, component metadata, packed parameters
 - `policies/`: what an autopilot must define: identity, parameters, modes (with arming), commands, setpoints,
   telemetry, missions, safety; with tables of what is plain data
-- `px4/`, `ardupilot/`: the eight policies of each autopilot, under the same file names
+- `px4/`, `ardupilot/`: the eight policies of each autopilot, under the same file names; in `px4/_topics.py` the topics of
+  its ROS 2 companions, a second face of the services
 - `px4_wing/`: the identity and the parameters of PX4 on a fixed wing
 
 `_service.py` says which methods a service may have. `_controller.py` lists the services in the order in which

@@ -29,6 +29,7 @@ from .payload._camera import CameraComponent
 from .payload._gimbal import Gimbal
 from .policies import Autopilot
 from .policies._identity import CalibrationProtocol
+from .px4._topics import Px4Topics
 from .safety._failsafe import Failsafe
 from .safety._failure_injection import BreakPart, FailureInjection
 from .safety._fence import Fence
@@ -84,13 +85,15 @@ class Equipment:
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
     serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
-    of the simulation: an agent would choose the situation in which it is tested.
+    of the simulation: an agent would choose the situation in which it is tested. `px4_topics`: a companion sees PX4's topics
+    beside the links.
     """
 
     camera: Camera | None = None
     truth: Callable[[], tuple[Any, ...]] | None = None
     break_part: BreakPart | None = None
     simulation_control: bool = True
+    px4_topics: bool = False
 
 
 class Controller:
@@ -98,7 +101,7 @@ class Controller:
     a step.
 
     `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of
-    the same vehicle left, and takes their place.
+    the same vehicle left, and takes their place. `px4` is there where the equipment asks for PX4's topics.
     """
 
     def __init__(
@@ -139,7 +142,19 @@ class Controller:
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
         equipment = equipment or Equipment()
+        self.px4: Px4Topics | None = None
         self._join(self._build_services(equipment), equipment.truth)
+        if equipment.px4_topics:
+            self.px4 = Px4Topics(
+                self._context,
+                self._autopilot,
+                self._system,
+                self._modes,
+                self._setpoints,
+                self._commands,
+                self._battery,
+                self._failsafe.charge_state,
+            )
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -323,6 +338,8 @@ class Controller:
         if self._autopilot.identity.texts_follow_answers:
             self._context.texts.keep()
         self._router.handle()
+        if self.px4:
+            self.px4.handle()
         self._context.texts.release()
         for tick in self._ticks:
             tick()
@@ -337,6 +354,8 @@ class Controller:
         """Send everything that is due now, and everything that was queued during the step."""
         self._streams.send_due()
         self._context.radio.flush()
+        if self.px4:
+            self.px4.publish()
 
     def crash(self) -> None:
         """The vehicle has hit something: the rotors stop for good."""

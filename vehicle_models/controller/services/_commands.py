@@ -60,9 +60,13 @@ class Commands:
             self._acknowledge(pending[1], CommandResult.CANCELLED)
 
     def _run(self, command: Command) -> None:
-        policy = self._policy
-        if command.number == MAV_CMD.DO_SET_MODE and policy.accepts_mode_first:
+        if command.number == MAV_CMD.DO_SET_MODE and self._policy.accepts_mode_first:
             self._acknowledge(command, CommandResult.ACCEPTED)
+        self.run(command)
+
+    def run(self, command: Command) -> None:
+        """Carry a command out and acknowledge its result."""
+        policy = self._policy
         handler = self._table.get(command.number)
         answer = None if handler else policy.answer(self._context.flight, command)
         if answer:

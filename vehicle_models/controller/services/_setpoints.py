@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,6 +97,38 @@ class Setpoints:
         if limits is not self._timeout_of:
             self._timeout_of, self._timeout_ns = limits, round(limits.setpoint_timeout_s * 1e9)
         return self._context.flight.time_ns - self._last_ns < self._timeout_ns
+
+    def keep_alive(self, alive: bool = True) -> None:
+        """The companion is there, or says itself that it controls nothing."""
+        self._last_ns = self._context.flight.time_ns if alive else None
+
+    # Setpoints that are no sign of life, as PX4's topics have them. False: the setpoint makes no sense.
+
+    def take_trajectory(
+        self, position: Vector, velocity: Vector, acceleration: Vector, yaw_rad: float, yawrate_radps: float
+    ) -> bool:
+        """Position, velocity and acceleration in north, east, down; NaN for what is left open."""
+        setpoint = _Setpoint(position, velocity, acceleration, yaw_rad, yawrate_radps)
+        if setpoint.empty or not setpoint.sane:
+            return False
+        self._fly(*self._target(setpoint))
+        return True
+
+    def take_attitude(self, q: Sequence[float], yawrate_radps: float, thrust: float) -> bool:
+        """A quaternion (w first), a rate of yaw beside it, and a share of full thrust."""
+        angles = _euler_rad(q)
+        if angles is None or not abs(yawrate_radps) < _MAX_SETPOINT or not math.isfinite(thrust):
+            return False
+        self._fly(self._tilted(*angles, yawrate_radps, thrust, None))
+        return True
+
+    def take_rates(self, rates_radps: Vector, thrust: float) -> bool:
+        """Rates of the body and a share of full thrust."""
+        if not all(abs(rate) < _MAX_SETPOINT for rate in rates_radps) or not math.isfinite(thrust):
+            return False
+        yaw_rad = self._context.flight.yaw_rad
+        self._fly(self._tilted(0.0, 0.0, yaw_rad, rates_radps[2], thrust, rates_radps))
+        return True
 
     def resume(self) -> None:
         """Fly the last setpoint again, after the mode was entered again."""
@@ -249,15 +281,16 @@ class Setpoints:
         if not sane or angles is None or (climbs_by_thrust and (lacks_thrust or some_masked)):
             self._refuse(None)
         else:
-            self._tilt(*angles, yaw_rate, thrust, body_rates)
+            self._lapses = True
+            self._give(self._tilted(*angles, yaw_rate, thrust, body_rates), (False, False))
 
     def _angles_beside_rates(self, masked: list[bool]) -> Vector | None:
         """Rates alone need those of roll and pitch; None without them."""
         return None if masked[0] or masked[1] else (0.0, 0.0, self._context.flight.yaw_rad)
 
-    def _tilt(
+    def _tilted(
         self, roll: float, pitch: float, yaw: float, yaw_rate: float, thrust: float, rates: Vector | None
-    ) -> None:
+    ) -> FlightTarget:
         limits = self._guidance.limits
         climb = 0.0
         if limits.thrust_is_climb:
@@ -266,7 +299,7 @@ class Setpoints:
         attitude = TargetAttitude(
             roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates
         )
-        target = FlightTarget(
+        return FlightTarget(
             velocity_ned_mps=(0.0, 0.0, -climb),
             yaw_rad=yaw,
             yawrate_radps=yaw_rate,
@@ -274,12 +307,15 @@ class Setpoints:
             descent_max_mps=limits.descent_mps,
             attitude=attitude,
         )
-        self._lapses = True
-        self._give(target, (False, False))
 
     def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
+        """Fly what a client sent over MAVLink, where each setpoint is a sign of life."""
+        self.keep_alive()
+        self._fly(target, accelerates)
+
+    def _fly(self, target: FlightTarget, accelerates: tuple[bool, bool] = (False, False)) -> None:
         flight = self._context.flight
-        self._last_ns, self._last = flight.time_ns, (target, accelerates)
+        self._last = target, accelerates
         flight.had_setpoints = True
         if flight.mode.behaviour is Behaviour.OFFBOARD:
             self._manoeuvre().give(target, flight, accelerates)

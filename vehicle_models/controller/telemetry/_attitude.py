@@ -39,6 +39,12 @@ def turned_to_body(attitude: Quaternion, ned: Vector) -> Vector:
     )
 
 
+def turned_to_ned(attitude: Quaternion, body: Vector) -> Vector:
+    """A vector of forward, right, down in north, east, down."""
+    w, x, y, z = attitude
+    return turned_to_body((w, -x, -y, -z), body)
+
+
 class AttitudeCache:
     """The present attitude; several messages of a step need it."""
 
