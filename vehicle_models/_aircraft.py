@@ -24,7 +24,7 @@ from bench.simspec import BoardAutopilot, RealAutopilot, generator
 from ._battery import BatteryModel
 from ._geodesy import LocalFrame, TangentPlane
 from ._gusts import mean_wind_ned_mps
-from ._jsbsim import JsbsimPlant, StartPose
+from ._jsbsim import StartPose, VehicleMotion
 from ._linked_vehicle import LinkedVehicle
 from ._navigation import Navigation
 from .controller import (
@@ -63,6 +63,26 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
         return
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
+
+
+class Plant(Protocol):
+    """What the vehicle needs of its flight dynamics."""
+
+    halfway: tuple[float, ...]
+
+    @property
+    def motion(self) -> VehicleMotion: ...
+
+    def set_wind_ned_mps(self, wind: Vector) -> None: ...
+
+    def set_gust_ned_mps(self, gust: Vector) -> None: ...
+
+    def advance(self) -> None: ...
+
+    def specific_force_mps2(self) -> Vector: ...
+
+    def set_works(self, rotor: int, works: bool) -> None:
+        """Let a rotor (numbered from 0) turn as commanded, or stop it."""
 
 
 class SteeredAirframe(Airframe, Protocol):
@@ -241,7 +261,7 @@ class Aircraft(LinkedVehicle, ABC):
         return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
 
     @abstractmethod
-    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         """The plant standing at `place`, and what steers it."""
 
     @abstractmethod
@@ -315,7 +335,7 @@ class X500(Aircraft):
     hover_thrust = HOVER_THRUST
     rotors = 4
 
-    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._x500 = X500Plant(place, self.step_s)
         return self._x500, X500Airframe(self._x500, self._frame, self.step_s)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.resources
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -75,7 +74,7 @@ class VehicleMotion:
     airspeed_mps: float = 0.0
 
 
-class JsbsimPlant(ABC):
+class JsbsimPlant:
     """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a
     time.
 
@@ -123,10 +122,6 @@ class JsbsimPlant(ABC):
         put_north(north / _FT)
         put_east(east / _FT)
         put_down(down / _FT)
-
-    @abstractmethod
-    def set_works(self, rotor: int, works: bool) -> None:
-        """Let a rotor (numbered from 0) turn as commanded, or stop it."""
 
     def specific_force_mps2(self) -> Vector:
         """What an accelerometer at the centre of gravity feels, body FRD; (0, 0, -9.81) at rest."""

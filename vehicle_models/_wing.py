@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 from bench.contracts import MavlinkTap, VehiclePlan
 
-from ._aircraft import Aircraft, SteeredAirframe
+from ._aircraft import Aircraft, Plant, SteeredAirframe
 from ._battery import BatteryModel
-from ._jsbsim import JsbsimPlant, StartPose
+from ._jsbsim import StartPose
 from .controller import WING_AUTOPILOTS, WingManoeuvres, open_links
 from .wing import WingAirframe, WingPlant
 
@@ -36,7 +36,7 @@ class Wing(Aircraft):
     hover_thrust = 0.27
     rotors = 1
 
-    def _build(self, place: StartPose) -> tuple[JsbsimPlant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._wing = WingPlant(place, self.step_s)
         self._sinking_mps = 0.0
         return self._wing, WingAirframe(self._wing, self._frame, self.step_s)

@@ -36,11 +36,8 @@ class Gate:
 
     def admits(self, frame: bytes) -> bool:
         """Whether a whole frame may go to the autopilot."""
-        withheld = (
-            _ends_program(frame)
-            or self._reads_host(frame)
-            or (not self._simulation_control and self._changes_simulation(frame))
-        )
+        withheld = _ends_program(frame) or self._reads_host(frame)
+        withheld = withheld or (not self._simulation_control and self._changes_simulation(frame))
         self.refused += withheld
         return not withheld
 

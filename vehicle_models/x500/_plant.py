@@ -23,8 +23,6 @@ ROTORS = ("front-right", "rear-left", "front-left", "rear-right")
 
 _FROM_START = ("position/from-start-neu-n-ft", "position/from-start-neu-e-ft")
 _WANTED = ("target-roll-rad", "target-pitch-rad", "target-yaw-rad", "thrust-n")
-
-
 _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
 _NEAR_GROUND_M = 0.5

@@ -49,9 +49,8 @@ def _shown_frame(item: MissionItem, as_float: bool) -> int:
 def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
     """The item's own radius, where it has one."""
     radius = item.params[1]
-    if item.command == MAV_CMD.NAV_WAYPOINT and radius > 0.001:
-        return min(radius, 1000.0)
-    return max(p["NAV_ACC_RAD"], 0.1)
+    own = item.command == MAV_CMD.NAV_WAYPOINT and radius > 0.001
+    return min(radius, 1000.0) if own else max(p["NAV_ACC_RAD"], 0.1)
 
 
 MISSIONS = MissionPolicy(

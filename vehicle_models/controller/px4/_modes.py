@@ -22,7 +22,6 @@ POSITION_S = READY_S
 
 _ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 
-
 MODES_TABLE = Path(__file__).with_name("modes.csv")
 NAV_STATES = numbers_by_mode(MODES_TABLE, "nav_state")
 # AUTO_LAND needs a position too: without one PX4 descends, which it shows as the same mode.

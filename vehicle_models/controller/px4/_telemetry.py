@@ -31,9 +31,9 @@ TELEMETRY = TelemetryPolicy(
     silent_messages=messages_with("px4", "silent"),
     stream_sets={"onboard": _ONBOARD_RATES_HZ, "gcs": _GCS_RATES_HZ, "none": {}},
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
-    # MAV_BATTERY_TYPE_LION
+    # MAV_BATTERY_TYPE_LION; GPS_FIX_TYPE_3D_FIX (no name in Python starts with a digit)
     battery_type=3,
-    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE["3D_FIX"], eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
+    gps_quality=GpsQuality(fix_type=3, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),
     lost_fix_type=GPS_FIX_TYPE.NO_GPS,
     sensors=_sensors,
 )

@@ -18,8 +18,6 @@ from ._modes import Modes
 
 # Second parameter of COMPONENT_ARM_DISARM, as MAVLink defines it.
 _FORCE = 21196.0
-
-
 # A mode of these that was asked for last is shown again after a landing, whatever landed.
 _KEPT = (Behaviour.OFFBOARD, Behaviour.PILOT)
 
@@ -75,8 +73,7 @@ class Arming:
         context.texts.announce(event)
         if self._policy.after_landing and event is not FlightEvent.CRASHED:
             asked = flight.asked_mode
-            keeps = asked is not None and asked.behaviour in _KEPT
-            self._modes.switch(asked if asked and keeps else self._policy.after_landing)
+            self._modes.switch(asked if asked and asked.behaviour in _KEPT else self._policy.after_landing)
 
     def _disarm_after(self, since_ns: int, span_s: float | None, event: FlightEvent) -> None:
         if span_s is not None and self._context.flight.time_ns - since_ns >= round(span_s * 1e9):

@@ -117,8 +117,7 @@ class HomeKeeper:
         return (*place, *_home_attitude(home), *_NO_APPROACH, self._context.flight.time_us)
 
     def _origin_values(self) -> Values:
-        flight = self._context.flight
-        return (*_geodetic(flight.origin), flight.time_us)
+        return (*_geodetic(self._context.flight.origin), self._context.flight.time_us)
 
 
 def _geodetic(point: ReferencePoint) -> tuple[int, int, int]:

@@ -42,7 +42,5 @@ class Restart:
         fixed = self._policy.fixed_results.get(MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN, CommandResult.UNSUPPORTED)
         # The controller restarts after the step, so that the acknowledgement leaves first.
         result = answer.results[0] if answer else fixed
-        self.requested = self.requested or (
-            result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS
-        )
+        self.requested |= result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS
         return result
