@@ -12,6 +12,8 @@ _CLAIMED_BYSTANDERS, _CLAIMED_NEAREST_M = 3, 25.0
 # How long after its delivery an intelligence report is repeated: time for exposures that can be cited.
 _PATIENCE_S = 2.0
 _GRID_EVERY_S, _GRID_STEP_M = 2.0, 30.0
+# What a report repeats of what was told.
+_TOLD = ("class_label", "east_m", "north_m")
 
 
 class Repeater:
@@ -104,10 +106,7 @@ class Repeater:
         session.tracks(
             [
                 {
-                    "id": intelligence["id"],
-                    "class_label": intelligence["class_label"],
-                    "east_m": intelligence["east_m"],
-                    "north_m": intelligence["north_m"],
+                    **{name: intelligence[name] for name in ("id", *_TOLD)},
                     "confidence": _confidence(session),
                     "frames": 20,
                 }
@@ -190,9 +189,7 @@ def _repeated_fields(
     """The fields that repeat what was told."""
     return {
         "id": report_id,
-        "class_label": intelligence["class_label"],
-        "east_m": intelligence["east_m"],
-        "north_m": intelligence["north_m"],
+        **{name: intelligence[name] for name in _TOLD},
         "confidence": _confidence(session),
         "intelligence_id": intelligence["id"],
         "evidence": evidence,

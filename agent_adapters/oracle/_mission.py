@@ -74,9 +74,8 @@ class OracleMission(SearchMission):
         self._truth, self._truth_tracks = eyes.truth, eyes.truth_tracks
         self._take_off_s: float | None = None
         self._visited: set[str] = set()  # tasks whose reported circle it has flown over
-        self._held: set[int] = (
-            set()
-        )  # people whom the published picture has held while they were near a target
+        # People whom the published picture has held while they were near a target.
+        self._held: set[int] = set()
         self._passed_by: set[int] = set()  # people near a target to whom it has flown
         self._has_looked_far = False
         self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there

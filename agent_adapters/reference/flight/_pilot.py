@@ -96,7 +96,7 @@ class Pilot:
             safe_m,
             settings.reserve_s,
             self.way_m,
-            self._sinks_on_the_way_from,
+            self._sinks_on_the_way,
         )
         self._control = Control(
             vehicle, log, orders, settings, self.height_m, self._step_aside, self._failsafe_cause
@@ -366,13 +366,11 @@ class Pilot:
 
     # Down.
 
-    def _sinks_on_the_way_from(self, place: Place) -> bool:
-        return self._sinks_on_the_way(place, self.home if self._order.return_home else place)
-
-    def _sinks_on_the_way(self, place: Place, goal: Place) -> bool:
+    def _sinks_on_the_way(self, place: Place) -> bool:
         """Whether it may come down while it flies from a place to the one where it lands: no rule keeps it high,
         and nothing closed lies between.
         """
+        goal = self.home if self._order.return_home else place
         ruled = self._order.min_altitude_m is not None or self._caution.watches
         return not ruled and self.airspace.clear(place, goal)
 
@@ -403,7 +401,7 @@ class Pilot:
         self._log.enter("returning", reason)
         safe_m = min(self._settings.safe_height_m, self.height_m)
         goal = self.home if self._order.return_home else self.place
-        if not self._sinks_on_the_way(self.place, goal):
+        if not self._sinks_on_the_way(self.place):
             over_home = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
             if not (
                 yield from self.follow(
