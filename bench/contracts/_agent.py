@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, Self, runtime_checkable
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from bench.documents import Document, added_field, is_default
 from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
@@ -49,7 +49,7 @@ AgentRole = Literal["tested", "floor", "ceiling"]
 
 
 class AgentManifest(Document):
-    """How an agent is started, connected, paced and reset: a YAML file, or a plug-in of `rebar.agents`.
+    """How an agent is started, connected and paced: a YAML file, or a plug-in of `rebar.agents`.
 
     In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
@@ -95,37 +95,11 @@ class AgentManifest(Document):
         description="TCP ports on which the agent's own processes reach each other, where landlock has no network of its own.",
     )
     gpu: bool = Field(False, description="The agent is given the host's GPU devices.")
-    reset: Literal["process", "fork"] = Field(
-        "process",
-        description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded.",
-    )
 
     @property
     def on_zenoh(self) -> bool:
         """Whether it is given the session's router."""
         return self.zenoh and self.air == "zenoh"
-
-    @model_validator(mode="after")
-    def _is_python_where_forked(self) -> Self:
-        if self.reset == "fork" and not _runs_in_python(self.command):
-            raise ValueError(
-                'reset: fork needs a command of the bench\'s Python, as ["{python}", "-m", "my_agent"] or ["{python}", '
-                '"{folder}/my_agent.py"]; set reset: process for any other'
-            )
-        late = sorted(name for name in self.environment if name.startswith(("LD_", "PYTHON")))
-        if self.reset == "fork" and late:
-            raise ValueError(
-                f"environment: {', '.join(late)} would come too late for reset: fork, whose Python has started "
-                "by then; leave it out, or set reset: process"
-            )
-        return self
-
-
-def _runs_in_python(command: tuple[str, ...]) -> bool:
-    """Whether the bench's Python runs a module or a script; options of the interpreter come too late for a warm one."""
-    if command[0] != "{python}" or len(command) < 2:
-        return False
-    return len(command) > 2 if command[1] == "-m" else not command[1].startswith("-")
 
 
 @dataclass(frozen=True, slots=True)

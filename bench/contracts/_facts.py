@@ -175,14 +175,6 @@ class Confinement(Fact):
     open_walls: tuple[Words, ...] | None = None
 
 
-class AgentStart(Fact):
-    """How the agent's process began, where its manifest asks for another reset than a process; None: it never did."""
-
-    key = "agent_start"
-    reset: Words
-    forked: bool | None = None
-
-
 class UnreadTopics(Fact):
     """What the agent was told, to which it never subscribed. A subscription with a wrong type or hash is none, and silent."""
 

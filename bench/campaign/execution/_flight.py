@@ -23,10 +23,8 @@ from bench.contracts import (
     AgentManifest,
     AgentPlan,
     AgentProcess,
-    AgentStart,
     Arithmetic,
     Confinement,
-    Fact,
     OnProgress,
     OpenAgent,
     Outcome,
@@ -153,7 +151,7 @@ def _fly(
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
     return end.with_facts(
-        *starter.facts(host),
+        starter.confinement(host),
         *([TruthGiven(agent=manifest.name)] if manifest.truth else []),
         *truth_sightings(placed, flown),
         *report_statements(placed, flown),
@@ -169,26 +167,21 @@ def _fly(
 
 @dataclass(slots=True)
 class AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open, how it began, and what it wrote: known only once it has
+    """Starts the agent, and keeps which walls its box leaves open, and what it wrote: known only once it has
     started, or has ended.
     """
 
     open_agent: OpenAgent
     open_walls: tuple[str, ...] | None = None
-    start: AgentStart | None = None
     output: bytes | None = None
 
     @contextmanager
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
-        reset = plan.manifest.reset
         with ExitStack() as stack:
-            self.start = AgentStart(reset=reset) if reset != "process" else None
             agent = stack.enter_context(self.open_agent(plan))
             if isinstance(agent, LocalProcess):
                 self.open_walls = tuple(wall_name(wall) for wall in agent.open_walls)
-                if self.start:
-                    self.start = AgentStart(reset=reset, forked=agent.is_forked)
             try:
                 yield agent
             finally:
@@ -197,10 +190,9 @@ class AgentStarter:
                 if isinstance(agent, LocalProcess):
                     self.output = agent.output()
 
-    def facts(self, host: Confinement) -> list[Fact]:
-        """What is known of the agent's start, on a host that confines it so."""
-        confinement = host.model_copy(update={"open_walls": self.open_walls})
-        return [fact for fact in (confinement, self.start) if fact]
+    def confinement(self, host: Confinement) -> Confinement:
+        """How the agent was confined, on a host that confines it so."""
+        return host.model_copy(update={"open_walls": self.open_walls})
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
