@@ -20,7 +20,6 @@ from ._program import expand_command, expand_placeholders
 from .confinement import (
     BOX_PLACE,
     CONTAINER,
-    INTERPRETER_ENVIRONMENT,
     Box,
     ConfinedProcess,
     Place,
@@ -103,8 +102,6 @@ def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
         gpu=manifest.gpu,
         image=manifest.image,
         hosts=plan.endpoints.hosts,
-        # What is preloaded for warp must be there before the interpreter.
-        warm=manifest.reset == "fork" and not plan.endpoints.warp,
     )
 
 
@@ -152,7 +149,9 @@ def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
     spec = plan.simspec
     environment = {
         "PATH": os.environ.get("PATH", os.defpath),
-        **INTERPRETER_ENVIRONMENT,
+        "LANG": "C.UTF-8",
+        "PYTHONHASHSEED": "0",
+        "PYTHONUNBUFFERED": "1",
         "HOME": place.home,
         "ROS_DOMAIN_ID": str(ends.domain),
         "REBAR_VEHICLE": spec.vehicle.name,
@@ -282,7 +281,6 @@ class LocalProcess:
 
     def __init__(self, process: ConfinedProcess, output: _Output, program: str, isolation: str) -> None:
         self.isolation, self.own_user = isolation, process.own_user
-        self.is_forked = process.is_forked
         self.open_walls: tuple[Wall, ...] = leaves_open(isolation, this_host(own_user=process.own_user))
         self._process = process
         self._output = output

@@ -66,7 +66,6 @@ if TYPE_CHECKING:
     from ._documents import parse_document as parse_document
     from ._facts import AgentCache as AgentCache
     from ._facts import AgentExit as AgentExit
-    from ._facts import AgentStart as AgentStart
     from ._facts import AnyFact as AnyFact
     from ._facts import Arithmetic as Arithmetic
     from ._facts import BenchTraceback as BenchTraceback

@@ -70,7 +70,7 @@ Px4Release = Annotated[Literal["1.16", "1.17", "1.18"], BeforeValidator(_release
 
 
 class AgentManifest(Document):
-    """How an agent is started, connected, paced and reset: a YAML file, or a plug-in of `rebar.agents`.
+    """How an agent is started, connected and paced: a YAML file, or a plug-in of `rebar.agents`.
 
     In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
@@ -123,10 +123,6 @@ class AgentManifest(Document):
     cache: CacheNeed | None = added_field(
         None, "A folder that a command fills once for all sessions, confined as they are."
     )
-    reset: Literal["process", "fork"] = Field(
-        "process",
-        description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded.",
-    )
 
     @property
     def on_zenoh(self) -> bool:
@@ -140,28 +136,6 @@ class AgentManifest(Document):
                 "px4_msgs: PX4's topics come over Zenoh alone; leave out zenoh: false and air: tick"
             )
         return self
-
-    @model_validator(mode="after")
-    def _is_python_where_forked(self) -> Self:
-        if self.reset == "fork" and not _runs_in_python(self.command):
-            raise ValueError(
-                'reset: fork needs a command of the bench\'s Python, as ["{python}", "-m", "my_agent"] or ["{python}", '
-                '"{folder}/my_agent.py"]; set reset: process for any other'
-            )
-        late = sorted(name for name in self.environment if name.startswith(("LD_", "PYTHON")))
-        if self.reset == "fork" and late:
-            raise ValueError(
-                f"environment: {', '.join(late)} would come too late for reset: fork, whose Python has started "
-                "by then; leave it out, or set reset: process"
-            )
-        return self
-
-
-def _runs_in_python(command: tuple[str, ...]) -> bool:
-    """Whether the bench's Python runs a module or a script; options of the interpreter come too late for a warm one."""
-    if command[0] != "{python}" or len(command) < 2:
-        return False
-    return len(command) > 2 if command[1] == "-m" else not command[1].startswith("-")
 
 
 @dataclass(frozen=True, slots=True)

@@ -175,14 +175,6 @@ class Confinement(Fact):
     open_walls: tuple[Words, ...] | None = None
 
 
-class AgentStart(Fact):
-    """How the agent's process began, where its manifest asks for another reset than a process; None: it never did."""
-
-    key = "agent_start"
-    reset: Words
-    forked: bool | None = None
-
-
 class AgentCache(Fact):
     """What the agent's cache held: the digest of names, links, modes and contents; absent for a manifest without one."""
 

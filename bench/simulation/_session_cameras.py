@@ -65,7 +65,7 @@ class SessionCameras:
         names = [camera.name for camera in simspec.perceiving_cameras]
         by_name = dict(zip(names, detectors, strict=True))
         pictures = camera_pictures(simspec, air, truth, open_renderer)
-        self._cameras = []
+        self._cameras: list[_SessionCamera] = []
         for camera, publishers, drawn in zip(simspec.vehicle.cameras, air.cameras, pictures, strict=True):
             is_main = not self._cameras
             detections = air.detections if is_main else publishers.detections

@@ -15,7 +15,6 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +27,6 @@ from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPla
 from bench.network_namespace import namespace_fault
 from bench.simspec import Point, Polygon, SimSpec, World
 
-# Behind the name of a rung: the probe is forked from a warm interpreter.
-FORKED = "+fork"
 LIMITS = AgentLimits(memory_mb=192, processes=48, scratch_mb=4, file_mb=2)
 PATIENCE_S = 90.0
 # A watch looks ten times a second: time enough on a busy host.
@@ -96,20 +93,16 @@ def gaps_of(
     """The gaps that the probe finds by wall, and the host that it ran on. `folder` is for the probe, and one more like it for
     what the bench keeps for it.
     """
-    name, _, fork = rung.partition(FORKED)
     own_network = namespace_fault() is None
     # Root gives the agent a user of its own only where that one can reach its program.
     folder.mkdir(mode=0o755)
-    with rung_or_skip(name) as isolation:
+    with rung_or_skip(rung) as isolation:
         probe = shutil.copy(Path(__file__).with_name("escape_probe.py"), folder)
         place = rungs()[isolation].place(folder / "scratch")
         in_memory = [] if place.home.startswith(str(folder)) else ["/tmp", "/dev/shm"]
         manifest = AgentManifest(
             name="probe",
-            command=("{python}", str(probe))
-            if fork
-            else (PYTHON if image else "{python}", "-I", "-S", str(probe)),
-            reset="fork" if fork else "process",
+            command=(PYTHON if image else "{python}", "-I", "-S", str(probe)),
             environment={"PROBE": json.dumps({**canaries, "writable": [*in_memory, place.home]})},
             isolation=isolation,
             image=image,
@@ -121,19 +114,12 @@ def gaps_of(
         plan = AgentPlan(
             manifest, folder, spec, AgentEndpoints({}, None, "", "", 0, None), folder / "scratch"
         )
-        if fork:
-            # The first of a process is not forked.
-            first = shutil.copy(Path(__file__).with_name("empty_agent.py"), folder)
-            once = manifest.model_copy(update={"command": ("{python}", str(first))})
-            with open_agent(replace(plan, manifest=once, scratch=folder / "first")):
-                pass
         with open_agent(plan) as agent:
             deadline = time.monotonic() + PATIENCE_S
             while agent.output_tail().count("}\n") < 2 and agent.exit_code() is None:
                 assert time.monotonic() < deadline, agent.output_tail()
                 time.sleep(0.01)
             own_user, limit = agent.own_user, agent.exceeded_limit()
-            assert agent.is_forked == bool(fork)
         output = agent.output().decode()
         assert output.startswith("{"), output
         gaps: dict[str, list[str]] = {}

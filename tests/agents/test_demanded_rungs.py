@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.agents import load_manifest
 from bench.agents.confinement import _ladder, rung_of, rungs
 from bench.campaign import load_campaign, realizations, takeoff_faults
-from bench.contracts import AgentManifest, plugins
+from bench.contracts import AgentManifest
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
@@ -40,14 +39,6 @@ def test_auto_is_the_strongest_rung_that_starts(monkeypatch: pytest.MonkeyPatch)
         host_with(monkeypatch, **reasons)
         chosen.append(rung_of(manifest(), AgentSpec()).name)
     assert chosen == ["landlock", "none"]
-
-
-def test_the_shipped_agents_ask_for_a_fork() -> None:
-    names = list(plugins("rebar.agents"))
-    assert {"reference-naive", "oracle", "null-idle"} <= set(names)
-    agents = [load_manifest(name)[0] for name in names]
-    # A fork shares the start of a Python interpreter; whoever flies in its own time starts what else it needs, such as a server.
-    assert {agent.reset for agent in agents if "lockstep" in agent.pace} == {"fork"}
 
 
 def test_a_demand_comes_before_the_manifest(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import pytest
 from host_image import image_or_skip
 from own_network import call_in_own_network
 from rungs import BARE, EVERY
-from self_test import FORKED, gaps_of, planted
+from self_test import gaps_of, planted
 
 from bench.agents.confinement import HOLDINGS, Host, Wall, leaves_open, rungs, walls_table
 
@@ -16,12 +16,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize("own_network", [False, True])
-@pytest.mark.parametrize("rung", [*EVERY, "container", "landlock" + FORKED, BARE + FORKED])
+@pytest.mark.parametrize("rung", [*EVERY, "container"])
 def test_a_rung_holds_what_the_table_says_and_no_less(rung: str, own_network: bool, tmp_path: Path) -> None:
-    """A wall that the table calls open is open here too: a table that is too modest hides a test that is blind.
-
-    The walls round a fork of a warm interpreter are those round a fresh process.
-    """
+    """A wall that the table calls open is open here too: a table that is too modest hides a test that is blind."""
     image = image_or_skip() if rung == "container" else ""
     with planted() as canaries:
         arguments = (rung, canaries, tmp_path / "probe", image)
@@ -30,8 +27,7 @@ def test_a_rung_holds_what_the_table_says_and_no_less(rung: str, own_network: bo
         )
     assert host.own_network == own_network
     assert gaps.keys() == {wall.name for wall in Wall}
-    name = rung.removesuffix(FORKED)
-    expected = {wall.name for wall in leaves_open("landlock" if name == BARE else name, host)}
+    expected = {wall.name for wall in leaves_open("landlock" if rung == BARE else rung, host)}
     assert {name for name, is_open in gaps.items() if is_open} == expected, gaps
 
 

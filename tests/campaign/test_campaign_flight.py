@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from bench.campaign import load_measurable_decomposition, rescore, write_result
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import AgentExit, AgentStart, Confinement, Outcome, ServicesLetIn, SessionResult
+from bench.contracts import AgentExit, Confinement, Outcome, ServicesLetIn, SessionResult
 from bench.errors import SetupError
 from bench.realization import place
 from bench.recording import read_metadata, read_simspec, read_tape
@@ -115,13 +115,15 @@ def test_the_same_flight_in_another_process_is_the_same_file(
 
 
 def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tmp_path: Path) -> None:
-    """Confinement, the folder of the manifest, how the agent is started, ground stations that look on, and budgets: the
+    """Confinement, the folder of the manifest, ground stations that look on, and budgets: the
     recordings are the same file, and what has been flown still makes another one.
     """
-    manifest = "name: idle\npace: [lockstep]\nzenoh: false\ncommand: ['{python}', -m, agent_adapters.null, idle]\nreset: "
-    for name, reset in (("one", "process"), ("two", "process"), ("three", "fork")):
+    manifest = (
+        "name: idle\npace: [lockstep]\nzenoh: false\ncommand: ['{python}', -m, agent_adapters.null, idle]\n"
+    )
+    for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "mine.yaml").write_text(manifest + reset)
+        (tmp_path / name / "mine.yaml").write_text(manifest)
     example = load_simspec(EXAMPLE)
     short = example.mission.model_copy(update={"time_limit_s": 2.0})
     placed = place(example.model_copy(update={"mission": short}))
@@ -132,10 +134,9 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
         spec = placed.model_copy(update={"agent": agent, **update})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "launched")
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
-        confinement, start = result.fact(Confinement), result.fact(AgentStart)
+        confinement = result.fact(Confinement)
         assert confinement is not None
         assert confinement.isolation != "none" or isolation == "none"
-        assert (start and start.reset) == ("fork" if folder == "three" else None)
         assert read_simspec(tmp_path / "run" / "recording.mcap").agent.label == "mine"
         assert result.recording_sha256 is not None
         return result.recording_sha256
@@ -146,7 +147,6 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
         "isolation auto": sha256("one", "auto"),
         "isolation none": sha256("one", "none"),
         "another folder": sha256("two"),
-        "a fork": sha256("three"),
         "a ground station": sha256("one", vehicle=vehicle),
         "another budget": sha256("one", budgets=Budgets(wall_s=299.0, reply_s=9.0)),
     }

@@ -62,7 +62,6 @@ MAKING_FILES = (
     "prose truck --campaign=@",
     "graph search-and-report --out=@/graph.svg",
     "camera sheet --out=@/sheet.png",
-    "new --out=@/scene.yaml",
     "run CAMPAIGN --out=out --events=@",
 )
 
@@ -135,9 +134,8 @@ def test_a_link_that_leads_nowhere_is_not_overwritten(
     """As a file would not be; its place is taken."""
     (tmp_path / "mine" / "campaigns").mkdir(parents=True)
     (tmp_path / "mine" / "campaigns" / "demo.yaml").symlink_to("gone")
-    for command in ("new --out=@", "examples --copy=mine"):
-        (line,) = answer(command, paths["dangling link"], tmp_path, capsys)
-        assert "exist" in line
+    (line,) = answer("examples --copy=mine", paths["dangling link"], tmp_path, capsys)
+    assert "exist" in line
 
 
 def test_what_is_in_the_way_is_named(tmp_path: Path) -> None:

@@ -39,11 +39,12 @@ def score_row(agent: str, point: str, replicate: int, node: str, x: float | None
         "x": x if level == "observable" else None,
         "outcome": "completed",
         "standing": "counted" if level == "observable" else None,
+        "verdict": None,
     }
 
 
 def score_frame(rows: list[Row]) -> pl.DataFrame:
-    types = {"confidence": pl.Float64, "x": pl.Float64, "standing": pl.String}
+    types = {"confidence": pl.Float64, "x": pl.Float64, "standing": pl.String, "verdict": pl.Boolean}
     return pl.DataFrame(rows, schema_overrides=types, infer_schema_length=None)
 
 

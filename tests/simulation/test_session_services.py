@@ -7,7 +7,7 @@ import random
 import signal
 import socket
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -159,8 +159,11 @@ def test_a_lost_process_refuses_the_agent_and_costs_the_counts(used: Used) -> No
 
 def relay_pid() -> int:
     """The process among our children that carries connections."""
-    children = [Path(f"/proc/self/task/{task.name}/children") for task in Path("/proc/self/task").iterdir()]
-    pids = [pid for child in children for pid in child.read_text().split()]
+    pids: list[str] = []
+    for task in Path("/proc/self/task").iterdir():
+        # A thread of an earlier test may end meanwhile.
+        with suppress(FileNotFoundError):
+            pids += (task / "children").read_text().split()
     (relay,) = (pid for pid in pids if b"_service_relay" in Path(f"/proc/{pid}/cmdline").read_bytes())
     return int(relay)
 

@@ -396,7 +396,8 @@ def test_a_body_vector_turned_to_ned_and_back_is_itself() -> None:
     for _ in range(50):
         flight = FlightState(0.02, place, PX4.modes.initial)
         flight.roll_rad, flight.pitch_rad, flight.yaw_rad = (random.uniform(-1.5, 1.5) for _ in range(3))
-        body, vector = quaternion(flight), tuple(random.uniform(-9.0, 9.0) for _ in range(3))
+        body = quaternion(flight)
+        vector = (random.uniform(-9.0, 9.0), random.uniform(-9.0, 9.0), random.uniform(-9.0, 9.0))
         assert turned_to_body(body, turned_to_ned(body, vector)) == pytest.approx(vector)
 
 

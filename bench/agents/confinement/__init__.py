@@ -23,4 +23,3 @@ from ._walls import this_host as this_host
 from ._walls import wall_name as wall_name
 from ._walls import wall_text as wall_text
 from ._walls import walls_table as walls_table
-from ._warm_interpreter import INTERPRETER_ENVIRONMENT as INTERPRETER_ENVIRONMENT

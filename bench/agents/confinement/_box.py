@@ -68,7 +68,7 @@ class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
     `scratch` is the host's folder of the session, in which no agent may write but on a rung with the host's root, there
-    in its HOME. With `warm` the agent is a fork of a warm interpreter where the rung has one. `files` are files and folders
+    in its HOME. `files` are files and folders
     of the host that the agent finds by name in the folder of `Place.files`, `shared` those that it may also write, so that
     both sides have the same file. `hosts` are addresses by host name, for rungs with a file system of their own.
     """
@@ -84,4 +84,3 @@ class Box:
     gpu: bool = False
     image: str = ""
     hosts: Mapping[str, str] = field(default_factory=dict)
-    warm: bool = False

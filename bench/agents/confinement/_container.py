@@ -78,7 +78,6 @@ class ContainerProcess:
     """A container, and the engine's client that started it and passes its output on."""
 
     own_user = True
-    is_forked = False
 
     def __init__(self, program: str, box: Box, output: int) -> None:
         self._program = program

@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from bench.contracts import AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
@@ -36,7 +36,6 @@ from ._readable_paths import (
 )
 from ._rung import first_child, reaped, wait_until
 from ._system_calls import filter_program
-from ._warm_interpreter import WarmInterpreters
 
 _TRIAL_BUDGET_S = 20.0
 # For the launcher to kill what the agent has left; chosen, not measured.
@@ -84,12 +83,7 @@ class Landlock:
             output,
             namespaces=namespaces,
             user=agent_user() if os.getuid() == 0 and readable and reachable else None,
-            warm=self._warm_interpreters,
         )
-
-    @cached_property
-    def _warm_interpreters(self) -> WarmInterpreters:
-        return WarmInterpreters()
 
     @cached_property
     def _reason(self) -> str | None:
@@ -126,15 +120,7 @@ def _trial_failure(*, namespaces: bool) -> str | None:
 class LandlockedProcess:
     """An agent under its rules, and the launcher above it."""
 
-    def __init__(
-        self,
-        box: Box,
-        output: int,
-        *,
-        namespaces: bool,
-        user: int | None = None,
-        warm: WarmInterpreters | None = None,
-    ) -> None:
+    def __init__(self, box: Box, output: int, *, namespaces: bool, user: int | None = None) -> None:
         settings = _settings(box, user, namespaces=namespaces)
         if not namespaces:
             home = Path(host_place(box.scratch).home)
@@ -154,11 +140,7 @@ class LandlockedProcess:
         os.set_blocking(self._status, False)
         settings_read, settings_write = os.pipe()
         try:
-            forked = None
-            if warm is not None and box.warm:
-                forked = warm.fork(settings_read, status_write, output)
-            self.is_forked = forked is not None
-            self._launcher: Launcher = forked or StartedLauncher(settings_read, status_write, output)
+            self._launcher = Launcher(settings_read, status_write, output)
         except BaseException:
             os.close(settings_write)
             os.close(self._status)
@@ -264,22 +246,8 @@ class LandlockedProcess:
             self._text += os.read(self._status, 65536).decode(errors="replace")
 
 
-class Launcher(Protocol):
-    """The process above a landlocked agent. `returncode` is None until it is reaped, `cpu_s` 0."""
-
-    pid: int
-    returncode: int | None
-    cpu_s: float
-
-    def reap(self, *, waits: bool) -> None:
-        """Keep how it ended, if it has; with `waits` once it has."""
-
-    def signal(self, number: signal.Signals) -> None:
-        """Send a signal to it, if it has not ended."""
-
-
-class StartedLauncher:
-    """A launcher as a program of its own. It reads its settings from one descriptor and writes to two others."""
+class Launcher:
+    """The program above a landlocked agent. It reads its settings from one descriptor and writes to two others."""
 
     def __init__(self, settings_fd: int, status_fd: int, output: int) -> None:
         launch = [_landlock_launch.__file__, str(settings_fd), str(status_fd), str(os.getpid())]
@@ -298,11 +266,13 @@ class StartedLauncher:
         self.cpu_s = 0.0
 
     def reap(self, *, waits: bool) -> None:
+        """Keep how it ended, if it has; with `waits` once it has."""
         if self.returncode is None and (ended := reaped(self.pid, waits=waits)):
             self.returncode, self.cpu_s = ended
             self._started.returncode = self.returncode
 
     def signal(self, number: signal.Signals) -> None:
+        """Send a signal to it, if it has not ended."""
         if self.returncode is None:
             self._started.send_signal(number)
 

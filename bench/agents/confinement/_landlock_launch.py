@@ -19,7 +19,7 @@ import stat
 import struct
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
@@ -67,22 +67,6 @@ class Filter(ctypes.Structure):
 def main() -> None:
     """Start the agent as a program of its own, report, and stay until everything of it has ended."""
     settings_fd, status_fd, parent = map(int, sys.argv[1:4])
-    launch(settings_fd, status_fd, parent, execute)
-
-
-def execute(settings: dict[str, Any]) -> None:
-    """Become the agent's program."""
-    os.execvpe(settings["command"][0], settings["command"], settings["environment"])
-
-
-def launch(
-    settings_fd: int, status_fd: int, parent: int, start: Callable[[dict[str, Any]], None]
-) -> dict[str, Any] | None:
-    """Start the agent, report, and stay until everything of it has ended: then None.
-
-    `start` is called in the agent's process, inside its walls. Where it returns, this returns the settings there, and the
-    caller is the agent.
-    """
     with open(settings_fd, "rb") as file:
         settings: dict[str, Any] = json.loads(file.read())
     os.set_inheritable(status_fd, False)
@@ -99,8 +83,7 @@ def launch(
             fail(settings, status_fd, error)
     keeper = os.fork()
     if keeper == 0:
-        keep_agent(settings, status_fd, start, root)
-        return settings
+        keep_agent(settings, status_fd, root)
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         end_all(os.getpid())
@@ -115,21 +98,13 @@ def launch(
         try:
             pid, _ = os.wait()
         except ChildProcessError:
-            return None
+            return
         if pid == keeper:
             end_all(os.getpid())
 
 
-def keep_agent(
-    settings: dict[str, Any],
-    status_fd: int,
-    start: Callable[[dict[str, Any]], None],
-    root: ModuleType | None,
-) -> None:
-    """Start the agent and be the parent of its orphans until it has ended, and this process with it.
-
-    Where `start` returns, this returns in the agent's process.
-    """
+def keep_agent(settings: dict[str, Any], status_fd: int, root: ModuleType | None) -> NoReturn:
+    """Start the agent and be the parent of its orphans until it has ended, and this process with it."""
     libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     # Process 1 of a namespace has no handlers that it does not set, and none of Python's is wanted here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -142,8 +117,7 @@ def keep_agent(
         fail(settings, status_fd, error)
     agent = os.fork()
     if agent == 0:
-        become_agent(settings, status_fd, start)
-        return
+        become_agent(settings, status_fd)
     # It needs no right any more. Of what is outside of its Landlock domain the agent can read no memory.
     drop_rights(settings["user"])
     release_output()
@@ -181,7 +155,7 @@ def fail(settings: dict[str, Any], status_fd: int, error: OSError) -> NoReturn:
     os._exit(NOT_STARTED)
 
 
-def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict[str, Any]], None]) -> None:
+def become_agent(settings: dict[str, Any], status_fd: int) -> NoReturn:
     """Give up rights, in the order in which each step still has those that it needs, and become the agent."""
     try:
         os.setsid()
@@ -202,7 +176,7 @@ def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict
         sock_filter = Filter(len(program) // 8, ctypes.addressof(buffer))
         done = libc.prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.byref(sock_filter), 0, 0)
         check("seccomp", done)
-        start(settings)
+        os.execvpe(settings["command"][0], settings["command"], settings["environment"])
     except OSError as error:
         fail(settings, status_fd, error)
 

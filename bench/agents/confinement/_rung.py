@@ -29,10 +29,6 @@ class ConfinedProcess(Protocol):
     def own_user(self) -> bool:
         """Whether the kernel has the agent as another user than the bench."""
 
-    @property
-    def is_forked(self) -> bool:
-        """Whether a warm interpreter was forked for it, as its manifest may ask; else it is a fresh process."""
-
     def poll(self) -> int | None:
         """The agent's exit code, None while it runs; negative for the signal that ended it."""
 

@@ -39,7 +39,6 @@ class UnconfinedProcess:
     """One local process and its group; what left the group is found by the agent's HOME."""
 
     own_user = False
-    is_forked = False
 
     def __init__(self, box: Box, output: int) -> None:
         self._failure, launcher_end = os.pipe()

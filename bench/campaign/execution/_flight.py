@@ -25,7 +25,6 @@ from bench.contracts import (
     AgentManifest,
     AgentPlan,
     AgentProcess,
-    AgentStart,
     Arithmetic,
     Confinement,
     Fact,
@@ -174,29 +173,24 @@ def _fly(
 
 @dataclass(slots=True)
 class AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open, how it began, and what it wrote: known only once it has
+    """Starts the agent, and keeps which walls its box leaves open, and what it wrote: known only once it has
     started, or has ended.
     """
 
     open_agent: OpenAgent
     cache: FilledCache | None = None
     open_walls: tuple[str, ...] | None = None
-    start: AgentStart | None = None
     output: bytes | None = None
 
     @contextmanager
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
-        reset = plan.manifest.reset
         if self.cache:
             plan = replace(plan, cache=self.cache.folder)
         with ExitStack() as stack:
-            self.start = AgentStart(reset=reset) if reset != "process" else None
             agent = stack.enter_context(self.open_agent(plan))
             if isinstance(agent, LocalProcess):
                 self.open_walls = tuple(wall_name(wall) for wall in agent.open_walls)
-                if self.start:
-                    self.start = AgentStart(reset=reset, forked=agent.is_forked)
             try:
                 yield agent
             finally:
@@ -208,8 +202,7 @@ class AgentStarter:
     def facts(self, host: Confinement) -> list[Fact]:
         """What is known of the agent's start, on a host that confines it so."""
         confinement = host.model_copy(update={"open_walls": self.open_walls})
-        cache = self.cache and self.cache.fact
-        return [fact for fact in (confinement, self.start, cache) if fact]
+        return [confinement, self.cache.fact] if self.cache else [confinement]
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its

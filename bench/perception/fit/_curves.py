@@ -38,6 +38,11 @@ class SizeCurve:
     slope: float
     ceiling: float
 
+    @property
+    def parameters(self) -> dict[str, float]:
+        """By the names that a model has for them."""
+        return {"half_height_px": self.half_px, "slope": self.slope, "ceiling": self.ceiling}
+
     def share(self, size_px: Floats) -> Floats:
         """The share of the ceiling at these effective sizes."""
         share: Floats = expit(self.slope * np.log(np.maximum(size_px, 1e-9) / self.half_px))

@@ -103,44 +103,39 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     if fitted is not None and _does_not_fit(rows, views):
         views = _views_by_points(rows)
     boxes, false = fit_boxes(matched), fit_false(matched)
+    pairs = _frame_pairs(rows)
+    both = int(rows.hit[pairs].all(axis=1).sum())
+    track_spans_s, switches = _track_changes(rows)
+    latency_s, latency_jitter_s = fit_latency(matched)
     estimates: dict[str, Any] = {
+        **({} if fitted is None else fitted.parameters),
         "size_curve": views.points,
         "class_factors": dict(views.factors or {}),
-        "confusion": _confusion(rows, views.doubt),
-        "false_per_frame": false.per_frame,
-        "false_persistence_s": false.persistence_s,
-        "false_labels": false.labels,
+        **_correlation_estimates(rows, views, pairs, both),
+        **_label_estimates(rows, views.doubt),
         "jitter_share": 0.0,
         "drift_px": 0.0,
         "drift_s": DetectionModel().drift_s,
         **boxes.parameters,
+        "latency_s": latency_s,
+        "latency_jitter_s": latency_jitter_s,
+        "false_per_frame": false.per_frame,
+        "false_persistence_s": false.persistence_s,
+        "false_labels": false.labels,
+        "id_switches_per_s": solve_rate(track_spans_s, switches),
+        "scores": fit_scores(
+            rows.score[rows.known],
+            rows.wrong[rows.known],
+            _mislabel_rates(rows, views.doubt)[rows.known],
+            np.array([item.score for run in matched for frame in run.frames for item in frame.false]),
+            false.score,
+        ),
     }
-    if fitted is not None:
-        estimates |= {"half_height_px": form.half_px, "slope": form.slope, "ceiling": form.ceiling}
-    estimates["latency_s"], estimates["latency_jitter_s"] = fit_latency(matched)
-    pairs = _frame_pairs(rows)
-    both = int(rows.hit[pairs].all(axis=1).sum())
-    if len(pairs):
-        first, second = pairs.T
-        span_s = rows.time_s[second] - rows.time_s[first]
-        p = views.probability
-        estimates["correlation_s"] = fit_correlation_s(p[first], p[second], span_s, both)
-    mislabel = _at_threshold(rows, views.doubt, rows.known & rows.confusable)
-    if mislabel is not None:
-        estimates["mislabel"] = mislabel
-    track_spans_s, switches = _track_changes(rows)
-    estimates["id_switches_per_s"] = solve_rate(track_spans_s, switches)
-    estimates["scores"] = fit_scores(
-        rows.score[rows.known],
-        rows.wrong[rows.known],
-        _mislabel_rates(rows, views.doubt)[rows.known],
-        np.array([item.score for run in matched for frame in run.frames for item in frame.false]),
-        false.score,
-    )
-    rounded = {
+    estimates = {
         name: round(value, 5) if isinstance(value, float) else value for name, value in estimates.items()
     }
-    rounded["false_score"] = false.score
+    # Rounded already, unless it is the stated one.
+    estimates["false_score"] = false.score
     evidence = FitEvidence(
         recordings=len(runs),
         frames=sum(len(run.frames) for run in matched),
@@ -159,11 +154,25 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
         track_pairs=len(track_spans_s),
         track_s=round(float(track_spans_s.sum()), 3),
         switches=switches,
-        unfitted=tuple(name for name in DetectionModel.model_fields if name not in rounded),
+        unfitted=tuple(name for name in DetectionModel.model_fields if name not in estimates),
     )
     # Validated: a copy alone does not check the ranges that the document promises.
-    model = DetectionModel.model_validate(given.model_copy(update=rounded).model_dump())
+    model = DetectionModel.model_validate(given.model_copy(update=estimates).model_dump())
     return DetectorFit(perception=Perception(model=model), evidence=evidence)
+
+
+def _correlation_estimates(rows: _Sightings, views: _Views, pairs: Counts, both_hit: int) -> dict[str, float]:
+    if not len(pairs):
+        return {}
+    first, second = pairs.T
+    p, span_s = views.probability, rows.time_s[second] - rows.time_s[first]
+    return {"correlation_s": fit_correlation_s(p[first], p[second], span_s, both_hit)}
+
+
+def _label_estimates(rows: _Sightings, doubt: Floats) -> dict[str, Any]:
+    mislabel = _at_threshold(rows, doubt, rows.known & rows.confusable)
+    stated = {} if mislabel is None else {"mislabel": mislabel}
+    return {"confusion": _confusion(rows, doubt), **stated}
 
 
 def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
@@ -316,7 +325,9 @@ def _mislabel_rates(rows: _Sightings, doubt: Floats) -> Floats:
         true: sum(confusion[true].values()) if true in confusion else others
         for true in np.unique(rows.true_label).tolist()
     }
-    return np.minimum(1.0, doubt * np.array([by_label[true] for true in rows.true_label.tolist()]))
+    at_threshold = np.array([by_label[true] for true in rows.true_label.tolist()], dtype=np.float64)
+    rates: Floats = np.minimum(1.0, doubt * at_threshold)
+    return rates
 
 
 def _at_threshold(rows: _Sightings, doubt: Floats, chosen: Bools) -> float | None:

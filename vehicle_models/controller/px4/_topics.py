@@ -11,7 +11,7 @@ from bench.contracts import Px4Sample
 
 from ..links._enums import MAV_CMD, MAV_TYPE
 from ..links._radio import Channel
-from ..policies._autopilot import Autopilot
+from ..policies import Autopilot
 from ..services._commands import Commands
 from ..services._modes import Modes
 from ..services._setpoints import Setpoints
