@@ -276,6 +276,9 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
     ]
 
 
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(600)
 def test_the_example_in_rclpys_style_flies_on_pyzeros(tmp_path: Path) -> None:
     """Its keys, hashes and encoder are those of pyzeros."""
     pytest.importorskip("pyzeros", reason="pyzeros is not installed: pip install pyzeros==0.1.0")
