@@ -400,8 +400,6 @@ def demo_text(numbers: Numbers) -> str:
 BLOCKS: Mapping[str, tuple[str, Callable[[Numbers], str]]] = {
     "limits": ("standard", limits_text),
     "escort": ("standard", escort_text),
-    "standard": ("standard", agents_table),
-    "standard_floor": ("standard", discrimination_text),
     "competences": ("standard", limits_table),
     "steps": ("standard_2", steps_table),
     "standard_2": ("standard_2", agents_table),
@@ -415,7 +413,7 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Numbers], str]]] = {
 """The marked parts of the pages, each with the campaign behind it."""
 PAGES = {
     ROOT / "docs" / "standard.md": ("steps", "standard_2", "standard_2_floor"),
-    ROOT / "docs" / "standard-1.md": ("limits", "escort", "standard", "standard_floor", "competences"),
+    ROOT / "docs" / "standard-1.md": ("limits", "escort", "competences"),
     ROOT / "docs" / "measures.md": ("full", "full_floor", "reckless", "flying"),
     ROOT / "README.md": ("demo",),
 }
