@@ -60,13 +60,13 @@ class Observed:
 
 def computed(measures: Measures) -> tuple[str, ...]:
     """The observables that the overhead simulation computes."""
-    return tuple(_requests(measures))
+    return tuple(name for name, (measure, options) in measures.items() if _fits(measure, options))
 
 
 def observe(batch: Batch, measures: Measures) -> Observed:
     """Fly a batch and measure it. A mission's row is the same whichever others are flown with it."""
     names = tuple(measures)
-    requests = _requests(measures)
+    computable = set(computed(measures))
     x, considered = np.zeros((len(batch), len(names))), np.zeros((len(batch), len(names)), dtype=np.bool_)
     end_s = np.zeros(len(batch))
     for begin in range(0, len(batch), CHUNK):
@@ -75,12 +75,12 @@ def observe(batch: Batch, measures: Measures) -> Observed:
         flights = Flights(part, flown)
         end_s[begin : begin + CHUNK] = flown.end_s
         for index, name in enumerate(names):
-            if name in requests:
-                compute, options = requests[name]
-                values, exercised = compute(flights, **options)
+            if name in computable:
+                measure, options = measures[name]
+                values, exercised = _COMPUTED[measure](flights, **_told(measure, options))
                 x[begin : begin + CHUNK, index] = np.where(exercised, np.clip(values, 0.0, 1.0), 0.0)
                 considered[begin : begin + CHUNK, index] = exercised
-    missing = tuple(name for name in names if name not in requests)
+    missing = tuple(name for name in names if name not in computable)
     return Observed(names, missing, x.round(_DIGITS), considered, end_s.round(_DIGITS))
 
 
@@ -96,16 +96,16 @@ _COMPUTED: Mapping[str, Callable[..., Column]] = {
 """How each measure is computed: by the public function of its name, whose keywords are options."""
 
 
-def _requests(measures: Measures) -> dict[str, tuple[Callable[..., Column], dict[str, Option]]]:
-    """The function of each observable that can be computed, and the options that change what it computes."""
-    requests = {}
-    for name, (measure, options) in measures.items():
-        if compute := _COMPUTED.get(measure):
-            known = inspect.signature(compute).parameters.keys()
-            told = {option: value for option, value in options.items() if option in known}
-            if options.keys() <= known | _WITHOUT_EFFECT:
-                requests[name] = compute, told
-    return requests
+def _told(measure: str, options: Mapping[str, Option]) -> dict[str, Option]:
+    """The options that change what is computed; one that its function does not know makes it unfit."""
+    known = inspect.signature(_COMPUTED[measure]).parameters
+    return {name: value for name, value in options.items() if name in known or name not in _WITHOUT_EFFECT}
+
+
+def _fits(measure: str, options: Mapping[str, Option]) -> bool:
+    if measure not in _COMPUTED:
+        return False
+    return set(_told(measure, options)) <= set(inspect.signature(_COMPUTED[measure]).parameters)
 
 
 class ReferenceSurrogate:

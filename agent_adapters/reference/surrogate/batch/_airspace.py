@@ -7,9 +7,12 @@ many at once; only those are routed, one by one, by the agent's own airspace.
 
 from __future__ import annotations
 
-from functools import cache
+import math
+from functools import cache, cached_property
+from itertools import pairwise
 
 import numpy as np
+from scipy.sparse.csgraph import floyd_warshall
 
 from bench.arrays import Bools, Floats
 from bench.polygons import are_inside
@@ -29,8 +32,18 @@ class SurrogateAirspace:
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
         length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        for row in np.flatnonzero(self._needs_route(begin_m, end_m)):
-            length_m[row] = self.airspace.length_m(_place(begin_m[row]), _place(end_m[row]))
+        rows = np.flatnonzero(self._needs_route(begin_m, end_m))
+        if not len(rows):
+            return length_m
+        begin, end = self._nearest_allowed(begin_m[rows]), self._nearest_allowed(end_m[rows])
+        extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
+        direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        round_m = np.full(len(rows), np.inf)
+        if self.airspace.nodes:
+            to_node_m = (self._straight_m(begin)[:, :, None] + self._route_lengths_m[None]).min(axis=1)
+            round_m = (to_node_m + self._straight_m(end)).min(axis=1)
+        route_m = extra_m + np.minimum(direct_m, round_m)
+        length_m[rows] = np.where(np.isfinite(route_m), route_m, length_m[rows])
         return length_m
 
     def paths(self, corners_m: Floats) -> Floats:
@@ -40,17 +53,29 @@ class SurrogateAirspace:
         The first corner is where the vehicle is, and stays.
         """
         rows, count, _ = corners_m.shape
-        ends = corners_m[:, :-1].reshape(-1, 2), corners_m[:, 1:].reshape(-1, 2)
-        bent = self._needs_route(*ends).reshape(rows, count - 1).any(axis=1)
+        moved = corners_m.copy()
+        moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
+        cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
+        cut[:, 0] |= ~self._allowed(moved[:, 0])
         routed = {
-            int(row): np.array([self.airspace.path([_place(corner) for corner in corners_m[row]])])
-            for row in np.flatnonzero(bent)
+            int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
         }
-        longest = max([count, *(path.shape[1] for path in routed.values())])
-        lengthened = padded(corners_m, longest)
+        longest = max([count, *(len(path) for path in routed.values())])
+        lengthened = padded(moved, longest)
         for row, path in routed.items():
-            lengthened[row] = padded(path, longest)[0]
+            lengthened[row] = padded(np.array([path]), longest)[0]
         return lengthened
+
+    def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
+        """One path with those of its ways routed that are cut."""
+        corners = [_place(corner) for corner in corners_m]
+        path = [corners[0]]
+        for (a, b), around in zip(pairwise(corners), cut, strict=True):
+            if around and math.dist(a, b) > TOUCH_M:
+                path += self.airspace.route(a, b)[1:]
+            else:
+                path.append(b)
+        return path
 
     def _needs_route(self, begin_m: Floats, end_m: Floats) -> Bools:
         """(r,) ways that lead through a block, or end in one or outside the fence."""
@@ -77,6 +102,26 @@ class SurrogateAirspace:
             beside = ((at_begin <= 0.0) & (at_end <= 0.0)).any(axis=1)
             cut |= ~beside & (leave - enter > 1e-9)
         return cut
+
+    @cached_property
+    def _route_lengths_m(self) -> Floats:
+        """Lengths of the shortest ways between nodes."""
+        # All pairs once: the same rules serve every mission of a batch.
+        return np.asarray(floyd_warshall(self._straight_m(np.array(self.airspace.nodes))))
+
+    def _nearest_allowed(self, places_m: Floats) -> Floats:
+        """The nearest allowed places."""
+        moved = places_m.copy()
+        for row in np.flatnonzero(~self._allowed(places_m)):
+            moved[row] = self.airspace.nearest(_place(places_m[row]))
+        return moved
+
+    def _straight_m(self, places_m: Floats) -> Floats:
+        """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
+        nodes = np.array(self.airspace.nodes)
+        begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
+        length_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        return length_m.reshape(len(places_m), len(nodes))
 
 
 @cache

@@ -32,4 +32,5 @@ def normal(seeds: Seeds, stream: int, count: int) -> Floats:
 def _mixed(value: Seeds) -> Seeds:
     value = (value ^ (value >> np.uint64(30))) * _FIRST
     value = (value ^ (value >> np.uint64(27))) * _SECOND
-    return np.asarray(value ^ (value >> np.uint64(31)))
+    mixed: Seeds = value ^ (value >> np.uint64(31))
+    return mixed

@@ -18,13 +18,14 @@ from ..._settings import DEFAULTS
 from ...flight._limits import DESCENT_MPS, landing_s
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
-from ...mission._mission import HURRY_S
 from ...mission._planner import TURN_S
 from ...mission._search_flight import SEARCH_S
 from ..batch._batch import Batch
+from ._bystanders import known_near
 from ._delays import delayed, first_open_s, slowed_near_people
-from ._outcome import FlownMissions, known_near
+from ._outcome import FlownMissions
 from ._paths import RING_MOMENTS, cut_off, lawnmower, path_stretch, ring_stretch
+from ._preemption import is_ordered_first, preempted_s
 from ._reporting import CLIMB_S, Missions
 from ._views import Stretch, Views
 
@@ -76,7 +77,7 @@ class _Flight(Missions):
         away_m = np.hypot(*np.moveaxis(batch.task_m - self._place_m[:, None, :], -1, 0))
         late_s = np.maximum(batch.task_delivered_s - self._now_s[:, None], 0.0)
         key = batch.task_priority * 1e6 + away_m + np.where(late_s > 0.0, 1e9 + 1e6 * late_s, 0.0)
-        first = self._is_ordered_first()
+        first = is_ordered_first(batch, self._now_s)
         key = np.where(first, -1e10 * (1.0 + np.where(first, batch.first_s, 0.0)), key)
         key = np.where(self._dealt_with | self._ended[:, None], np.inf, key)
         task = key.argmin(axis=1)
@@ -97,7 +98,7 @@ class _Flight(Missions):
 
     def _take_up_again(self) -> None:
         """What was given up, and is ordered to be next, waits again."""
-        heeds = self._is_ordered_first() & ~self._obeyed_first
+        heeds = is_ordered_first(self._batch, self._now_s) & ~self._obeyed_first
         self._obeyed_first |= heeds
         again = heeds & self._dealt_with & self._task_is & np.isinf(self._found_s)
         self._dealt_with &= ~again
@@ -191,7 +192,8 @@ class _Flight(Missions):
         at_s = self._now_s[rows]
         everybody_m = self._everybody_at(rows, at_s)
         # On this round alone: who was there before may have gone.
-        clear = known_near(batch, self._views[-1:], rows, chosen, at_s, everybody_m)[0] == 0
+        known = known_near(batch, self._views[-1:], rows, chosen, at_s, everybody_m)
+        clear = known.within == 0
         clear[clear] = self._seen_enough(rows[clear], chosen[clear], at_s[clear])
         said_s = first_open_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
@@ -313,46 +315,11 @@ class _Flight(Missions):
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))
         settles &= ~self._settled[rows, task]
         careful = np.flatnonzero(settles & self._batch.bystander_aware[rows])
-        settles[careful] = self._knows(rows[careful], task[careful], found_s[careful])[0] > 0
+        settles[careful] = self._knows(rows[careful], task[careful], found_s[careful]).within > 0
         leaves_s = np.where(settles, np.maximum(found_s, begin_s), np.inf)
-        return np.asarray(np.minimum(leaves_s, self._preempted_s(rows, task, found_s, begin_s)))
-
-    def _is_ordered_first(self) -> Bools:
-        """(n, k) ordered to be next by now, and known when it was."""
-        batch = self._batch
-        return np.asarray((batch.first_s <= self._now_s[:, None]) & (batch.task_delivered_s <= batch.first_s))
-
-    def _preempted_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats) -> Floats:
-        """(r,) when another task that waits is turned to, on a stretch that begins at `begin_s`; inf for never.
-
-        What is more urgent breaks off a search until the target is found, an order always; a second pass gives way to
-        whatever has come since.
-        """
-        batch, others = self._batch, ~self._dealt_with[rows]
-        told_s, rank, first_s = batch.task_delivered_s[rows], batch.task_priority[rows], batch.first_s[rows]
-        row = np.arange(len(rows))
-        own_ordered = (first_s[row, task] <= begin_s) & (told_s[row, task] <= first_s[row, task])
-        came_s = np.where(others & (told_s > begin_s[:, None]), told_s, np.inf)
-        urgent = (rank < rank[row, task][:, None]) & ~own_ordered[:, None]
-        news_s = np.where(urgent, came_s, np.inf).min(axis=1)
-        ordered = others & (told_s <= first_s) & (first_s > begin_s[:, None])
-        calls_s: Floats = np.where(ordered, first_s, np.inf).min(axis=1)
-        calls_s = np.where(news_s < found_s, np.minimum(calls_s, news_s), calls_s)
-        gives_way = (self._passes[rows, task] > 1) & ~own_ordered
-        calls_s = np.where(gives_way, np.minimum(calls_s, came_s.min(axis=1)), calls_s)
-        here_m = batch.task_m[rows, task]
-        for other in range(others.shape[1]):
-            waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))
-            if len(waits):
-                waiting_rows, goal_m = rows[waits], batch.task_m[rows[waits], other]
-                way_m = self._way_home.way_m(waiting_rows, here_m[waits], goal_m, begin_s[waits])
-                way_s = way_m / batch.pace_mps[waiting_rows] + TURN_S + SEARCH_S
-                fits_s = self._way_home.latest_s(waiting_rows, goal_m, begin_s[waits]) - way_s
-                due_s = batch.task_due_s[waiting_rows, other] - way_s
-                hurry_s = np.maximum(np.minimum(fits_s, due_s) - HURRY_S, found_s[waits])
-                sooner_s = np.minimum(calls_s[waits], hurry_s)
-                calls_s[waits] = np.where(hurry_s < fits_s, sooner_s, calls_s[waits])
-        return calls_s
+        others, second_pass = ~self._dealt_with[rows], self._passes[rows, task] > 1
+        calls = self._batch, self._way_home, rows, task, others, found_s, begin_s, second_pass
+        return np.asarray(np.minimum(leaves_s, preempted_s(*calls)))
 
     def _notice_in_passing(
         self, stretch: Stretch, views: Views, begin_s: Floats, until_s: Floats, task: Counts | None
@@ -378,7 +345,7 @@ class _Flight(Missions):
             found = at[broken_off]
             if len(found):
                 found_rows, others, at_s = rows[found], np.full(len(found), other), found_s[broken_off]
-                near = self._knows(found_rows, others, at_s)[0] > 0
+                near = self._knows(found_rows, others, at_s).within > 0
                 members = found_rows[near], others[near]
                 self._settle(*members, at_s[near])
                 self._report(*members, at_s[near], marks=False)

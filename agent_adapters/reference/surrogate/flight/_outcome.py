@@ -9,16 +9,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.arrays import Bools, Counts, Floats
 
-from ..._settings import DEFAULTS
 from ...perception._drift import SHIFT_M, WINDOW_S
-from ...perception._tracks import BYSTANDER_FRAMES, MOST_LOOKS
+from ...perception._tracks import MOST_LOOKS
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ..batch._draws import normal
-from ._views import Stretch, Views, right_label_chance
+from ._bystanders import KnownBystanders
+from ._views import Stretch, Views
 
-_LUCK_COUNT, _STREAM_PLACE = 3000, 4000
+_STREAM_PLACE = 4000
 Real = TypeVar("Real", Floats, Counts)
 
 
@@ -36,8 +36,7 @@ class FlownMissions:
     reported_s: Floats  # (n, k)
     marked_s: Floats  # (n, k)
     found_s: Floats  # (n, k)
-    known_within: Counts  # (n, k) bystanders near the target, as known when it was reported
-    known_nearest_m: Floats  # (n, k)
+    known: KnownBystanders  # (n, k) bystanders near the target, as known when it was reported
     reached: Bools  # (n,) some sub-area was flown to
     took_off_s: Floats  # (n,)
     end_s: Floats  # (n,)
@@ -132,39 +131,5 @@ def standing_span_of(time_s: Floats) -> Counts:
 
 def _at(values: Real, time_s: Floats) -> Real:
     """Of (EPOCHS, n, k) those of the epoch of each moment (n, k)."""
-    return np.asarray(np.take_along_axis(values, standing_span_of(time_s)[None], axis=0)[0])
-
-
-def known_near(
-    batch: Batch, seen: Sequence[Views], rows: Counts, task: Counts, until_s: Floats, places_m: Floats
-) -> tuple[Counts, Floats]:
-    """(r,) how many of the bystanders at `places_m` (r, a, 2) were seen near a target often enough on some stretches by
-    `until_s` (r,), and the nearest one's distance; inf for none.
-    """
-    if not len(rows):
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    limit_s = np.full(len(batch), -np.inf)
-    limit_s[rows] = until_s
-    early = Views.joined([views.where(views.time_s <= limit_s[views.row]) for views in seen])
-    counts = frame_counts(batch, early, right_label_chance(early))[rows]
-    target_m = places_m[np.arange(len(rows)), np.maximum(batch.task_actor[rows, task], 0)]
-    apart_m = np.linalg.norm(places_m - target_m[:, None], axis=2)
-    apart_m[(counts < BYSTANDER_FRAMES) | (batch.role[rows] != 0)] = np.inf
-    within = (apart_m <= (batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m)[:, None]).sum(axis=1)
-    return within, apart_m.min(axis=1, initial=np.inf)
-
-
-def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
-    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with
-    its luck.
-
-    Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
-    """
-    actors = batch.role.shape[1]
-    flat = views.row * actors + views.actor
-    size = len(batch) * actors
-    mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
-    spread = np.bincount(
-        flat, views.frames * batch.correlated_frames[views.row] * chance * (1.0 - chance), size
-    ).reshape(-1, actors)
-    return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)
+    chosen: Real = np.take_along_axis(values, standing_span_of(time_s)[None], axis=0)[0]
+    return chosen

@@ -10,9 +10,10 @@ from ..._settings import DEFAULTS
 from ...mission._findings import DEADLINE_S
 from ...mission._mission import LAST_WORD_S
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
+from ._bystanders import KnownBystanders, known_near
 from ._delays import first_open_s
 from ._identification import NEVER_S, Identification
-from ._outcome import FlownMissions, known_near
+from ._outcome import FlownMissions
 from ._views import Stretch, Views, unseen_share, views_of
 from ._way_home import WayHome
 
@@ -47,9 +48,7 @@ class Missions:
         self._reached = np.zeros(count, dtype=np.bool_)
         self._reported_s = np.full((count, tasks), NEVER_S)
         self._marked_s = np.full((count, tasks), NEVER_S)
-        # Bystanders near a target, as known when it was judged: how many, and the nearest one's distance.
-        self._known_within = np.zeros((count, tasks), dtype=np.int64)
-        self._known_nearest_m = np.full((count, tasks), np.inf)
+        self._known = KnownBystanders.nobody((count, tasks))
         depth = batch.height_m / np.sin(batch.tilt_rad)
         self._middle_m = np.minimum(batch.height_m / np.maximum(np.tan(batch.tilt_rad), 1e-3), 400.0)
         self._swath_m = 2.0 * depth * batch.tan_half
@@ -72,8 +71,8 @@ class Missions:
             np.arange(len(rows)), np.maximum(self._batch.task_actor[rows, task], 0)
         ]
 
-    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> tuple[Counts, Floats]:
-        """Who near a target was seen often enough by then: how many, and the nearest one's distance."""
+    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> KnownBystanders:
+        """Who near a target was seen often enough by then."""
         places_m = self._everybody_at(rows, until_s)
         return known_near(self._batch, self._views, rows, task, until_s, places_m)
 
@@ -103,8 +102,9 @@ class Missions:
         rows, task, at_s = rows[careful], task[careful], at_s[careful]
         if not len(rows):
             return
-        within, self._known_nearest_m[rows, task] = self._knows(rows, task, at_s)
-        self._known_within[rows, task], withholds = within, within > 0
+        known = self._knows(rows, task, at_s)
+        self._known.put(rows, task, known)
+        withholds = known.within > 0
         self._report(rows[withholds], task[withholds], at_s[withholds], marks=False)
         rows, task, at_s = rows[~withholds], task[~withholds], at_s[~withholds]
         clear = self._seen_enough(rows, task, at_s)
@@ -139,7 +139,7 @@ class Missions:
                 continue
             chosen, when_s = task[rows], at_s[rows]
             careful = batch.bystander_aware[rows]
-            refuses = careful & (self._knows(rows, chosen, when_s)[0] > 0)
+            refuses = careful & (self._knows(rows, chosen, when_s).within > 0)
             refuses[careful] |= ~self._seen_enough(rows[careful], chosen[careful], when_s[careful])
             rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
             self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
@@ -178,8 +178,7 @@ class Missions:
             reported_s=self._reported_s,
             marked_s=self._marked_s,
             found_s=self._found_s,
-            known_within=self._known_within,
-            known_nearest_m=self._known_nearest_m,
+            known=self._known,
             reached=self._reached,
             took_off_s=self._away_s - CLIMB_S,
             end_s=self._now_s,

@@ -11,7 +11,8 @@ from bench.arrays import Bools, Counts, Floats, Narrow
 
 from ..batch._batch import ASSET_INDEX, NO_ASSET, Batch
 from ..batch._draws import normal
-from ..flight._outcome import FlownMissions, frame_counts
+from ..flight._bystanders import frame_counts
+from ..flight._outcome import FlownMissions
 from ..flight._views import right_label_chance
 from ._course import FlownCourse
 

@@ -56,14 +56,15 @@ class FlownCourse:
     @cached_property
     def nearest_m(self) -> Floats:
         """How far away the nearest bystander is, on the ground."""
-        people_m = np.where((self.batch.role == 0)[..., None], self._everybody_m, 1e9).astype(np.float32)
-        nearest_m, epochs = np.full(len(self.row), np.inf), standing_span_of(self.time_s)
-        # So many at once stay in the processor's cache.
-        for begin in range(0, len(self.row), 4096):
-            at = slice(begin, begin + 4096)
-            away_m = people_m[epochs[at], self.row[at]] - self.place_m[at, None].astype(np.float32)
-            apart_m2 = away_m[..., 0] ** 2 + away_m[..., 1] ** 2
-            nearest_m[at] = np.sqrt(apart_m2.min(axis=1, initial=np.inf))
+        nearest_m = np.full(len(self.row), np.inf)
+        epochs = standing_span_of(self.time_s)
+        for epoch, everybody_m in enumerate(self._everybody_m):
+            people_m = np.where((self.batch.role == 0)[..., None], everybody_m, 1e9).astype(np.float32)
+            for begin in range(0, len(self.row), 4096):
+                at = begin + np.flatnonzero(epochs[begin : begin + 4096] == epoch)
+                away_m = people_m[self.row[at]] - self.place_m[at, None].astype(np.float32)
+                apart_m2 = away_m[..., 0] ** 2 + away_m[..., 1] ** 2
+                nearest_m[at] = np.sqrt(apart_m2.min(axis=1, initial=np.inf))
         return nearest_m
 
     @cached_property

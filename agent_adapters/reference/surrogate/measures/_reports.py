@@ -117,7 +117,7 @@ def _bystander_near(flights: Flights) -> Bools:
 
 
 def bystanders_declared(flights: Flights, *, min_exposure_s: float = LEAST_EXPOSURE_S) -> Column:
-    flown, declared, near = flights.flown, flights.flown.known_within > 0, _bystander_near(flights)
+    flown, declared, near = flights.flown, flights.flown.known.within > 0, _bystander_near(flights)
     far = flown.near_at_report_m >= flights.batch.no_mark_m[:, None] + MARGIN_M
     return _of_reports(flights, min_exposure_s, near & declared, near | (declared & far))
 
@@ -125,7 +125,7 @@ def bystanders_declared(flights: Flights, *, min_exposure_s: float = LEAST_EXPOS
 def bystander_count_right(
     flights: Flights, *, tolerance: float = 0.5, min_exposure_s: float = LEAST_EXPOSURE_S
 ) -> Column:
-    known, true = flights.flown.known_within, flights.flown.near_at_report
+    known, true = flights.flown.known.within, flights.flown.near_at_report
     right = np.abs(known - true) <= np.maximum(1.0, tolerance * true)
     right &= flights.batch.bystander_aware[:, None]
     return _of_reports(flights, min_exposure_s, right, _bystander_near(flights))
@@ -134,7 +134,7 @@ def bystander_count_right(
 def nearest_bystander_right(
     flights: Flights, *, tolerance_m: float = 10.0, min_exposure_s: float = LEAST_EXPOSURE_S
 ) -> Column:
-    nearest_m = flights.flown.known_nearest_m
+    nearest_m = flights.flown.known.nearest_m
     right = np.isfinite(nearest_m) & flights.batch.bystander_aware[:, None]
     apart_m = np.where(right, nearest_m, 0.0) - np.where(right, flights.flown.near_at_report_m, 0.0)
     right &= np.abs(apart_m) <= tolerance_m
