@@ -21,6 +21,8 @@ class WayHome:
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
         self._closed = any(airspace is not None for airspace in batch.airspaces)
+        left = batch.charge_fraction - batch.use_per_s * batch.limit_s
+        self._has_spare = (left > batch.reserve + 0.25) & np.isinf(batch.charge_s)
 
     def way_m(self, rows: Counts, begin_m: Floats, end_m: Floats, now_s: Floats) -> Floats:
         """(r,) lengths of the ways that may be flown between places."""
@@ -46,6 +48,19 @@ class WayHome:
 
     def turns_back_s(self, stretch: Stretch, begin_s: Floats, end_s: Floats, away_s: Floats) -> Floats:
         """(r,) when a stretch has to be left for home; inf where it can be flown to its end."""
+        batch, rows = self._batch, stretch.rows
+        turns_s = np.full(len(rows), np.inf)
+        farthest_m = np.hypot(*np.moveaxis(stretch.place_m - batch.home_m[rows][:, None], -1, 0)).max(axis=1)
+        # Where there is time enough even from the farthest place by a way twice as long, nothing has to be
+        # looked at closely.
+        latest_s = end_s + self._spent_s(rows, 2.0 * farthest_m) + DEFAULTS.reserve_s
+        tight = np.flatnonzero((latest_s >= batch.limit_s[rows]) | ~self._has_spare[rows])
+        if len(tight):
+            times_s = begin_s[tight], end_s[tight], away_s[tight]
+            turns_s[tight] = self._must_turn_s(stretch.select(tight), *times_s)
+        return turns_s
+
+    def _must_turn_s(self, stretch: Stretch, begin_s: Floats, end_s: Floats, away_s: Floats) -> Floats:
         batch, rows = self._batch, stretch.rows
         time_s = np.column_stack((stretch.time_s, end_s))  # it may wait at the very end
         before_s = np.column_stack((begin_s, time_s[:, :-1]))
@@ -78,8 +93,10 @@ class WayHome:
 
     def _home_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """Time from a place at mission height to disarmed on the ground, as the agent reckons it."""
+        return self._spent_s(rows, self.way_m(rows, place_m, self._batch.home_m[rows], now_s))
+
+    def _spent_s(self, rows: Counts, away_m: Floats) -> Floats:
         batch = self._batch
-        away_m = self.way_m(rows, place_m, batch.home_m[rows], now_s)
         back_s = (away_m / batch.pace_mps[rows] + TURN_S) * batch.returns[rows]
         down_s = np.maximum(batch.height_m[rows] - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
         to_safe_s = np.where(batch.keeps_up[rows], back_s + down_s, np.maximum(back_s, down_s))
