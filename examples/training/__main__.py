@@ -64,7 +64,12 @@ def main() -> None:
         action="append",
         help="folder of a model, repeatable; the one that ships when absent",
     )
-    evaluate.add_argument("--out", type=Path, required=True, help="file for the tables, in Markdown")
+    evaluate.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        help="file for the tables, in Markdown; the reliability diagram is written beside it",
+    )
     options = parser.parse_args()
     use_one_thread()
     if options.command == "train":
@@ -142,8 +147,9 @@ def _write_document(folder: Path, provenance: Provenance) -> NetworkModel:
 def _evaluate(options: argparse.Namespace) -> None:
     from ._tables import tables
 
-    text = tables(options.model or [None], options.seed, options.frames, _report)
+    text, diagram = tables(options.model or [None], options.seed, options.frames, _report)
     options.out.write_text(text, encoding="utf-8")
+    options.out.with_suffix(".svg").write_text(diagram, encoding="utf-8")
 
 
 if __name__ == "__main__":

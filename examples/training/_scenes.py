@@ -25,7 +25,7 @@ from bench.camera.sheet import SceneActor, simspec_with
 from bench.clock import START
 from bench.contracts import CameraPose, Lens, Pixels, cast_of
 from bench.realization import place
-from bench.simspec import ASSETS, DetectionModel, Point, Polygon, Road, Seeds, SimSpec, load_simspec
+from bench.simspec import ASSETS, DetectionModel, Point, Polygon, Road, Seeds, load_simspec
 
 LABELS = tuple(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
 """Class labels in the order in which the catalogue names them first."""

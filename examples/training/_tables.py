@@ -12,7 +12,7 @@ from bench.arrays import Bools
 from bench.perception.pixels._detector import SmallDetector, SmallDetectorOptions
 from bench.perception.pixels._model import load_model
 
-from ._evaluation import CONDITIONS, HD_PX, VGA_PX, Matches, evaluate, frames_under, joined, random_frames
+from ._evaluation import CONDITIONS, HD_PX, Matches, evaluate, frames_under, joined, random_frames
 from ._scenes import GROUPS, LABELS, Split
 
 LEAST_SIZE_PX = 12
@@ -51,7 +51,7 @@ def tables(folders: Sequence[Path | None], seed: int, frame_count: int, report: 
         text += f"\n\n### What each was called, random scenes\n\n{_confusion_table(random)}"
         text += f"\n\n### Scores, missions\n\n{_reliability_table(missions)}"
         text += f"\n\n### Scores, random scenes\n\n{_reliability_table(random)}"
-    return text + "\n"
+    return text + "\n", reliability_diagram({"missions": missions, "random scenes": random})
 
 
 def _share(right: Bools) -> str:
@@ -128,11 +128,41 @@ def _confusion_table(m: Matches) -> str:
     return _table(("is", *(f"`{name}`" for name in LABELS)), rows)
 
 
-def _reliability_table(m: Matches) -> str:
+def _reliability(m: Matches) -> list[tuple[float, float, int, float, float]]:
+    """By tenth of the score: its edges, detections in it, their mean score and the share with the right label."""
     rows = []
-    for low, high in itertools.pairwise(_SCORES):
+    for low, high in itertools.pairwise(_SCORES.tolist()):
         inside = (m.scores >= low) & (m.scores < high + (high == 1.0))
-        mean = f"{m.scores[inside].mean():.2f}" if inside.any() else ""
-        right = _share(m.object_labels[inside] == m.reports[inside])
-        rows.append((f"{low:.1f} to {high:.1f}", str(int(inside.sum())), mean, right))
+        right = (m.object_labels == m.reports)[inside]
+        if len(right) >= _LEAST_CASES:
+            rows.append((low, high, len(right), float(m.scores[inside].mean()), float(right.mean())))
+    return rows
+
+
+def _reliability_table(m: Matches) -> str:
+    rows = [
+        (f"{low:.1f} to {high:.1f}", str(count), f"{score:.2f}", f"{right:.2f}")
+        for low, high, count, score, right in _reliability(m)
+    ]
     return _table(("score", "detections", "mean score", "share with the right label"), rows)
+
+
+def reliability_diagram(curves: dict[str, Matches]) -> str:
+    """An SVG of the share with the right label over the score, a line for each of two curves."""
+    side, edge = 240, 36
+    box = f'viewBox="0 0 {side + 2 * edge} {side + 2 * edge}" font-family="sans-serif" font-size="11"'
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><rect width="100%" height="100%" fill="#fff"/>'
+    text += f'<path d="M{edge} {edge}v{side}h{side}M{edge} {edge + side}l{side} -{side}" fill="none" stroke="#999"/>'
+    for (name, matches), colour, line in zip(curves.items(), ("#1b6ca8", "#c2571a"), (0, 14), strict=True):
+        points = [(edge + side * x, edge + side * (1 - y)) for *_, x, y in _reliability(matches)]
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        text += f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
+        text += "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in points)
+        text += f'<text x="{edge + 8}" y="{edge + 14 + line}" fill="{colour}">{name}</text>'
+    for value in (0.0, 0.5, 1.0):
+        text += f'<text x="{edge + side * value:.0f}" y="{edge + side + 14}" text-anchor="middle">{value:g}</text>'
+        text += (
+            f'<text x="{edge - 4}" y="{edge + side * (1 - value) + 4:.0f}" text-anchor="end">{value:g}</text>'
+        )
+    text += f'<text x="{edge + side / 2}" y="{edge + side + 28}" text-anchor="middle">score</text>'
+    return text + f'<text x="{edge}" y="{edge - 8}">share with the right label</text></svg>\n'
