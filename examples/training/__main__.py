@@ -52,7 +52,6 @@ def main() -> None:
     train.add_argument(
         "--falling", type=int, default=FALLING_STEPS, help="steps at a falling rate after them"
     )
-    train.add_argument("--batch", type=int, default=8, help="crops in a batch")
     train.add_argument("--cache", type=Path, required=True, help="folder for the crops")
     train.add_argument("--out", type=Path, required=True, help="folder for the weights and their document")
     evaluate = commands.add_parser("evaluate", help="write tables of what a model finds")
@@ -102,7 +101,7 @@ def _train(options: argparse.Namespace) -> None:
 
     samples = open_samples(options.cache, options.seed, options.scenes)
     _report(f"{len(samples)} crops, SHA-256 {samples.digest}")
-    layers = layers_of(len(LABELS))
+    layers, plan = layers_of(len(LABELS)), Plan(options.steady, options.falling)
     provenance = Provenance(
         seed=options.seed,
         scenes=options.scenes,
@@ -110,14 +109,13 @@ def _train(options: argparse.Namespace) -> None:
         data_sha256=samples.digest,
         steady_steps=0,
         falling_steps=0,
-        batch=options.batch,
+        batch=plan.batch,
         torch=version("torch"),
         opencv=opencv_build(),
     )
     interrupted = _first_interrupt()
     options.out.mkdir(parents=True, exist_ok=True)
     random = generator_of(options.seed, Split.TRAINING, 2**31)
-    plan = Plan(options.steady, options.falling, options.batch)
     # A process that dies leaves the last of these, of use but without the gain of what was still to come.
     for checkpoint in train(layers, samples, plan, random, _report, interrupted.is_set):
         write_onnx(layers, checkpoint.weights, options.out / WEIGHTS_NAME)

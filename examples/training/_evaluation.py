@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -60,13 +60,12 @@ CONDITIONS: Mapping[str, Conditions] = {
 class Matches:
     """What there was and what was found, over any number of pictures.
 
-    Of objects that count: labels (n,), assets (n,), sizes_px (n,) longest sides, detection_labels (n,) the label under which
+    Of objects that count: labels (n,), sizes_px (n,) longest sides, detection_labels (n,) the label under which
     each was found, or -1. Of detections that are not excused: reports (m,) labels, scores (m,), object_labels (m,) the
     label of the object that each found, or -1.
     """
 
     labels: Counts
-    assets: Counts
     sizes_px: Floats
     detection_labels: Counts
     reports: Counts
@@ -77,20 +76,10 @@ class Matches:
 
 def joined(parts: Sequence[Matches]) -> Matches:
     """All pictures of several."""
-
-    def column(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return Matches(
-        column("labels"),
-        column("assets"),
-        column("sizes_px"),
-        column("detection_labels"),
-        column("reports"),
-        column("scores"),
-        column("object_labels"),
-        sum(part.pictures for part in parts),
-    )
+    columns: list[NDArray[Any]] = [
+        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Matches)[:-1]
+    ]
+    return Matches(*columns, sum(part.pictures for part in parts))
 
 
 def match(frame: LabelledFrame, detections: Sequence[Detection]) -> Matches:
@@ -106,7 +95,6 @@ def match(frame: LabelledFrame, detections: Sequence[Detection]) -> Matches:
     scores = np.array([detection.score for detection in detections], dtype=np.float64)
     return Matches(
         frame.labels[counting],
-        frame.assets[counting],
         sides[counting],
         detection_labels[counting],
         reports[~excused],

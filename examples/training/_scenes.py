@@ -79,7 +79,7 @@ class Split(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """A picture with the boxes (n, 4) of what it shows; labels (n,) are places in LABELS; assets are in ASSETS' order.
+    """A picture with the boxes (n, 4) of what it shows; labels (n,) are places in LABELS.
 
     `counts` (n,) is False for what is too small, too much hidden or cut off: neither right nor wrong to detect.
     """
@@ -87,7 +87,6 @@ class LabelledFrame:
     bgr: Pixels
     boxes_px: Floats
     labels: Counts
-    assets: Counts
     counts: Bools
 
 
@@ -162,12 +161,11 @@ def _labelled(
     actor_pixels = actors_in(frame.picture)
     boxes = np.array([pixels.box for pixels in actor_pixels], dtype=np.float64).reshape(-1, 4)
     visible = np.array([pixels.visible for pixels in actor_pixels], dtype=np.float64)
-    shown = [assets[pixels.actor] for pixels in actor_pixels]
-    labels = np.array([LABELS.index(ASSETS[name].class_label) for name in shown], dtype=np.int64)
-    numbers = np.array([list(ASSETS).index(name) for name in shown], dtype=np.int64)
+    shown = [ASSETS[assets[pixels.actor]].class_label for pixels in actor_pixels]
+    labels = np.array([LABELS.index(label) for label in shown], dtype=np.int64)
     height_px, width_px = frame.bgr.shape[:2]
     counts = (visible >= LEAST_VISIBLE) & large_enough(boxes, width_px, height_px)
-    return LabelledFrame(frame.bgr, boxes, labels, numbers, counts)
+    return LabelledFrame(frame.bgr, boxes, labels, counts)
 
 
 def mission_frames(
@@ -176,13 +174,11 @@ def mission_frames(
     frame_count: int,
     size_px: tuple[int, int],
     conditions: Conditions | None = None,
-    *,
-    actors: bool = True,
 ) -> Iterator[LabelledFrame]:
     """Pictures of each situation of campaigns/standard, its actors placed anew, from poses of its mission.
 
     From 0.6 to 1.1 of the mission's height, anywhere over the area, by its camera at another size. Without `conditions` in
-    those of the situation; without `actors` of the ground alone. Equal seeds give the same scenes and poses under all.
+    those of the situation. Equal seeds give the same scenes and poses under all.
     """
     for place_number, path in enumerate(sorted(SITUATIONS.glob("*.yaml"))):
         random = generator_of(seed, split, place_number)
@@ -194,7 +190,7 @@ def mission_frames(
         camera = open_camera(simspec, camera_spec, conditions=conditions or conditions_of(simspec))
         assert simspec.realized is not None
         placed = simspec.realized.actors
-        positions = np.array([(actor.east_m, actor.north_m, 0.0 if actors else -1e3) for actor in placed])
+        positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed])
         headings = np.radians(np.array([actor.heading_deg for actor in placed]))
         names = [member.asset for member in cast_of(simspec)]
         corners = np.array([(corner.east_m, corner.north_m) for corner in simspec.world.area.corners])
