@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ._draws import seeds_of_camera as seeds_of_camera
     from ._odds import DetectionOdds as DetectionOdds
     from ._picture_detector import PictureDetector as PictureDetector
+    from ._tracker import BegunTracks as BegunTracks
     from ._tracker import KalmanTracker as KalmanTracker
     from ._tracker import ground_homography as ground_homography
     from ._tracker import ground_warp as ground_warp

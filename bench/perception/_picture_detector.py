@@ -28,7 +28,7 @@ from bench.simspec import Camera, SimSpec
 from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
 from ._draws import name_before_tracks
-from ._tracker import KalmanTracker, ground_homography, ground_warp
+from ._tracker import BegunTracks, KalmanTracker, ground_homography, ground_warp
 
 
 def open_picture_detectors(
@@ -82,8 +82,7 @@ class PictureDetector:
         self._lens = lens_of(camera)
         prefix = name_before_tracks(simspec, camera)
         self._tracks = KalmanTracker(self._lens.fx, lens=self._lens, prefix=prefix)
-        self._begin_score = simspec.perception.begin_score
-        self._begun: set[str] = set()
+        self._begun = BegunTracks(simspec.perception.begin_score, simspec.perception.begin_detections)
         self._ground: Floats | None = None
         self._latency = FrameLatency.of(simspec, camera)
         self._camera = camera.name if prefix else ""
@@ -96,15 +95,7 @@ class PictureDetector:
         detections = self._tracks.name(
             self._detect(frame.number, picture.bgr), frame.exposed, self._warp(picture)
         )
-        self._results.put(frame.exposed, self._latency.of_frame(frame.number), self._of_begun(detections))
-
-    def _of_begun(self, detections: Sequence[Detection]) -> tuple[Detection, ...]:
-        """The detections whose tracks have reached the score to begin with.
-
-        After the assignment, so that a doubtful detection can still be continued by a sure one.
-        """
-        self._begun.update(item.track for item in detections if item.score >= self._begin_score)
-        return tuple(item for item in detections if item.track in self._begun)
+        self._results.put(frame.exposed, self._latency.of_frame(frame.number), self._begun.of(detections))
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         return self._results.due(now)

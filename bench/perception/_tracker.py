@@ -13,6 +13,7 @@ defeats.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -38,6 +39,28 @@ _VOTED_BOXES = 32
 _LATELY_S = 0.5
 
 DEFAULT_SETTINGS = TrackerSettings()
+
+
+class BegunTracks:
+    """Leaves out the detections of a track until one has reached a score and there were so many.
+
+    After the assignment, so that a doubtful detection can still be continued by a sure one.
+    """
+
+    def __init__(self, begin_score: float = 0.0, begin_detections: int = 2) -> None:
+        self._begin_score, self._begin_detections = begin_score, begin_detections
+        self._counts: Counter[str] = Counter()
+        self._sure: set[str] = set()
+
+    def of(self, detections: Sequence[Detection]) -> tuple[Detection, ...]:
+        """Those of one picture, with the names of their tracks, that are of tracks that have begun."""
+        self._counts.update(item.track for item in detections)
+        self._sure.update(item.track for item in detections if item.score >= self._begin_score)
+        return tuple(
+            item
+            for item in detections
+            if item.track in self._sure and self._counts[item.track] >= self._begin_detections
+        )
 
 
 class KalmanTracker:

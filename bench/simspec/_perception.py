@@ -228,6 +228,13 @@ class Perception(Document):
         "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
         "it are left out.",
     )
+    begin_detections: int = added_field(
+        2,
+        "Of source detector alone: a track begins with the detection of this number; those before are left out. "
+        "A false detection of a single picture has no track.",
+        ge=1,
+        le=50,
+    )
     more_cameras: tuple[RosName, ...] = added_field(
         (),
         "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "

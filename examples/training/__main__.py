@@ -27,15 +27,13 @@ from bench.perception.pixels._model import (
 )
 
 from ._evaluation import calibrate
-from ._samples import MixedSamples, open_ground_samples, open_samples
+from ._samples import open_samples
 from ._scenes import LABELS, Split, generator_of
 
-SEED = 20261123
+SEED = 20261127
+EVALUATION_SEED = 4417
 SIZE_MULTIPLE_PX = 32
-SCENES, STEADY_STEPS, FALLING_STEPS = 720, 7_380, 6_000
-GROUND_SCENES, REFINING_STEPS = 40, 1_200
-# Three tenths of the first rate; with four rounds an eighth of the crops are of bare ground.
-_REFINING_RATE, _GROUND_TIMES = 6e-4, 4
+SCENES, STEADY_STEPS, FALLING_STEPS = 1_200, 7_160, 7_000
 _CALIBRATION_SCENES, _CALIBRATION_FRAMES = 16, 10
 
 
@@ -47,26 +45,30 @@ def main() -> None:
     commands = parser.add_subparsers(required=True, dest="command")
     train = commands.add_parser("train", help="render what is not in the cache, train, calibrate, write")
     train.add_argument("--seed", type=int, default=SEED, help="of scenes, weights and batches")
-    train.add_argument("--scenes", type=int, default=SCENES, help="random scenes of 30 crops")
+    train.add_argument("--scenes", type=int, default=SCENES, help="random scenes of 36 crops")
     train.add_argument(
         "--steady", type=int, default=STEADY_STEPS, help="steps at a steady rate; Ctrl-C ends them"
     )
     train.add_argument(
         "--falling", type=int, default=FALLING_STEPS, help="steps at a falling rate after them"
     )
-    train.add_argument("--ground", type=int, default=GROUND_SCENES, help="scenes of 18 crops of bare ground")
-    train.add_argument(
-        "--refining", type=int, default=REFINING_STEPS, help="last steps, with crops of bare ground"
-    )
-    train.add_argument("--batch", type=int, default=8, help="crops in a batch")
     train.add_argument("--cache", type=Path, required=True, help="folder for the crops")
     train.add_argument("--out", type=Path, required=True, help="folder for the weights and their document")
     evaluate = commands.add_parser("evaluate", help="write tables of what a model finds")
-    evaluate.add_argument("--seed", type=int, default=SEED, help="of the held-out scenes")
-    evaluate.add_argument("--scenes", type=int, default=12, help="scenes under each condition")
-    evaluate.add_argument("--frames", type=int, default=8, help="pictures of each scene")
-    evaluate.add_argument("--model", type=Path, help="folder of the model; the one that ships when absent")
-    evaluate.add_argument("--out", type=Path, required=True, help="file for the tables, in Markdown")
+    evaluate.add_argument("--seed", type=int, default=EVALUATION_SEED, help="of the held-out scenes")
+    evaluate.add_argument("--frames", type=int, default=8, help="pictures of each situation")
+    evaluate.add_argument(
+        "--model",
+        type=Path,
+        action="append",
+        help="folder of a model, repeatable; the one that ships when absent",
+    )
+    evaluate.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        help="file for the tables, in Markdown; the reliability diagram is written beside it",
+    )
     options = parser.parse_args()
     use_one_thread()
     if options.command == "train":
@@ -93,14 +95,13 @@ def _first_interrupt() -> Event:
 
 def _train(options: argparse.Namespace) -> None:
     # Imported here: who evaluates needs no torch.
-    from ._export import read_onnx, write_onnx
+    from ._export import write_onnx
     from ._learning import Plan, train
     from ._network import layers_of
 
     samples = open_samples(options.cache, options.seed, options.scenes)
-    ground = open_ground_samples(options.cache / "ground", options.seed, options.ground)
-    _report(f"{len(samples)} crops, SHA-256 {samples.digest}; {len(ground)} of ground, {ground.digest}")
-    layers = layers_of(len(LABELS))
+    _report(f"{len(samples)} crops, SHA-256 {samples.digest}")
+    layers, plan = layers_of(len(LABELS)), Plan(options.steady, options.falling)
     provenance = Provenance(
         seed=options.seed,
         scenes=options.scenes,
@@ -108,32 +109,17 @@ def _train(options: argparse.Namespace) -> None:
         data_sha256=samples.digest,
         steady_steps=0,
         falling_steps=0,
-        ground_crops=len(ground),
-        ground_sha256=ground.digest,
-        refining_steps=0,
-        batch=options.batch,
+        batch=plan.batch,
         torch=version("torch"),
         opencv=opencv_build(),
     )
     interrupted = _first_interrupt()
-    # A process that dies leaves the last of these, of use but without the gain of what was still to come.
-    unfinished = options.out / "unfinished"
-    unfinished.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     random = generator_of(options.seed, Split.TRAINING, 2**31)
-    plan = Plan(options.steady, options.falling, options.batch)
+    # A process that dies leaves the last of these, of use but without the gain of what was still to come.
     for checkpoint in train(layers, samples, plan, random, _report, interrupted.is_set):
-        write_onnx(layers, checkpoint.weights, unfinished / WEIGHTS_NAME)
-        steps = {"steady_steps": checkpoint.steady_steps, "falling_steps": checkpoint.falling_steps}
-        provenance = provenance.model_copy(update=steps)
-        _write_document(unfinished, provenance)
-    # From the file, whose normalisation is folded into the convolutions: a few steps must not move it.
-    start = read_onnx(layers, unfinished / WEIGHTS_NAME)
-    random = generator_of(options.seed, Split.TRAINING, 2**31, 1)
-    plan = Plan(0, options.refining, options.batch, _REFINING_RATE, normalises=False)
-    mixed = MixedSamples(samples, ground, _GROUND_TIMES)
-    for checkpoint in train(layers, mixed, plan, random, _report, start=start):
         write_onnx(layers, checkpoint.weights, options.out / WEIGHTS_NAME)
-        steps = {"refining_steps": checkpoint.falling_steps}
+        steps = {"steady_steps": checkpoint.steady_steps, "falling_steps": checkpoint.falling_steps}
         raw = _write_document(options.out, provenance.model_copy(update=steps))
     calibration = calibrate(raw, options.seed, _CALIBRATION_SCENES, _CALIBRATION_FRAMES, _report)
     path = options.out / WEIGHTS_NAME
@@ -159,8 +145,9 @@ def _write_document(folder: Path, provenance: Provenance) -> NetworkModel:
 def _evaluate(options: argparse.Namespace) -> None:
     from ._tables import tables
 
-    text = tables(options.model, options.seed, options.scenes, options.frames, _report)
+    text, diagram = tables(options.model or [None], options.seed, options.frames, _report)
     options.out.write_text(text, encoding="utf-8")
+    options.out.with_suffix(".svg").write_text(diagram, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from bench.contracts import Detection, PixelDetector
 from bench.perception.pixels._decoding import overlap, without_duplicates
 from bench.perception.pixels._model import Calibration, NetworkModel
 
-from ._scenes import LABELS, LabelledFrame, Split, View, frames_of, generator_of, weather
+from ._scenes import LABELS, LabelledFrame, Split, View, frames_of, generator_of, mission_frames, weather
 
 SMALL_PX = 16
 """Longest side of a small object. A box of 6 pixels that is off by one and a half at two edges has an IoU of 0.5, so
@@ -27,6 +28,10 @@ LEAST_OVERLAP, LEAST_OVERLAP_OF_SMALL = 0.5, 0.3
 # A detection that lies this far within objects that do not count is neither right nor wrong.
 _EXCUSED_SHARE = 0.5
 
+# A peak below this is no detection at any threshold.
+_LEAST_OBJECT = 0.01
+
+VGA_PX, HD_PX = (640, 480), (1280, 720)
 _FOCAL_PX = 320.0 / math.tan(math.radians(35.0))
 VGA = View(640, 480, (_FOCAL_PX, _FOCAL_PX), 0.0, (20.0, 100.0), (30.0, 90.0))
 """A field of view of 70 degrees, as the default camera has it, in the usual heights of a mission."""
@@ -55,13 +60,12 @@ CONDITIONS: Mapping[str, Conditions] = {
 class Matches:
     """What there was and what was found, over any number of pictures.
 
-    Of objects that count: labels (n,), assets (n,), sizes_px (n,) longest sides, detection_labels (n,) the label under which
+    Of objects that count: labels (n,), sizes_px (n,) longest sides, detection_labels (n,) the label under which
     each was found, or -1. Of detections that are not excused: reports (m,) labels, scores (m,), object_labels (m,) the
     label of the object that each found, or -1.
     """
 
     labels: Counts
-    assets: Counts
     sizes_px: Floats
     detection_labels: Counts
     reports: Counts
@@ -72,20 +76,10 @@ class Matches:
 
 def joined(parts: Sequence[Matches]) -> Matches:
     """All pictures of several."""
-
-    def column(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return Matches(
-        column("labels"),
-        column("assets"),
-        column("sizes_px"),
-        column("detection_labels"),
-        column("reports"),
-        column("scores"),
-        column("object_labels"),
-        sum(part.pictures for part in parts),
-    )
+    columns: list[NDArray[Any]] = [
+        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Matches)[:-1]
+    ]
+    return Matches(*columns, sum(part.pictures for part in parts))
 
 
 def match(frame: LabelledFrame, detections: Sequence[Detection]) -> Matches:
@@ -101,7 +95,6 @@ def match(frame: LabelledFrame, detections: Sequence[Detection]) -> Matches:
     scores = np.array([detection.score for detection in detections], dtype=np.float64)
     return Matches(
         frame.labels[counting],
-        frame.assets[counting],
         sides[counting],
         detection_labels[counting],
         reports[~excused],
@@ -136,33 +129,47 @@ def _share_within(box: Floats, others_px: Floats) -> float:
     return float(shared.max(initial=0.0) / max(1e-9, float((box[2:] - box[:2]).prod())))
 
 
-def evaluate(
-    detector: PixelDetector,
-    seed: int,
-    scene_count: int,
-    frame_count: int,
-    view: View,
-    conditions: Conditions,
-    *,
-    empty: bool = False,
-) -> Matches:
-    """Over held-out scenes under one condition. Equal seeds give the same scenes under every condition."""
-    frames = _frames(Split.EVALUATION, seed, scene_count, frame_count, view, conditions, empty=empty)
-    return joined([match(frame, detector.detect(frame.bgr)) for frame in frames])
-
-
-def _frames(
-    split: Split,
-    seed: int,
-    scene_count: int,
-    frame_count: int,
-    view: View,
-    conditions: Conditions | None,
-    *,
-    empty: bool | None = None,
+def frames_under(
+    conditions: Conditions | None, seed: int, frame_count: int, size_px: tuple[int, int] = VGA_PX
 ) -> Iterator[LabelledFrame]:
+    """Held-out frames of each situation of campaigns/standard, without `conditions` in its own."""
+    return mission_frames(Split.EVALUATION, seed, frame_count, size_px, conditions)
+
+
+def random_frames(split: Split, seed: int, scene_count: int, frame_count: int) -> Iterator[LabelledFrame]:
+    """Frames of random scenes with all assets, under random conditions."""
     for scene in range(scene_count):
-        yield from frames_of(generator_of(seed, split, scene), frame_count, view, conditions, empty=empty)
+        yield from frames_of(generator_of(seed, split, scene), frame_count, View())
+
+
+def evaluate(detectors: Sequence[PixelDetector], frames: Iterable[LabelledFrame]) -> tuple[Matches, ...]:
+    """What each detector makes of the same frames."""
+    parts = [[match(frame, d.detect(frame.bgr)) for d in detectors] for frame in frames]
+    return tuple(joined(column) for column in zip(*parts, strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Peaks:
+    """Of peaks that are not excused: logits, whether each is an object; of the objects label logits and labels."""
+
+    logits: Floats
+    hits: Bools
+    label_logits: Floats
+    labels: Counts
+    pictures: int
+
+
+def _peaks_of(model: NetworkModel, frames: Iterable[LabelledFrame]) -> _Peaks:
+    logits, hits, label_logits, labels = [], [], [], []
+    for frame in frames:
+        peaks = model.find(frame.bgr, _LEAST_OBJECT)
+        peaks = peaks.pick(without_duplicates(peaks.boxes_px, 0.55))
+        owners, excused = assign(frame, peaks.boxes_px)
+        logits.append(peaks.object_logits[~excused])
+        hits.append(owners[~excused] >= 0)
+        label_logits.append(peaks.label_logits[owners >= 0])
+        labels.append(frame.labels[owners[owners >= 0]])
+    return _Peaks(*(np.concatenate(part) for part in (logits, hits, label_logits, labels)), len(logits))
 
 
 def calibrate(
@@ -170,19 +177,15 @@ def calibrate(
 ) -> Calibration:
     """Platt's scaling of the object's logit, and one temperature for the labels, by greatest likelihood.
 
-    On scenes of their own with random conditions. `model` must be without calibration.
+    The first on frames of the standard's situations, in their own conditions and, a third of them, in all of CONDITIONS;
+    the second, which needs all labels, on random scenes. `model` must be without calibration.
     """
-    logits, hits, label_logits, labels = [], [], [], []
-    for frame in _frames(Split.CALIBRATION, seed, scene_count, frame_count, View(), None):
-        peaks = model.find(frame.bgr, 0.05)
-        peaks = peaks.pick(without_duplicates(peaks.boxes_px, 0.55))
-        owners, excused = assign(frame, peaks.boxes_px)
-        logits.append(peaks.object_logits[~excused])
-        hits.append(owners[~excused] >= 0)
-        label_logits.append(peaks.label_logits[owners >= 0])
-        labels.append(frame.labels[owners[owners >= 0]])
-    x, y = np.concatenate(logits), np.concatenate(hits).astype(np.float64)
-    z, t = np.concatenate(label_logits), np.concatenate(labels)
+    scenes = _peaks_of(model, random_frames(Split.CALIBRATION, seed, scene_count, frame_count))
+    frames = [mission_frames(Split.CALIBRATION, seed, 2 * len(CONDITIONS), VGA_PX)]
+    frames += [mission_frames(Split.CALIBRATION, seed + 1, 1, VGA_PX, c) for c in CONDITIONS.values()]
+    missions = _peaks_of(model, itertools.chain.from_iterable(frames))
+    x, y = missions.logits, missions.hits.astype(np.float64)
+    z, t = scenes.label_logits, scenes.labels
 
     def object_loss(parameters: Floats) -> float:
         margin = math.exp(parameters[0]) * x + parameters[1]
@@ -202,10 +205,10 @@ def calibrate(
         label_slope=round(float(slope), 4),
     )
     margin = result.object_slope * x + result.object_offset
-    report(f"{len(x)} peaks, {int(y.sum())} of them objects: {result}")
-    for threshold in (0.2, 0.3, 0.4, 0.5, 0.6):
+    report(f"{len(x)} peaks in {missions.pictures} pictures, {int(y.sum())} of them objects: {result}")
+    margin = result.object_slope * x + result.object_offset
+    for threshold in (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6):
         chosen = margin > math.log(threshold / (1.0 - threshold))
-        report(
-            f"  from {threshold}: {chosen.sum()} peaks, precision {y[chosen].mean():.3f}, hits {int(y[chosen].sum())}"
-        )
+        alarms = (chosen & ~missions.hits).sum() / missions.pictures
+        report(f"  from {threshold}: {alarms:.3f} false in a picture, {int(y[chosen].sum())} objects")
     return result

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from ._network import INPUT_SCALE, PICTURE, Layer, Weights
@@ -90,17 +89,3 @@ def _folded(layer: Layer, weights: Weights) -> tuple[Any, Any]:
     )
     factor = scale / np.sqrt(variance + _VARIANCE_FLOOR)
     return weight * factor[:, None, None, None], bias - mean * factor
-
-
-def read_onnx(layers: tuple[Layer, ...], path: Path) -> Weights:
-    """The weights of a file that `write_onnx` wrote, with a normalisation that changes nothing."""
-    tensors = {t.name: numpy_helper.to_array(t) for t in onnx.load(path).graph.initializer}
-    weights: Weights = {}
-    for layer in layers:
-        scale = INPUT_SCALE if layer.source == PICTURE else 1.0
-        weights[f"{layer.name}.weight"] = torch.tensor(tensors[f"{layer.name}.weight"] / scale)
-        weights[f"{layer.name}.bias"] = torch.tensor(tensors[f"{layer.name}.bias"])
-        if not layer.plain:
-            for name, value in (("scale", 1.0), ("mean", 0.0), ("variance", 1.0 - _VARIANCE_FLOOR)):
-                weights[f"{layer.name}.{name}"] = torch.full((layer.outputs,), value)
-    return weights

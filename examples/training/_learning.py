@@ -16,12 +16,13 @@ from torch.nn import functional
 from bench.perception.pixels._decoding import CELL_PX, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS, cells_of
 
 from ._network import Layer, Weights, apply, initial_weights, is_learned
-from ._samples import CROP_PX, MixedSamples, Sample, SampleStore, part_of
+from ._samples import CROP_PX, Sample, SampleStore, part_of
+from ._scenes import GROUPS, LABELS
 from ._targets import Targets, targets_of
 
 # CenterNet's exponents (Zhou et al. 2019): hard cells count more, cells beside a centre less.
 _HARD, _SOFT = 2.0, 4.0
-_LABEL_WEIGHT, _BOX_WEIGHT = 0.75, 1.0
+_LABEL_WEIGHT, _PERSON_WEIGHT, _BOX_WEIGHT = 0.75, 1.6, 1.0
 _MOST_MIDDLE_CELLS = 8.0
 """An object counts as often as it has cells in its middle, up to this."""
 _MAX_GRADIENT = 10.0
@@ -30,6 +31,9 @@ _WARM_UP_STEPS = 200
 _LEAST_RATE_SHARE = 0.01
 _REPORT_STEPS = 200
 _CHECKPOINT_STEPS = 2000
+_HARD_PART = 4
+"""From the second pass on, one crop in so many comes twice: those in which most was invented when they came last."""
+_JPEG_SHARE, _JPEG_QUALITIES = 0.2, (60, 98)
 
 PART_PX = 224
 """Side of the part of a crop that one step learns from. Parts lie anywhere in their crop, so objects lie anywhere in the
@@ -50,8 +54,6 @@ class Plan:
     batch: int = 8
     rate: float = 2e-3
     averaged_steps: int = 150
-    normalises: bool = True
-    """Whether means and variances are those of each batch; else they stay as they are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,22 +68,20 @@ class Checkpoint:
 
 def train(
     layers: tuple[Layer, ...],
-    samples: SampleStore | MixedSamples,
+    samples: SampleStore,
     plan: Plan,
     random: np.random.Generator,
     report: Callable[[str], None],
     cut_short: Callable[[], bool] = lambda: False,
-    start: Weights | None = None,
 ) -> Iterator[Checkpoint]:
     """The weights every 2000 steps, and those at the end.
 
     Equal arguments give equal weights, to the bit, on one kind of processor with one build of torch. As soon as
-    `cut_short` is true the rate begins to fall; the weights are those of a plan with as many steady steps. Training goes on
-    from `start` where it is given.
+    `cut_short` is true the rate begins to fall; the weights are those of a plan with as many steady steps.
     """
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
-    weights = initial_weights(layers, random) if start is None else dict(start)
+    weights = initial_weights(layers, random)
     learned = [name for name in weights if is_learned(name)]
     for name in learned:
         if name.endswith("weight"):
@@ -97,6 +97,7 @@ def train(
         lr=plan.rate,
     )
     order = np.zeros(0, np.int64)
+    invented = np.zeros(len(samples))
     losses: list[list[float]] = []
     began_s = time.monotonic()
     steady, step, last = plan.steady_steps, 0, False
@@ -105,16 +106,17 @@ def train(
             steady = step
             report(f"cut short after {steady} steady steps")
         if len(order) < plan.batch:
-            order = np.concatenate((order, random.permutation(len(samples))))
-        batch = [_varied(samples.sample(int(number)), random) for number in order[: plan.batch]]
-        order = order[plan.batch :]
+            hardest = np.argsort(-invented, kind="stable")[: len(samples) // _HARD_PART]
+            again = hardest[invented[hardest] > 0.0]
+            order = np.concatenate((order, random.permutation(np.append(np.arange(len(samples)), again))))
+        numbers_of_batch, order = order[: plan.batch], order[plan.batch :]
+        batch = [_varied(samples.sample(int(number)), random) for number in numbers_of_batch]
         for group in optimizer.param_groups:
             group["lr"] = plan.rate * _rate_share(step, steady, plan.falling_steps)
         cells = torch.from_numpy(np.concatenate([cells_of(sample.bgr, CELL_PX * 8) for sample in batch]))
-        numbers = apply(
-            layers, weights, cells.contiguous(memory_format=torch.channels_last), learning=plan.normalises
-        )
-        parts = _loss(numbers, targets_of(batch))
+        numbers = apply(layers, weights, cells.contiguous(memory_format=torch.channels_last), learning=True)
+        *parts, of_samples = _loss(numbers, targets_of(batch))
+        invented[numbers_of_batch] = of_samples.detach().numpy()
         optimizer.zero_grad(set_to_none=True)
         sum(parts).backward()
         torch.nn.utils.clip_grad_norm_([weights[name] for name in learned], _MAX_GRADIENT)
@@ -157,11 +159,17 @@ def _varied(sample: Sample, random: np.random.Generator) -> Sample:
     factors = np.exp(random.normal(0.0, 0.1) + random.normal(0.0, 0.03, 3))
     table = np.clip(np.arange(256)[:, None] * factors, 0, 255).astype(np.uint8)
     shaded = cv2.LUT(np.ascontiguousarray(bgr), table[None])
+    if random.random() < _JPEG_SHARE:
+        quality = int(random.integers(*_JPEG_QUALITIES))
+        _, data = cv2.imencode(".jpg", shaded, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        shaded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return replace(sample, bgr=np.asarray(shaded, np.uint8), boxes_px=boxes)
 
 
-def _loss(numbers: Any, targets: Targets) -> tuple[Any, Any, Any]:
-    """Loss of the object map, of the boxes and of the labels, each for an object on average."""
+def _loss(numbers: Any, targets: Targets) -> tuple[Any, Any, Any, Any]:
+    """Loss of the object map, of the boxes and of the labels, each for an object on average; and (n,) what each sample has
+    of the first where there is no object.
+    """
     count, channels, rows, columns = numbers.shape
     # (n, numbers of a cell, 2 h, 2 w): the 2 x 2 cells of a position in their places.
     split = numbers.reshape(count, 2, 2, channels // SUBCELLS, rows, columns)
@@ -180,10 +188,15 @@ def _loss(numbers: Any, targets: Targets) -> tuple[Any, Any, Any]:
     object_loss = (weights * (missed + invented)).sum() / objects
     at_cells = per_cell[sample, :, row, column]
     box_loss = (shares * _box_loss(at_cells[:, FIRST_BOX:FIRST_LABEL], row, column, targets)).sum() / objects
+    weights_of_labels = [_PERSON_WEIGHT if GROUPS[label] == "person" else 1.0 for label in LABELS]
     label_losses = functional.cross_entropy(
-        at_cells[:, FIRST_LABEL:], torch.from_numpy(targets.labels), reduction="none"
+        at_cells[:, FIRST_LABEL:],
+        torch.from_numpy(targets.labels),
+        torch.tensor(weights_of_labels),
+        reduction="none",
     )
-    return object_loss, _BOX_WEIGHT * box_loss, _LABEL_WEIGHT * (shares * label_losses).sum() / objects
+    label_loss = _LABEL_WEIGHT * (shares * label_losses).sum() / objects
+    return object_loss, _BOX_WEIGHT * box_loss, label_loss, (weights * invented).sum(dim=(1, 2))
 
 
 def _box_loss(numbers: Any, row: Any, column: Any, targets: Targets) -> Any:

@@ -53,21 +53,23 @@ class Layer:
 
 def layers_of(label_count: int) -> tuple[Layer, ...]:
     """The network for that many labels, in the order of its work; the last layer is its result."""
-    stem, fine, middle, coarse = 24, 48, 80, 96
+    stem, fine, middle, coarse = 32, 64, 96, 128
     return (
         Layer("stem", PICTURE, CELL_CHANNELS, stem),
         Layer("fine0", "stem", stem, fine, kernel=2, stride=2),
-        Layer("fine1", "fine0", fine, fine, add="fine0"),
-        Layer("middle0", "fine1", fine, middle, kernel=2, stride=2),
+        Layer("fine1", "fine0", fine, fine),
+        Layer("fine2", "fine1", fine, fine, add="fine0"),
+        Layer("middle0", "fine2", fine, middle, kernel=2, stride=2),
         Layer("middle1", "middle0", middle, middle),
         Layer("middle2", "middle1", middle, middle, add="middle0"),
         Layer("coarse0", "middle2", middle, coarse, kernel=2, stride=2),
         Layer("coarse1", "coarse0", coarse, coarse, add="coarse0"),
         Layer("joined_middle", "coarse1", coarse, middle, kernel=1, enlarge=True, add="middle2"),
         Layer("mixed_middle", "joined_middle", middle, middle),
-        Layer("joined_fine", "mixed_middle", middle, fine, kernel=1, enlarge=True, add="fine1"),
+        Layer("joined_fine", "mixed_middle", middle, fine, kernel=1, enlarge=True, add="fine2"),
         Layer("mixed_fine", "joined_fine", fine, fine),
-        Layer("head", "mixed_fine", fine, SUBCELLS * (FIRST_LABEL + label_count), kernel=1, plain=True),
+        Layer("sorted_fine", "mixed_fine", fine, fine),
+        Layer("head", "sorted_fine", fine, SUBCELLS * (FIRST_LABEL + label_count), kernel=1, plain=True),
     )
 
 

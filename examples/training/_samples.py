@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from ._scenes import LabelledFrame, Split, View, frames_of, generator_of, large_
 
 CROP_PX = 256
 CROPS_OF_FRAME = 3
-FRAMES_OF_SCENE = 10
-GROUND_FRAMES_OF_SCENE, GROUND_HEIGHTS_M = 6, (0.1, 15.0)
+FRAMES_OF_SCENE = 12
 # An object of which less is left in a crop is cut off: it neither counts nor is background.
 _LEAST_SHARE_KEPT = 0.35
 
@@ -56,69 +54,12 @@ class SampleStore:
 def open_samples(folder: Path, seed: int, scene_count: int) -> SampleStore:
     """The crops of so many training scenes: from the folder where it has them, else rendered into it."""
     wanted = {"seed": seed, "scenes": scene_count, "frames": FRAMES_OF_SCENE, "opencv": opencv_build()}
-
-    def pictures() -> Iterator[tuple[LabelledFrame, np.random.Generator]]:
-        for scene in range(scene_count):
-            random = generator_of(seed, Split.TRAINING, scene)
-            # Cuts have a generator of their own: another number of crops leaves the scenes as they are.
-            cuts = generator_of(seed, Split.TRAINING, scene, 1)
-            for frame in frames_of(random, FRAMES_OF_SCENE, View()):
-                yield frame, cuts
-            if scene % 20 == 0:
-                print(f"rendered {scene + 1} of {scene_count} scenes", flush=True)
-
-    return _opened(folder, wanted, scene_count * FRAMES_OF_SCENE * CROPS_OF_FRAME, pictures)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MixedSamples:
-    """The crops of one data set, and those of another so many times."""
-
-    first: SampleStore
-    second: SampleStore
-    times: int
-
-    def __len__(self) -> int:
-        return len(self.first) + self.times * len(self.second)
-
-    def sample(self, number: int) -> Sample:
-        if number < len(self.first):
-            return self.first.sample(number)
-        return self.second.sample((number - len(self.first)) % len(self.second))
-
-
-def open_ground_samples(folder: Path, seed: int, scene_count: int) -> SampleStore:
-    """Crops of bare ground from up to 15 m, rendered into the folder or found there.
-
-    A vehicle that stands sees ground without structure, of which no scene of `open_samples` has anything.
-    """
-    wanted = {"seed": seed, "scenes": scene_count, "view": "bare ground", "opencv": opencv_build()}
-
-    def pictures() -> Iterator[tuple[LabelledFrame, np.random.Generator]]:
-        for scene in range(scene_count):
-            random = generator_of(seed, Split.TRAINING, scene, 2)
-            cuts = generator_of(seed, Split.TRAINING, scene, 3)
-            for frame in frames_of(
-                random, GROUND_FRAMES_OF_SCENE, View(height_m=GROUND_HEIGHTS_M), empty=True
-            ):
-                yield frame, cuts
-
-    return _opened(folder, wanted, scene_count * GROUND_FRAMES_OF_SCENE * CROPS_OF_FRAME, pictures)
-
-
-def _opened(
-    folder: Path,
-    wanted: dict[str, object],
-    total: int,
-    pictures: Callable[[], Iterator[tuple[LabelledFrame, np.random.Generator]]],
-) -> SampleStore:
-    """What the folder has, if it is what is wanted; else these pictures, cut by the generators beside them."""
     about = folder / "about.json"
     if (
         not about.exists()
         or {k: v for k, v in json.loads(about.read_text(encoding="utf-8")).items() if k != "digest"} != wanted
     ):
-        _write(folder, total, pictures())
+        _write(folder, seed, scene_count)
         about.write_text(json.dumps(wanted | {"digest": _digest(folder)}), encoding="utf-8")
     arrays = np.load(folder / "boxes.npz")
     return SampleStore(
@@ -131,18 +72,25 @@ def _opened(
     )
 
 
-def _write(folder: Path, total: int, frames: Iterator[tuple[LabelledFrame, np.random.Generator]]) -> None:
+def _write(folder: Path, seed: int, scene_count: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "about.json").unlink(missing_ok=True)
+    total = scene_count * FRAMES_OF_SCENE * CROPS_OF_FRAME
     pictures = np.lib.format.open_memmap(
         folder / "pictures.npy", mode="w+", dtype=np.uint8, shape=(total, CROP_PX, CROP_PX, 3)
     )
     samples: list[Sample] = []
-    for frame, cuts in frames:
-        for _ in range(CROPS_OF_FRAME):
-            sample = cut(frame, cuts)
-            pictures[len(samples)] = sample.bgr
-            samples.append(sample)
+    for scene in range(scene_count):
+        random = generator_of(seed, Split.TRAINING, scene)
+        # Cuts have a generator of their own: another number of crops leaves the scenes as they are.
+        cuts = generator_of(seed, Split.TRAINING, scene, 1)
+        for frame in frames_of(random, FRAMES_OF_SCENE, View()):
+            for _ in range(CROPS_OF_FRAME):
+                sample = cut(frame, cuts)
+                pictures[len(samples)] = sample.bgr
+                samples.append(sample)
+        if scene % 20 == 0:
+            print(f"rendered {scene + 1} of {scene_count} scenes", flush=True)
     pictures.flush()
     lengths = [len(sample.labels) for sample in samples]
     np.savez(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from pathlib import Path
 
 import numpy as np
 
@@ -15,13 +16,16 @@ from bench.camera import (
     GroundType,
     RenderedCamera,
     actors_in,
+    conditions_of,
+    open_camera,
     open_opencv_renderer,
     stage_of,
 )
 from bench.camera.sheet import SceneActor, simspec_with
 from bench.clock import START
-from bench.contracts import CameraPose, Lens, Pixels
-from bench.simspec import ASSETS, DetectionModel, Point, Road
+from bench.contracts import CameraPose, Lens, Pixels, cast_of
+from bench.realization import place
+from bench.simspec import ASSETS, DetectionModel, Point, Polygon, Road, Seeds, load_simspec
 
 LABELS = tuple(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
 """Class labels in the order in which the catalogue names them first."""
@@ -41,8 +45,16 @@ GROUPS = {
 }
 """What a label is when its class cannot be told."""
 
+SITUATIONS = Path(__file__).parents[2] / "campaigns" / "standard"
+
 # How often actors of a group are drawn: people are what an agent must not miss.
 _GROUP_SHARES = {"person": 0.42, "vehicle": 0.28, "structure": 0.12, "tree": 0.1, "animal": 0.08}
+
+# As often as campaigns have them; half sides of the area.
+_EMPTY_SHARE, _GRASS_SHARE, _SPARSE_SHARE = 0.13, 0.4, 0.3
+_EMPTY_HEIGHTS_M = (0.1, 15.0)
+_AREA_SIDES_M = (60.0, 330.0)
+_LABEL_SHARES = {"civilian": 0.45, "aid_worker": 0.2, "combatant": 0.35}
 
 _REACH_M = 58.0
 _NEAREST_M, _FARTHEST_M = 15.0, 240.0
@@ -67,7 +79,7 @@ class Split(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """A picture with the boxes (n, 4) of what it shows; labels (n,) are places in LABELS; assets are in ASSETS' order.
+    """A picture with the boxes (n, 4) of what it shows; labels (n,) are places in LABELS.
 
     `counts` (n,) is False for what is too small, too much hidden or cut off: neither right nor wrong to detect.
     """
@@ -75,7 +87,6 @@ class LabelledFrame:
     bgr: Pixels
     boxes_px: Floats
     labels: Counts
-    assets: Counts
     counts: Bools
 
 
@@ -88,7 +99,7 @@ class View:
     focal_px: tuple[float, float] = (380.0, 1000.0)
     # Lenses whose axis is not in the middle stand for parts of larger pictures.
     shifted_share: float = 0.4
-    height_m: tuple[float, float] = (15.0, 120.0)
+    height_m: tuple[float, float] = (12.0, 100.0)
     tilt_deg: tuple[float, float] = (25.0, 90.0)
 
 
@@ -107,29 +118,94 @@ def frames_of(
 ) -> Iterator[LabelledFrame]:
     """Pictures of one random scene; without `conditions` these are random too, and `empty` leaves the ground bare."""
     conditions = conditions or random_conditions(random)
-    actors = _random_actors(random, random.random() < 0.08 if empty is None else empty)
+    if empty is None:
+        empty = random.random() < _EMPTY_SHARE
+        # A vehicle that stands sees ground without structure.
+        view = replace(view, height_m=_EMPTY_HEIGHTS_M) if empty and random.random() < 0.4 else view
+    actors = _random_actors(random, empty)
     roads = _random_roads(random) if random.random() < 0.5 else ()
     simspec = simspec_with(actors, roads, root_seed=int(random.integers(2**31)))
-    kind = list(GroundType)[int(random.integers(len(GroundType)))]
+    # A larger area has coarser ground, in which tufts of grass look more like people.
+    side_m = float(random.uniform(*_AREA_SIDES_M))
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    area = Polygon(corners=tuple(Point(east_m=e * side_m, north_m=n * side_m) for e, n in corners))
+    simspec = simspec.model_copy(update={"world": simspec.world.model_copy(update={"area": area})})
+    kinds = list(GroundType)
+    grass = random.random() < _GRASS_SHARE
+    kind = GroundType.GRASS if grass else kinds[int(random.integers(len(kinds)))]
     lens = _random_lens(random, view)
     camera = RenderedCamera(
         stage_of(simspec, lens, conditions, kind), conditions, simspec.seeds, open_opencv_renderer
     )
     positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in actors]).reshape(-1, 3)
     headings = np.radians(np.array([actor.heading_deg for actor in actors], dtype=np.float64))
-    names = list(ASSETS)
-    assets = np.array([names.index(actor.asset) for actor in actors], dtype=np.int64)
-    labels = np.array([LABELS.index(ASSETS[actor.asset].class_label) for actor in actors], dtype=np.int64)
+    names = [actor.asset for actor in actors]
     for number in range(frame_count):
-        frame = camera.capture(_random_pose(random, view), positions, headings, number)
-        if frame is None:
-            continue
-        actor_pixels = actors_in(frame.picture)
-        boxes = np.array([pixels.box for pixels in actor_pixels], dtype=np.float64).reshape(-1, 4)
-        visible = np.array([pixels.visible for pixels in actor_pixels], dtype=np.float64)
-        places = np.array([pixels.actor for pixels in actor_pixels], dtype=np.int64)
-        counts = (visible >= LEAST_VISIBLE) & large_enough(boxes, view.width_px, view.height_px)
-        yield LabelledFrame(frame.bgr, boxes, labels[places], assets[places], counts)
+        pose = _random_pose(random, view)
+        frame = _labelled(camera, pose, positions, headings, names, number)
+        if frame is not None:
+            yield frame
+
+
+def _labelled(
+    camera: RenderedCamera,
+    pose: CameraPose,
+    positions_enu_m: Floats,
+    headings_rad: Floats,
+    assets: Sequence[str],
+    number: int,
+) -> LabelledFrame | None:
+    frame = camera.capture(pose, positions_enu_m, headings_rad, number)
+    if frame is None:
+        return None
+    actor_pixels = actors_in(frame.picture)
+    boxes = np.array([pixels.box for pixels in actor_pixels], dtype=np.float64).reshape(-1, 4)
+    visible = np.array([pixels.visible for pixels in actor_pixels], dtype=np.float64)
+    shown = [ASSETS[assets[pixels.actor]].class_label for pixels in actor_pixels]
+    labels = np.array([LABELS.index(label) for label in shown], dtype=np.int64)
+    height_px, width_px = frame.bgr.shape[:2]
+    counts = (visible >= LEAST_VISIBLE) & large_enough(boxes, width_px, height_px)
+    return LabelledFrame(frame.bgr, boxes, labels, counts)
+
+
+def mission_frames(
+    split: Split,
+    seed: int,
+    frame_count: int,
+    size_px: tuple[int, int],
+    conditions: Conditions | None = None,
+) -> Iterator[LabelledFrame]:
+    """Pictures of each situation of campaigns/standard, its actors placed anew, from poses of its mission.
+
+    From 0.6 to 1.1 of the mission's height, anywhere over the area, by its camera at another size. Without `conditions` in
+    those of the situation. Equal seeds give the same scenes and poses under all.
+    """
+    for place_number, path in enumerate(sorted(SITUATIONS.glob("*.yaml"))):
+        random = generator_of(seed, split, place_number)
+        base = load_simspec(path)
+        simspec = place(base.model_copy(update={"seeds": Seeds(root=int(random.integers(2**31)))}))
+        camera_spec = simspec.vehicle.camera.model_copy(
+            update={"width_px": size_px[0], "height_px": size_px[1]}
+        )
+        camera = open_camera(simspec, camera_spec, conditions=conditions or conditions_of(simspec))
+        assert simspec.realized is not None
+        placed = simspec.realized.actors
+        positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed])
+        headings = np.radians(np.array([actor.heading_deg for actor in placed]))
+        names = [member.asset for member in cast_of(simspec)]
+        corners = np.array([(corner.east_m, corner.north_m) for corner in simspec.world.area.corners])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        mission = simspec.mission
+        for number in range(frame_count):
+            tilt = math.radians(camera_spec.tilt_deg)
+            height_m = mission.altitude_m * float(random.uniform(0.6, 1.1))
+            target = np.array((*random.uniform(low, high), 0.0))
+            velocity_mps = mission.speed_mps * float(random.random())
+            yaw = float(random.uniform(0.0, 2.0 * math.pi))
+            pose = _pose(target, height_m, tilt, yaw, 0.0, velocity_mps, random.normal(0.0, 0.05, 3))
+            frame = _labelled(camera, pose, positions, headings, names, number)
+            if frame is not None:
+                yield frame
 
 
 def large_enough(boxes_px: Floats, width_px: int, height_px: int) -> Bools:
@@ -143,14 +219,17 @@ def large_enough(boxes_px: Floats, width_px: int, height_px: int) -> Bools:
 
 
 def _random_actors(random: np.random.Generator, empty: bool) -> list[SceneActor]:
-    """Assets on free places: labels of a group equally often, and the assets of a label too."""
-    wanted = 0 if empty else int(random.integers(40, 111))
+    """Assets on free places: groups and labels by their shares, the assets of a label equally often."""
+    low, high = (8, 41) if random.random() < _SPARSE_SHARE else (40, 111)
+    wanted = 0 if empty else int(random.integers(low, high))
     actors: list[SceneActor] = []
     taken = np.zeros((0, 3))
     groups = list(_GROUP_SHARES)
     for _ in range(wanted):
         group = groups[int(random.choice(len(groups), p=list(_GROUP_SHARES.values())))]
-        label = _choice(random, [label for label in LABELS if GROUPS[label] == group])
+        of_group = [label for label in LABELS if GROUPS[label] == group]
+        shares = np.array([_LABEL_SHARES.get(label, 1.0) for label in of_group])
+        label = of_group[int(random.choice(len(of_group), p=shares / shares.sum()))]
         name = _choice(random, [name for name, asset in ASSETS.items() if asset.class_label == label])
         asset = ASSETS[name]
         # Half of the sides' mean: things may stand close, and their corners may touch.
@@ -167,7 +246,7 @@ def _random_actors(random: np.random.Generator, empty: bool) -> list[SceneActor]
         else:
             continue
         taken = np.vstack((taken, (*place, radius)))
-        hidden = float(random.uniform(0.1, 1.0)) if random.random() < 0.25 else 0.0
+        hidden = float(random.uniform(0.1, 1.0)) if random.random() < 0.3 else 0.0
         east_m, north_m = place.tolist()
         actors.append(SceneActor(name, east_m, north_m, float(random.uniform(0.0, 360.0)), hidden))
     return actors
@@ -220,18 +299,32 @@ def _random_pose(random: np.random.Generator, view: View) -> CameraPose:
     tilt = max(tilt, math.asin(min(1.0, height_m / _FARTHEST_M)))
     yaw = float(random.uniform(0.0, 2.0 * math.pi))
     roll = math.radians(float(random.normal(0.0, 5.0))) if random.random() < 0.3 else 0.0
+    target = np.array((*random.uniform(-40.0, 40.0, 2), 0.0))
+    turning = 0.4 if random.random() < 0.1 else 0.05
+    velocity_mps = float(random.uniform(0.0, 14.0))
+    return _pose(target, height_m, tilt, yaw, roll, velocity_mps, random.normal(0.0, turning, 3))
+
+
+def _pose(
+    target: Floats,
+    height_m: float,
+    tilt: float,
+    yaw: float,
+    roll: float,
+    velocity_mps: float,
+    rates_radps: Floats,
+) -> CameraPose:
+    """A camera that flies ahead and looks at a target on the ground; angles in radians."""
     ahead = np.array((math.sin(yaw), math.cos(yaw), 0.0))
     forward = ahead * math.cos(tilt) - np.array((0.0, 0.0, math.sin(tilt)))
     level = np.array((math.cos(yaw), -math.sin(yaw), 0.0))
     right = level * math.cos(roll) + np.cross(forward, level) * math.sin(roll)
-    target = np.array((*random.uniform(-40.0, 40.0, 2), 0.0))
-    turning = 0.4 if random.random() < 0.1 else 0.05
     return CameraPose(
         START,
         target - forward * (height_m / math.sin(tilt)),
         np.array((right, np.cross(forward, right), forward)),
-        ahead * float(random.uniform(0.0, 14.0)),
-        random.normal(0.0, turning, 3),
+        ahead * velocity_mps,
+        rates_radps,
     )
 
 
@@ -256,24 +349,33 @@ def weather(
 
 
 def random_conditions(random: np.random.Generator) -> Conditions:
-    """Half of the scenes by a high sun in clear air, the rest in low light, at night, in fog, rain or dust; some of each
-    with a camera that is noisy, dirty, badly exposed or too slow.
+    """Two fifths as campaigns have it: a sun above 5 degrees, fog up to level 4 and rain up to level 3, often both. The
+    rest in heavy rain, fog or dust, at dusk, at night. Some of each with a camera that is noisy, dirty, badly exposed
+    or too slow.
     """
-    kind = random.random()
-    elevation = float(random.uniform(12.0, 75.0))
-    if kind > 0.85:
+    kind = int(random.choice(6, p=(0.4, 0.14, 0.12, 0.1, 0.12, 0.12)))
+    elevation = float(random.uniform(5.0, 72.0))
+    fog, rain, dust = (
+        float(level) for level in random.uniform(0.0, (4.0, 3.0, 0.0)) * (random.random(3) < 0.65)
+    )
+    heavy = float(random.uniform(3.0, 9.0))
+    if kind == 1:
+        rain = heavy
+    elif kind == 2:
+        fog, rain = heavy, 0.0
+    elif kind == 3:
+        fog, rain, dust = 0.0, 0.0, 1.0 + (heavy - 3.0) * 8.0 / 6.0
+    elif kind == 4:
         elevation = float(random.uniform(-25.0, -6.0))
-    elif kind > 0.68:
-        elevation = float(random.uniform(-6.0, 12.0))
-    levels = {"fog_level": 0.0, "rain_level": 0.0, "dust_level": 0.0}
-    if random.random() < 0.3:
-        levels[_choice(random, list(levels))] = float(random.uniform(0.5, 9.0))
-    conditions = weather(elevation, float(random.uniform(0.0, 360.0)), **levels)
-    if random.random() < 0.2:
+    elif kind == 5:
+        elevation = float(random.uniform(-6.0, 8.0))
+    azimuth = float(random.uniform(0.0, 360.0))
+    conditions = weather(elevation, azimuth, fog_level=fog, rain_level=rain, dust_level=dust)
+    if random.random() < 0.15:
         conditions = replace(conditions, noise=float(0.5 * 12.0 ** random.random()))
     if random.random() < 0.15:
         conditions = replace(conditions, lens_dirt=float(random.uniform(0.1, 1.0)))
-    if random.random() < 0.15:
+    if random.random() < 0.12:
         conditions = replace(conditions, exposure_ev=float(random.uniform(-1.5, 1.5)))
     if random.random() < 0.12:
         conditions = replace(conditions, shutter_s=float(1.0 / random.uniform(25.0, 120.0)))

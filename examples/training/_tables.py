@@ -1,4 +1,4 @@
-"""Tables of what a model finds on held-out scenes, in Markdown. docs/pixel-detector.md has some of them."""
+"""Tables of what models find on held-out frames, in Markdown. docs/pixel-detector.md has some of them."""
 
 from __future__ import annotations
 
@@ -8,65 +8,54 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.arrays import Bools, Counts
+from bench.arrays import Bools
 from bench.perception.pixels._detector import SmallDetector, SmallDetectorOptions
 from bench.perception.pixels._model import load_model
 
-from ._evaluation import CONDITIONS, HD, VGA, Matches, evaluate, joined
-from ._scenes import GROUPS, LABELS
+from ._evaluation import CONDITIONS, HD_PX, Matches, evaluate, frames_under, joined, random_frames
+from ._scenes import GROUPS, LABELS, Split
 
-_SIZES_PX = (5, 8, 12, 16, 24, 32, 64, 10_000)
-_SCORES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.01)
+LEAST_SIZE_PX = 12
+"""Longest side of the objects that the first table counts."""
+_SIZES_PX = (5, 8, 12, 20, 40, 10_000)
+_SCORES = np.linspace(0.0, 1.0, 11)
 # A share of fewer cases is no figure.
 _LEAST_CASES = 20
-
-GROUP_NAMES = tuple(dict.fromkeys(GROUPS[label] for label in LABELS))
-# The last place is that of -1: no label, no group.
-_GROUP_OF_LABEL = np.array([GROUP_NAMES.index(GROUPS[label]) for label in LABELS] + [-1])
+_PERSONS = [number for number, label in enumerate(LABELS) if GROUPS[label] == "person"]
+_OWN, _OWN_HD, _RANDOM = "those of the situations", "the same, 1280x720", "random scenes, all assets"
 
 
-def tables(
-    folder: Path | None, seed: int, scene_count: int, frame_count: int, report: Callable[[str], None]
-) -> str:
-    """All tables of the model in a folder, or of the one that ships."""
-    detector = SmallDetector(load_model(folder), SmallDetectorOptions())
-    by_condition = {}
-    for name, conditions in CONDITIONS.items():
-        by_condition[name] = evaluate(detector, seed, scene_count, frame_count, VGA, conditions)
-        report(f"{name}: {len(by_condition[name].labels)} objects")
-    day = next(iter(CONDITIONS.values()))
-    large = evaluate(detector, seed, scene_count, frame_count, HD, day)
-    # Night amplifies noise most, rain and dirt draw shapes.
-    alarms = {
-        name: evaluate(detector, seed, scene_count, frame_count, VGA, CONDITIONS[name], empty=True)
-        for name in ("clear day", "night", "rain level 9", "noise x 5", "dirty lens 0.7")
+def tables(folders: Sequence[Path | None], seed: int, frame_count: int, report: Callable[[str], None]) -> str:
+    """All tables of the models in these folders, None for the one that ships, on the same frames."""
+    detectors = [SmallDetector(load_model(folder), SmallDetectorOptions()) for folder in folders]
+    names = [str(folder) if folder else "small" for folder in folders]
+    sources = {
+        _OWN: frames_under(None, seed, frame_count),
+        _OWN_HD: frames_under(None, seed, frame_count, HD_PX),
+        **{
+            name: frames_under(conditions, seed, max(1, frame_count // 4))
+            for name, conditions in CONDITIONS.items()
+        },
+        _RANDOM: random_frames(Split.EVALUATION, seed, 4 * frame_count, 6),
     }
-    everything = joined(list(by_condition.values()))
-    clear = by_condition["clear day"]
-    return (
-        "\n\n".join(
-            (
-                "### By condition\n\n" + _conditions_table({**by_condition, "clear day, 1280x720": large}),
-                "### By class\n\n" + _class_table(clear, everything),
-                "### By group\n\n" + _group_table(clear, everything),
-                "### By apparent size\n\n" + _size_table(clear, everything),
-                "### Recall by class and condition\n\n" + _matrix(by_condition, _label_recall),
-                "### Precision by class and condition\n\n" + _matrix(by_condition, _label_precision),
-                "### False alarms on bare ground\n\n" + _alarm_table(alarms),
-                "### Scores\n\n" + _reliability_table(everything),
-            )
-        )
-        + "\n"
-    )
+    by_condition: dict[str, tuple[Matches, ...]] = {}
+    for name, frames in sources.items():
+        by_condition[name] = evaluate(detectors, frames)
+        report(f"{name}: {len(by_condition[name][0].labels)} objects")
+    text = "### By condition\n\n" + _condition_table(names, by_condition)
+    for place, model in enumerate(names):
+        missions = joined([matches[place] for name, matches in by_condition.items() if name != _RANDOM])
+        random = by_condition[_RANDOM][place]
+        text += f"\n\n## {model}\n\n### By apparent size\n\n{_size_table(missions, random)}"
+        text += f"\n\n### By class\n\n{_class_table(missions, random)}"
+        text += f"\n\n### What each was called, random scenes\n\n{_confusion_table(random)}"
+        text += f"\n\n### Scores, missions\n\n{_reliability_table(missions)}"
+        text += f"\n\n### Scores, random scenes\n\n{_reliability_table(random)}"
+    return text + "\n", reliability_diagram({"missions": missions, "random scenes": random})
 
 
 def _share(right: Bools) -> str:
     return f"{right.mean():.2f}" if len(right) >= _LEAST_CASES else ""
-
-
-def _groups(labels: Counts) -> Counts:
-    groups: Counts = _GROUP_OF_LABEL[labels]
-    return groups
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -74,136 +63,106 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
 
 
-def _conditions_table(by_condition: dict[str, Matches]) -> str:
-    return _table(
-        (
-            "condition",
-            "objects",
-            "found",
-            "in the right group",
-            "under the right label",
-            "precision: an object",
-            "its label",
-        ),
-        (
-            (
-                name,
-                str(len(m.labels)),
-                _share(m.detection_labels >= 0),
-                _share(_groups(m.detection_labels) == _groups(m.labels)),
-                _share(m.detection_labels == m.labels),
-                _share(m.object_labels >= 0),
-                _share(m.object_labels == m.reports),
-            )
-            for name, m in by_condition.items()
-        ),
-    )
+def _found_and_named(m: Matches, wanted: Bools) -> tuple[str, str]:
+    """The share of objects that are found, and of these the share with the right label."""
+    found = wanted & (m.detection_labels >= 0)
+    return _share(m.detection_labels[wanted] >= 0), _share((m.detection_labels == m.labels)[found])
 
 
-def _label_recall(matches: Matches, label: int) -> str:
-    there = matches.labels == label
-    return _share(matches.detection_labels[there] == label)
-
-
-def _label_precision(matches: Matches, label: int) -> str:
-    of_label = matches.reports == label
-    return _share(matches.object_labels[of_label] == label)
-
-
-def _class_table(clear: Matches, everything: Matches) -> str:
-    return _table(
-        (
-            "class",
-            "objects",
-            "found",
-            "recall",
-            "precision",
-            "objects, all conditions",
-            "found",
-            "recall",
-            "precision",
-        ),
-        (
-            (
-                f"`{name}`",
-                *itertools.chain.from_iterable(
-                    (
-                        str(int((m.labels == label).sum())),
-                        _share(m.detection_labels[m.labels == label] >= 0),
-                        _label_recall(m, label),
-                        _label_precision(m, label),
-                    )
-                    for m in (clear, everything)
-                ),
-            )
-            for label, name in enumerate(LABELS)
-        ),
-    )
-
-
-def _group_table(clear: Matches, everything: Matches) -> str:
+def _condition_table(names: Sequence[str], by_condition: dict[str, tuple[Matches, ...]]) -> str:
     rows = []
-    for group, name in enumerate(GROUP_NAMES):
-        row = [name]
-        for m in (clear, everything):
-            there, of_label = _groups(m.labels) == group, _groups(m.reports) == group
-            row += [
-                str(int(there.sum())),
-                _share(_groups(m.detection_labels)[there] == group),
-                _share(_groups(m.object_labels)[of_label] == group),
-            ]
-        rows.append(row)
-    return _table(
-        ("group", "objects", "recall", "precision", "objects, all conditions", "recall", "precision"), rows
-    )
+    for condition, of_models in by_condition.items():
+        for name, m in zip(names, of_models, strict=True):
+            large = m.sizes_px >= LEAST_SIZE_PX
+            person = np.isin(m.labels, _PERSONS)
+            alarms = (m.object_labels < 0).sum() / m.pictures
+            rows.append(
+                (
+                    condition,
+                    name,
+                    f"{m.pictures}, {large.sum()}",
+                    *_found_and_named(m, large),
+                    *_found_and_named(m, person & large),
+                    *_found_and_named(m, person & ~large),
+                    f"{alarms:.2f}",
+                )
+            )
+    found = ("found", "named", "people found", "named", "smaller people found", "named")
+    return _table(("condition", "model", "pictures, objects", *found, "false in a picture"), rows)
 
 
-def _size_table(clear: Matches, everything: Matches) -> str:
+def _size_table(*parts: Matches) -> str:
     rows = []
     for low, high in itertools.pairwise(_SIZES_PX):
         row = [f"{low} to {high - 1} px" if high < _SIZES_PX[-1] else f"{low} px and more"]
-        for m in (clear, everything):
+        for m in parts:
             there = (m.sizes_px >= low) & (m.sizes_px < high)
-            people = there & (_groups(m.labels) == GROUP_NAMES.index("person"))
-            row += [
-                str(int(there.sum())),
-                _share(m.detection_labels[there] >= 0),
-                _share(m.detection_labels[people] >= 0),
-                _share(_groups(m.detection_labels)[there] == _groups(m.labels)[there]),
-                _share(m.detection_labels[there] == m.labels[there]),
-            ]
+            person = there & np.isin(m.labels, _PERSONS)
+            row += [str(there.sum()), *_found_and_named(m, there), *_found_and_named(m, person)]
         rows.append(row)
-    parts = ("found", "people found", "right group", "right label")
-    return _table(("longest side", "objects", *parts, "objects, all conditions", *parts), rows)
+    header = ("objects", "found", "named", "people found", "named")
+    return _table(("longest side", *header, "random scenes: objects", *header[1:]), rows)
 
 
-def _matrix(by_condition: dict[str, Matches], figure: Callable[[Matches, int], str]) -> str:
-    return _table(
-        ("condition", *(f"`{name}`" for name in LABELS)),
-        (
-            (condition, *(figure(matches, label) for label in range(len(LABELS))))
-            for condition, matches in by_condition.items()
-        ),
-    )
-
-
-def _alarm_table(alarms: dict[str, Matches]) -> str:
-    return _table(
-        ("condition", "pictures", "false alarms in a picture"),
-        ((name, str(m.pictures), f"{len(m.reports) / max(1, m.pictures):.2f}") for name, m in alarms.items()),
-    )
-
-
-def _reliability_table(matches: Matches) -> str:
+def _class_table(*parts: Matches) -> str:
     rows = []
-    for low, high in itertools.pairwise(_SCORES):
-        inside = (matches.scores >= low) & (matches.scores < high)
-        rows.append(
-            (
-                f"{low:g} to {min(high, 1.0):g}",
-                str(int(inside.sum())),
-                f"{matches.scores[inside].mean():.2f}" if inside.any() else "",
-                _share(matches.object_labels[inside] == matches.reports[inside]),
-            )
-        )
+    for label, name in enumerate(LABELS):
+        row = [f"`{name}`"]
+        for m in parts:
+            there, reported = m.labels == label, m.reports == label
+            alarms = (reported & (m.object_labels < 0)).sum() / m.pictures
+            precision = _share(m.object_labels[reported] == label)
+            row += [str(there.sum()), *_found_and_named(m, there), precision, f"{alarms:.3f}"]
+        rows.append(row)
+    header = ("objects", "found", "named", "precision", "false in a picture")
+    return _table(("class", *header, "random scenes: objects", *header[1:]), rows)
+
+
+def _confusion_table(m: Matches) -> str:
+    """Of the objects of a label that are found, the shares by the label that they are given."""
+    rows = []
+    for label, name in enumerate(LABELS):
+        found = m.detection_labels[(m.labels == label) & (m.detection_labels >= 0)]
+        shares = [f"{(found == other).mean():.2f}" if len(found) else "" for other in range(len(LABELS))]
+        rows.append((f"`{name}`", *shares))
+    return _table(("is", *(f"`{name}`" for name in LABELS)), rows)
+
+
+def _reliability(m: Matches) -> list[tuple[float, float, int, float, float]]:
+    """By tenth of the score: its edges, detections in it, their mean score and the share with the right label."""
+    rows = []
+    for low, high in itertools.pairwise(_SCORES.tolist()):
+        inside = (m.scores >= low) & (m.scores < high + (high == 1.0))
+        right = (m.object_labels == m.reports)[inside]
+        if len(right) >= _LEAST_CASES:
+            rows.append((low, high, len(right), float(m.scores[inside].mean()), float(right.mean())))
+    return rows
+
+
+def _reliability_table(m: Matches) -> str:
+    rows = [
+        (f"{low:.1f} to {high:.1f}", str(count), f"{score:.2f}", f"{right:.2f}")
+        for low, high, count, score, right in _reliability(m)
+    ]
     return _table(("score", "detections", "mean score", "share with the right label"), rows)
+
+
+def reliability_diagram(curves: dict[str, Matches]) -> str:
+    """An SVG of the share with the right label over the score, a line for each of two curves."""
+    side, edge = 240, 36
+    box = f'viewBox="0 0 {side + 2 * edge} {side + 2 * edge}" font-family="sans-serif" font-size="11"'
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><rect width="100%" height="100%" fill="#fff"/>'
+    text += f'<path d="M{edge} {edge}v{side}h{side}M{edge} {edge + side}l{side} -{side}" fill="none" stroke="#999"/>'
+    for (name, matches), colour, line in zip(curves.items(), ("#1b6ca8", "#c2571a"), (0, 14), strict=True):
+        points = [(edge + side * x, edge + side * (1 - y)) for *_, x, y in _reliability(matches)]
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        text += f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
+        text += "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in points)
+        text += f'<text x="{edge + 8}" y="{edge + 14 + line}" fill="{colour}">{name}</text>'
+    for value in (0.0, 0.5, 1.0):
+        text += f'<text x="{edge + side * value:.0f}" y="{edge + side + 14}" text-anchor="middle">{value:g}</text>'
+        text += (
+            f'<text x="{edge - 4}" y="{edge + side * (1 - value) + 4:.0f}" text-anchor="end">{value:g}</text>'
+        )
+    text += f'<text x="{edge + side / 2}" y="{edge + side + 28}" text-anchor="middle">score</text>'
+    return text + f'<text x="{edge}" y="{edge - 8}">share with the right label</text></svg>\n'

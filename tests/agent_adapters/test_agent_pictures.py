@@ -130,6 +130,10 @@ def test_identities_last_through_a_turn() -> None:
         assert message is not None
         assert message.header.stamp.ns == round(time_s * 1e9)
         centres = {item.id: item.bbox.center.position for item in message.detections}
+        if number == 0:
+            # What is in one picture alone may be nothing.
+            assert not centres
+            continue
         names.append(
             [
                 next(
@@ -153,7 +157,7 @@ def test_what_is_no_picture_is_passed_over() -> None:
     cameras.append(CAMERA)
     first = pictures.detections(picture(1.0))
     assert first is not None
-    assert [item.id for item in first.detections] == ["t1"]
+    assert not first.detections
     for late in (picture(1.0), picture(0.8), picture(1.2, b""), picture(1.2, b"\xff\xd8 nothing")):
         assert pictures.detections(late) is None
     # Without any pose it still names: by the boxes alone.

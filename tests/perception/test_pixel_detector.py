@@ -102,7 +102,7 @@ def test_unknown_and_impossible_options_are_all_named() -> None:
     assert "max_detections" in str(caught.value)
 
 
-@pytest.mark.parametrize(("scene", "hd"), [(2, False), (5, True)])
+@pytest.mark.parametrize(("scene", "hd"), [(7, False), (0, True)])
 def test_objects_of_two_held_out_scenes_are_found_equally_each_time(
     detector: SmallDetector, scene: int, hd: bool
 ) -> None:
@@ -143,7 +143,7 @@ def test_a_standing_vehicle_sees_nothing(detector: SmallDetector) -> None:
 def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
     """Edges of vehicles of 40 pixels and more are off by less than a fifth of their length (median)."""
     errors = []
-    for picture in frames(5, True):
+    for picture in frames(0, True):
         sides = (picture.boxes_px[:, 2:] - picture.boxes_px[:, :2]).max(axis=1)
         vehicles = np.array([GROUPS[LABELS[label]] == "vehicle" for label in picture.labels.tolist()])
         wanted = picture.counts & vehicles & (sides >= 40)
@@ -158,7 +158,7 @@ def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
 
 
 def test_any_size_of_picture_will_do_and_boxes_stay_inside(detector: SmallDetector) -> None:
-    whole = frames(5, True)[0].bgr
+    whole = frames(0, True)[0].bgr
     for width, height in ((16, 16), (100, 33), (641, 479)):
         part = whole[:height, :width]
         for detection in detector.detect(part):
@@ -169,7 +169,7 @@ def test_any_size_of_picture_will_do_and_boxes_stay_inside(detector: SmallDetect
 
 def test_a_moved_picture_has_moved_boxes(detector: SmallDetector) -> None:
     """By 32 pixels, in which the network repeats itself: boxes far from edges move with the pixels."""
-    picture = frames(5, True)[0].bgr
+    picture = frames(0, True)[0].bgr
     first = detector.detect(picture[:480, :640])
     second = detector.detect(picture[32:512, 32:672])
     inner = [d for d in first if d.box[0] > 200 and d.box[2] < 440 and d.box[1] > 200 and d.box[3] < 440]
@@ -180,7 +180,7 @@ def test_a_moved_picture_has_moved_boxes(detector: SmallDetector) -> None:
 
 
 def test_options_change_what_is_reported(detector: SmallDetector) -> None:
-    picture = frames(2, False)[0].bgr
+    picture = frames(1, False)[0].bgr
     few = open_small_detector(spec_with(max_detections=3)).detect(picture)
     sure = open_small_detector(spec_with(min_object=0.9)).detect(picture)
     usual = detector.detect(picture)
@@ -243,7 +243,6 @@ def test_duplicates_and_matches_against_counting_by_hand() -> None:
         np.zeros((64, 64, 3), np.uint8),
         np.array([(0, 0, 20, 20), (40, 40, 60, 60), (30, 0, 50, 20)], dtype=float),
         np.array([car, tree, tree]),
-        np.array([0, 0, 0]),
         np.array([True, True, False]),
     )
     detections = [
@@ -264,8 +263,8 @@ def test_seeds_and_splits_give_scenes_of_their_own() -> None:
         generator_of(seed, split, scene).random() for seed in (1, 2) for split in Split for scene in (0, 1)
     ]
     assert len(set(draws)) == len(draws)
-    random = generator_of(SEED, Split.EVALUATION, 5)
+    random = generator_of(SEED, Split.EVALUATION, 0)
     repeated = next(frames_of(random, 1, HD, CONDITIONS["clear day"], empty=False))
-    first = frames(5, True)[0]
+    first = frames(0, True)[0]
     assert (repeated.bgr == first.bgr).all()
     assert (repeated.boxes_px == first.boxes_px).all()

@@ -261,7 +261,7 @@ def watched(*, gimbal: bool = False, **camera: object) -> SimSpec:
         name="watched",
         world=World(area=SQUARE),
         environment=Environment(rain_level=3.0),
-        perception=Perception(source="detector", detector="crates"),
+        perception=Perception(source="detector", detector="crates", begin_detections=1),
         vehicle=VehicleSpec.model_validate(
             {
                 "model": "still",

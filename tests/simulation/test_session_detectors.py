@@ -80,7 +80,7 @@ class MeanDetector:
 
 def pixels_simspec(model: DetectionModel = MODEL, **camera: object) -> SimSpec:
     """Two people under a turning vehicle, seen by a detector."""
-    perception = Perception(source="detector", detector="blobs", model=model)
+    perception = Perception(source="detector", detector="blobs", model=model, begin_detections=1)
     return watched_simspec(**camera).model_copy(update={"perception": perception})
 
 
@@ -333,6 +333,36 @@ def test_a_track_begins_with_its_first_sure_detection() -> None:
     assert {name for row in every for name, _ in row} == {"t1", "t2"}
     assert published(0.4) == [set(), set(), {("t1", 0.5)}, {("t1", 0.1)}]
     assert published(0.35) == [set(), set(), *every[2:]]
+
+
+@pytest.mark.parametrize("begin_detections", [1, 2, 3])
+def test_a_false_box_of_one_picture_is_no_track(begin_detections: int) -> None:
+    """Beside two people who are always seen, a box flashes somewhere else in each fourth picture."""
+
+    class FlashingDetector:
+        def __init__(self) -> None:
+            self._count = 0
+
+        def detect(self, bgr: Pixels) -> Sequence[Detection]:
+            people = [Detection("civilian", 0.9, (x, 50.0, x + 20.0, 90.0)) for x in (10.0, 200.0)]
+            self._count += 1
+            x, y = ((60.0, 5.0), (290.0, 200.0), (40.0, 220.0))[self._count // 4 - 1]
+            flash = Detection("combatant", 0.95, (x, y, x + 12.0, y + 12.0))
+            return people + [flash] * (self._count % 4 == 0)
+
+    plain = pixels_simspec()
+    perception = plain.perception.model_copy(update={"begin_detections": begin_detections})
+    spec = plain.model_copy(update={"perception": perception})
+    detector = open_detector(spec, cast_of(spec), lambda _: FlashingDetector())
+    for number in range(12):
+        detector.process(camera_frame(number, 2), picture_of(np.zeros((240, 320, 3), dtype=np.uint8)))
+    results = [[item.class_label for item in r.detections] for r in detector.due(SimTime(10**12))]
+
+    assert [row.count("civilian") for row in results] == [0] * (begin_detections - 1) + [2] * (
+        13 - begin_detections
+    )
+    assert sum(row.count("combatant") for row in results) == (3 if begin_detections == 1 else 0)
+    assert Perception().begin_detections == 2
 
 
 def test_a_fault_of_the_detector_is_the_benchs(tmp_path: Path) -> None:

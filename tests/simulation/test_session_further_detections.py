@@ -48,7 +48,7 @@ MODEL = DetectionModel(latency_s=0.15, latency_jitter_s=0.1, half_height_px=2.0,
 def spec_of(source: PerceptionSource, *names: str, model: DetectionModel = MODEL) -> SimSpec:
     """Two people below a vehicle with three cameras, all of which see them."""
     spec = watched_simspec()
-    perception = Perception(source=source, model=model, more_cameras=names)
+    perception = Perception(source=source, model=model, more_cameras=names, begin_detections=1)
     # So low that people have ten pixels and more in the coarsest picture.
     parameters = {**spec.vehicle.parameters, "STILL_UP_M": 12.0}
     vehicle = spec.vehicle.model_copy(update={"more_cameras": CAMERAS, "parameters": parameters})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.camera import use_one_thread
 from bench.clock import SimTime
 from bench.contracts import Detection, PixelDetector
-from bench.perception import KalmanTracker, ground_homography, ground_warp
+from bench.perception import BegunTracks, KalmanTracker, ground_homography, ground_warp
 from bench.perception.pixels import SmallDetector, SmallDetectorOptions, load_model
 from bench.streams import (
     BoundingBox2D,
@@ -43,6 +43,7 @@ class PictureDetections:
     ) -> None:
         self._detector, self._poses, self._camera = detector, poses, camera
         self._tracker: KalmanTracker | None = None
+        self._begun = BegunTracks()
         self._ground: NDArray[np.float64] | None = None
         self._last: SimTime | None = None
 
@@ -60,7 +61,9 @@ class PictureDetections:
             self._tracker = KalmanTracker(camera.lens.fx, lens=camera.lens.model())
         found = self._detector.detect(np.asarray(bgr, np.uint8))
         named = self._tracker.name(found, exposed, self._warp(camera, exposed))
-        return Detection2DArray(image.header, tuple(_detection(image.header, each) for each in named))
+        return Detection2DArray(
+            image.header, tuple(_detection(image.header, each) for each in self._begun.of(named))
+        )
 
     def _warp(self, camera: GroundCamera, exposed: SimTime) -> NDArray[np.float64] | None:
         """From the last picture to this one; None where a pose is missing."""
