@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from bench.arrays import Bools, Counts, Floats
@@ -76,10 +75,11 @@ class Matches:
 
 def joined(parts: Sequence[Matches]) -> Matches:
     """All pictures of several."""
-    columns: list[NDArray[Any]] = [
-        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Matches)[:-1]
-    ]
-    return Matches(*columns, sum(part.pictures for part in parts))
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
+        for field in fields(Matches)[:-1]
+    }
+    return Matches(**columns, pictures=sum(part.pictures for part in parts))
 
 
 def match(frame: LabelledFrame, detections: Sequence[Detection]) -> Matches:
@@ -148,18 +148,10 @@ def evaluate(detectors: Sequence[PixelDetector], frames: Iterable[LabelledFrame]
     return tuple(joined(column) for column in zip(*parts, strict=True))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Peaks:
-    """Of peaks that are not excused: logits, whether each is an object; of the objects label logits and labels."""
-
-    logits: Floats
-    hits: Bools
-    label_logits: Floats
-    labels: Counts
-    pictures: int
-
-
-def _peaks_of(model: NetworkModel, frames: Iterable[LabelledFrame]) -> _Peaks:
+def _peaks_of(
+    model: NetworkModel, frames: Iterable[LabelledFrame]
+) -> tuple[Floats, Bools, Floats, Counts, int]:
+    """Of peaks that are not excused: logits, whether each is an object; of these label logits and labels; and pictures."""
     logits, hits, label_logits, labels = [], [], [], []
     for frame in frames:
         peaks = model.find(frame.bgr, _LEAST_OBJECT)
@@ -169,7 +161,8 @@ def _peaks_of(model: NetworkModel, frames: Iterable[LabelledFrame]) -> _Peaks:
         hits.append(owners[~excused] >= 0)
         label_logits.append(peaks.label_logits[owners >= 0])
         labels.append(frame.labels[owners[owners >= 0]])
-    return _Peaks(*(np.concatenate(part) for part in (logits, hits, label_logits, labels)), len(logits))
+    parts: list[Any] = [np.concatenate(part) for part in (logits, hits, label_logits, labels)]
+    return parts[0], parts[1], parts[2], parts[3], len(logits)
 
 
 def calibrate(
@@ -180,12 +173,12 @@ def calibrate(
     The first on frames of the standard's situations, in their own conditions and, a third of them, in all of CONDITIONS;
     the second, which needs all labels, on random scenes. `model` must be without calibration.
     """
-    scenes = _peaks_of(model, random_frames(Split.CALIBRATION, seed, scene_count, frame_count))
+    scenes = random_frames(Split.CALIBRATION, seed, scene_count, frame_count)
+    *_, z, t, _ = _peaks_of(model, scenes)
     frames = [mission_frames(Split.CALIBRATION, seed, 2 * len(CONDITIONS), VGA_PX)]
     frames += [mission_frames(Split.CALIBRATION, seed + 1, 1, VGA_PX, c) for c in CONDITIONS.values()]
-    missions = _peaks_of(model, itertools.chain.from_iterable(frames))
-    x, y = missions.logits, missions.hits.astype(np.float64)
-    z, t = scenes.label_logits, scenes.labels
+    x, hits, _, _, pictures = _peaks_of(model, itertools.chain.from_iterable(frames))
+    y = hits.astype(np.float64)
 
     def object_loss(parameters: Floats) -> float:
         margin = math.exp(parameters[0]) * x + parameters[1]
@@ -205,10 +198,10 @@ def calibrate(
         label_slope=round(float(slope), 4),
     )
     margin = result.object_slope * x + result.object_offset
-    report(f"{len(x)} peaks in {missions.pictures} pictures, {int(y.sum())} of them objects: {result}")
+    report(f"{len(x)} peaks in {pictures} pictures, {int(y.sum())} of them objects: {result}")
     margin = result.object_slope * x + result.object_offset
     for threshold in (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6):
         chosen = margin > math.log(threshold / (1.0 - threshold))
-        alarms = (chosen & ~missions.hits).sum() / missions.pictures
+        alarms = (chosen & ~hits).sum() / pictures
         report(f"  from {threshold}: {alarms:.3f} false in a picture, {int(y[chosen].sum())} objects")
     return result

@@ -162,7 +162,7 @@ def _varied(sample: Sample, random: np.random.Generator) -> Sample:
     if random.random() < _JPEG_SHARE:
         quality = int(random.integers(*_JPEG_QUALITIES))
         _, data = cv2.imencode(".jpg", shaded, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        shaded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        shaded = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
     return replace(sample, bgr=np.asarray(shaded, np.uint8), boxes_px=boxes)
 
 

@@ -25,8 +25,12 @@ _PERSONS = [number for number, label in enumerate(LABELS) if GROUPS[label] == "p
 _OWN, _OWN_HD, _RANDOM = "those of the situations", "the same, 1280x720", "random scenes, all assets"
 
 
-def tables(folders: Sequence[Path | None], seed: int, frame_count: int, report: Callable[[str], None]) -> str:
-    """All tables of the models in these folders, None for the one that ships, on the same frames."""
+def tables(
+    folders: Sequence[Path | None], seed: int, frame_count: int, report: Callable[[str], None]
+) -> tuple[str, str]:
+    """All tables of the models in these folders, None for the one that ships, on the same frames; and the reliability
+    diagram of the last.
+    """
     detectors = [SmallDetector(load_model(folder), SmallDetectorOptions()) for folder in folders]
     names = [str(folder) if folder else "small" for folder in folders]
     sources = {

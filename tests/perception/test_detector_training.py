@@ -64,7 +64,7 @@ def test_equal_seeds_give_equal_weights(tmp_path: Path, monkeypatch: pytest.Monk
     samples = open_samples(tmp_path / "cache", 3, 1)
     assert samples.pictures.shape == (3 * FRAMES_OF_SCENE, CROP_PX, CROP_PX, 3)
     layers = layers_of(11)
-    files = []
+    files: list[bytes] = []
     for seed in (1, 1, 2):
         (checkpoint,) = train(
             layers, samples, Plan(4, 8, batch=4), np.random.default_rng(seed), lambda _: None
