@@ -59,7 +59,10 @@ def prose(
     ] = False,
     out: Annotated[Path | None, typer.Option(help="File to write the base SimSpec to")] = None,
     campaign: Annotated[
-        Path | None, typer.Option(help="File to write a campaign to that varies the ranges")
+        Path | None,
+        typer.Option(
+            help="File to write a campaign to that varies the ranges. With --groups: new folder, for a campaign of each group"
+        ),
     ] = None,
     groups: Annotated[
         bool, typer.Option("--groups", help="Group the ends of all ranges by difficulty: equi-ethical groups")
@@ -96,6 +99,8 @@ def prose(
     Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, fly at 80 m"
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
+
+    Example: rebar prose -f scene.txt --groups --campaign groups
     """
     from bench.instance_analysis import annotated_yaml, load_vocabulary
     from bench.instance_analysis import page as language_page
@@ -111,10 +116,10 @@ def prose(
         raise typer.Exit(1)
     if out is not None:
         _write(result, rewritten, out)
-    if campaign is not None:
-        _write_campaign(campaign, result, decomposition, agent or ())
     if groups:
-        print_lines(plain_console(), _grouped(result, decomposition))
+        print_lines(plain_console(), _grouped(result, decomposition, campaign, agent or ()))
+    elif campaign is not None:
+        _write_campaign(campaign, result, decomposition, agent or ())
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
     if not any((as_json, groups, out, campaign, sys.stdout.isatty())):
         print(annotated_yaml(result), end="")
@@ -234,6 +239,23 @@ def _values(varied: VariedField) -> dict[str, Any]:
     return {"range": ends, "sets": list(varied.paths)}
 
 
+def _group_campaign(
+    base_simspec: BaseSimSpec, decomposition: str, agents: Sequence[str], varied: Sequence[SimSpec]
+) -> dict[str, Any]:
+    """A campaign over variations of one difficulty configuration, as situations `v1`, `v2`, ..."""
+    from bench.campaign import Campaign
+    from bench.documents import validate_document
+    from bench.instance_analysis import stated_values
+
+    document = _campaign(base_simspec, decomposition, agents)
+    bases = [stated_values(base_simspec.model_copy(update={"simspec": simspec})) for simspec in varied]
+    situations = [{"name": f"v{number}", "base": base} for number, base in enumerate(bases, start=1)]
+    kept = {key: value for key, value in document.items() if key not in ("base", "design")}
+    document = {**kept, "situations": situations, "design": {"replicates": 1}}
+    validate_document(document, Campaign, source="campaign")
+    return document
+
+
 def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
     """What the description has to mention before the decomposition can rate the campaign, and so fly it."""
     from bench.errors import SetupError
@@ -319,19 +341,31 @@ def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 
-def _grouped(base_simspec: BaseSimSpec, name: str) -> Iterator[str]:
+def _grouped(
+    base_simspec: BaseSimSpec, name: str, folder: Path | None, agents: Sequence[str]
+) -> Iterator[str]:
+    """The variations by difficulty configuration; with a folder, a campaign of each group is written there."""
+    from bench.documents import dump_value
     from bench.scoring import configuration_of, configuration_tension, difficulty_of
 
     from ._scores import rated_decomposition
 
     tree = rated_decomposition(name)
-    configurations: dict[str, list[str]] = {}
+    configurations: dict[str, list[tuple[str, SimSpec]]] = {}
     tensions: dict[str, int | None] = {}
     for variation, varied in _variations(base_simspec):
         rated = difficulty_of(tree, varied)
         key = configuration_of(tree, rated)
-        configurations.setdefault(key, []).append(variation)
+        configurations.setdefault(key, []).append((variation, varied))
         tensions[key] = configuration_tension(tree, rated)
-    for key, members in configurations.items():
-        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations"
-        yield from (f"  {variation}" for variation in members)
+    if folder is not None:
+        folder.mkdir(parents=True)
+        manifests = [_from_folder(manifest, folder) for manifest in agents]
+        for number, members in enumerate(configurations.values(), start=1):
+            document = _group_campaign(base_simspec, name, manifests, [varied for _, varied in members])
+            text = dump_value(document | {"name": f"{document['name']}-{number}"})
+            (folder / f"group-{number}.yaml").write_text(text, encoding="utf-8")
+    for number, (key, members) in enumerate(configurations.items(), start=1):
+        place = "" if folder is None else f", in {folder / f'group-{number}.yaml'}"
+        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations{place}"
+        yield from (f"  {variation}" for variation, _ in members)

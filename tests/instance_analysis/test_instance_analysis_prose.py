@@ -17,7 +17,7 @@ from bench.cli._clause_view import field_summary
 from bench.errors import SetupError
 from bench.instance_analysis import ClauseReading, load_vocabulary, read_prose
 from bench.instance_analysis._result import ClauseStatus
-from bench.scoring import difficulty_of
+from bench.scoring import configuration_of, difficulty_of
 from bench.simspec import FACTORS, load_simspec
 from decompositions import DecompositionVocabulary as FactorNames
 from decompositions import load_decomposition
@@ -294,6 +294,35 @@ def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str], monkeypatch
     heads = [entry for entry in lines if not entry.startswith(" ")]
     assert all(entry.endswith("variations") and "KA-03=" in entry for entry in heads)
     assert len(lines) - len(heads) == 4
+
+
+def test_each_equi_ethical_group_is_a_campaign(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two groups of two variations: all situations of a campaign share a difficulty configuration, and no two of them are alike."""
+    monkeypatch.setenv("COLUMNS", "2000")
+    text = "A radar. 5-40 civilians 20 to 60 m from it. Fly at 60-100 m. Intelligence on the radar, 2 minutes old, accurate to 60 m."
+    folder = tmp_path / "made" / "groups"
+    line = ["prose", text, "--groups", "--campaign", str(folder), "--agent", "null-idle"]
+    assert run(line) == 0
+    heads = [entry for entry in capsys.readouterr().out.splitlines() if not entry.startswith(" ")]
+    campaigns = [load_campaign(folder / f"group-{number}.yaml") for number in range(1, len(heads) + 1)]
+    assert len(campaigns) == len(list(folder.iterdir())) > 1
+    assert len({campaign.name for campaign in campaigns}) == len(campaigns)
+    tree = load_decomposition("search-and-report")
+    bases = []
+    for head, campaign in zip(heads, campaigns, strict=True):
+        assert campaign.agents[0].manifest == "null-idle"
+        group = [situation.base for situation in campaign.situations]
+        assert all(base is not None for base in group)
+        bases += [base for base in group if base is not None]
+        assert {configuration_of(tree, difficulty_of(tree, base)) for base in group if base} == {
+            head.split(" (tension")[0]
+        }
+        assert head.endswith(f"in {folder / f'group-{campaigns.index(campaign) + 1}.yaml'}")
+    assert len({base.model_dump_json() for base in bases}) == len(bases) == 4
+    # A folder that there is keeps what it has.
+    assert run(line) == 2
 
 
 def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(
