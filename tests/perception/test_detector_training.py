@@ -28,17 +28,17 @@ def test_equal_seeds_give_equal_scenes_under_all_conditions() -> None:
     first, again = missions(5), missions(5)
     rain = missions(5, condition="rain level 9")
 
-    for one, two, wet in zip(first, again, rain, strict=True):
-        assert (one.bgr == two.bgr).all()
-        assert (one.boxes_px == two.boxes_px).all()
-        assert (one.boxes_px == wet.boxes_px).all()
-        assert (one.bgr != wet.bgr).any()
+    for frame, repeated, rainy in zip(first, again, rain, strict=True):
+        assert (frame.bgr == repeated.bgr).all()
+        assert (frame.boxes_px == repeated.boxes_px).all()
+        assert (frame.boxes_px == rainy.boxes_px).all()
+        assert (frame.bgr != rainy.bgr).any()
 
 
 def test_no_split_and_no_seed_has_a_scene_of_another() -> None:
     pictures = [missions(seed, split)[0].bgr for seed in (5, 6) for split in Split]
-    for one, two in itertools.combinations(pictures, 2):
-        assert (one != two).mean() > 0.5
+    for picture, other in itertools.combinations(pictures, 2):
+        assert (picture != other).mean() > 0.5
 
 
 def test_training_sees_every_condition_and_campaigns_most() -> None:

@@ -62,7 +62,7 @@ class PictureDetections:
         found = self._detector.detect(np.asarray(bgr, np.uint8))
         named = self._tracker.name(found, exposed, self._warp(camera, exposed))
         return Detection2DArray(
-            image.header, tuple(_detection(image.header, each) for each in self._begun.of(named))
+            image.header, tuple(_detection(image.header, detection) for detection in self._begun.of(named))
         )
 
     def _warp(self, camera: GroundCamera, exposed: SimTime) -> NDArray[np.float64] | None:

@@ -68,9 +68,8 @@ class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
     `scratch` is the host's folder of the session, in which no agent may write but on a rung with the host's root, there
-    in its HOME. `files` are files and folders
-    of the host that the agent finds by name in the folder of `Place.files`, `shared` those that it may also write, so that
-    both sides have the same file. `hosts` are addresses by host name, for rungs with a file system of their own.
+    in its HOME. `files` are files and folders of the host that the agent finds by name in the folder of `Place.files`,
+    `shared` those that it may also write, so that both sides have the same file. `hosts` are addresses by host name, for rungs with a file system of their own.
     """
 
     command: tuple[str, ...]
