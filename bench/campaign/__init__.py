@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from .planning._measures import measures_of as measures_of
     from .planning._realizations import campaign_quality as campaign_quality
     from .planning._realizations import realizations as realizations
+    from .planning._realizations import situation_difficulties as situation_difficulties
     from .planning._realizations import situation_tensions as situation_tensions
     from .planning._scenes import write_scenes as write_scenes
     from .planning._takeoff_faults import takeoff_faults as takeoff_faults

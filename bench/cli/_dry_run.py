@@ -51,7 +51,7 @@ def faults_before_takeoff(campaign: Campaign) -> list[Fault]:
 def _print_json(
     campaign: Campaign, plans: Sequence[RealizationPlan], quality: DesignQuality, request: RunRequest
 ) -> None:
-    from bench.campaign import situation_tensions
+    from bench.campaign import situation_difficulties, situation_tensions
 
     estimate, faults = _estimate(campaign, request)
     document: dict[str, object] = {
@@ -62,6 +62,7 @@ def _print_json(
     }
     if campaign.situations:
         document["tensions"] = situation_tensions(campaign)
+        document["measured"] = situation_difficulties(campaign)
     document["estimate"] = estimate and estimate.model_dump(mode="json")
     if estimate is None:
         document["no_estimate"] = faults
@@ -94,14 +95,16 @@ def _print_lines(
 
 
 def _tension_lines(campaign: Campaign) -> list[str]:
-    from bench.campaign import situation_tensions
+    from bench.campaign import situation_difficulties, situation_tensions
 
     built_for = {situation.name: situation.tension for situation in campaign.situations}
+    measured = situation_difficulties(campaign)
     lines = []
     for name, tensions in situation_tensions(campaign).items():
         reached = " to ".join(map(str, dict.fromkeys((min(tensions), max(tensions))))) if tensions else "none"
         built = f", built for {built_for[name]}" if built_for[name] else ""
-        lines.append(f"situation {name}: tension {reached}{built}")
+        found = f"; measured difficulty {measured[name]:.0f}" if name in measured else ""
+        lines.append(f"situation {name}: tension {reached}{built}{found}")
     return lines
 
 

@@ -7,8 +7,9 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -67,6 +68,12 @@ def prose(
     groups: Annotated[
         bool, typer.Option("--groups", help="Group the ends of all ranges by difficulty: equi-ethical groups")
     ] = False,
+    measured: Annotated[
+        bool,
+        typer.Option(
+            "--measured", help="For --groups: by measured difficulty, in place of published ratings"
+        ),
+    ] = False,
     decomposition: Annotated[
         str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")
     ] = "search-and-report",
@@ -117,7 +124,7 @@ def prose(
     if out is not None:
         _write(result, rewritten, out)
     if groups:
-        print_lines(plain_console(), _grouped(result, decomposition, campaign, agent or ()))
+        print_lines(plain_console(), _grouped(result, decomposition, measured, campaign, agent or ()))
     elif campaign is not None:
         _write_campaign(campaign, result, decomposition, agent or ())
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
@@ -342,22 +349,15 @@ def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
 
 
 def _grouped(
-    base_simspec: BaseSimSpec, name: str, folder: Path | None, agents: Sequence[str]
+    base_simspec: BaseSimSpec, name: str, measured: bool, folder: Path | None, agents: Sequence[str]
 ) -> Iterator[str]:
-    """The variations by difficulty configuration; with a folder, a campaign of each group is written there."""
+    """The variations in groups of equal difficulty; with a folder, a campaign of each is written there."""
     from bench.documents import dump_value
-    from bench.scoring import configuration_of, configuration_tension, difficulty_of
 
-    from ._scores import rated_decomposition
-
-    tree = rated_decomposition(name)
     configurations: dict[str, list[tuple[str, SimSpec]]] = {}
-    tensions: dict[str, int | None] = {}
+    group_of = _measured_group(name) if measured else _published_group(name)
     for variation, varied in _variations(base_simspec):
-        rated = difficulty_of(tree, varied)
-        key = configuration_of(tree, rated)
-        configurations.setdefault(key, []).append((variation, varied))
-        tensions[key] = configuration_tension(tree, rated)
+        configurations.setdefault(group_of(varied), []).append((variation, varied))
     if folder is not None:
         folder.mkdir(parents=True)
         manifests = [_from_folder(manifest, folder) for manifest in agents]
@@ -367,5 +367,37 @@ def _grouped(
             (folder / f"group-{number}.yaml").write_text(text, encoding="utf-8")
     for number, (key, members) in enumerate(configurations.items(), start=1):
         place = "" if folder is None else f", in {folder / f'group-{number}.yaml'}"
-        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations{place}"
+        yield f"{key}: {len(members)} variations{place}"
         yield from (f"  {variation}" for variation, _ in members)
+
+
+def _published_group(name: str) -> Callable[[SimSpec], str]:
+    """The difficulty configuration of a situation, and its tension."""
+    from bench.scoring import configuration_of, configuration_tension, difficulty_of
+
+    from ._scores import rated_decomposition
+
+    tree = rated_decomposition(name)
+
+    def group_of(simspec: SimSpec) -> str:
+        rated = difficulty_of(tree, simspec)
+        return f"{configuration_of(tree, rated)} (tension {configuration_tension(tree, rated) or 'none'})"
+
+    return group_of
+
+
+def _measured_group(name: str) -> Callable[[SimSpec], str]:
+    """The tension of the mean measured difficulty of all nodes with a proved scale."""
+    from bench.reporting import measured_rating
+    from bench.scoring import tension_of
+
+    from ._scores import rated_decomposition
+
+    rate = measured_rating(rated_decomposition(name))
+
+    def group_of(simspec: SimSpec) -> str:
+        difficulties = [difficulty for difficulty in rate(simspec).values() if difficulty is not None]
+        # Without places for everybody a situation cannot be flown either.
+        return f"tension {tension_of(fmean(difficulties))}, measured" if difficulties else "no room"
+
+    return group_of

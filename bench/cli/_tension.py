@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -22,18 +23,31 @@ def tension(
     ],
     wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="Campaign whose factors are drawn, to that tension by measured difficulty; with --out"
+        ),
+    ] = None,
+    points: Annotated[int, typer.Option(min=1, help="Situations to draw with --campaign")] = 20,
+    out: Annotated[Path | None, typer.Option(help="New campaign file, for --campaign")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Show the ranges of the key factors that give a node a tension.
+    """Show the ranges of the key factors that give a node a tension, or draw situations that have it.
 
     Example: rebar tension KA-03 4
 
     Example: rebar tension "bystander classification" 4
+
+    Example: rebar tension KA-20 4 --campaign campaigns/panel.yaml --out hard.yaml
     """
     from bench.errors import SetupError
 
     from ._scores import rated_decomposition
 
+    if campaign is not None or out is not None:
+        print_lines(plain_console(), _draw(campaign, node, wanted, points, out))
+        return
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
     if tree.policies.factor_rule != "minimum":
@@ -62,6 +76,35 @@ def tension(
         )
         print_lines(console, [f"No situation within the tables has this tension: {reason}."])
         raise typer.Exit(1)
+
+
+def _draw(campaign: Path | None, node: str, wanted: int, points: int, out: Path | None) -> Iterator[str]:
+    """Write a campaign whose situations have the tension by measured difficulty, and say how hard each is."""
+    from bench.campaign import Campaign, load_campaign, load_measurable_decomposition, realizations
+    from bench.documents import dump_value, validate_document
+    from bench.errors import SetupError
+    from bench.reporting import measured_rating
+
+    if campaign is None or out is None:
+        raise SetupError("--campaign, --out", "one is nothing without the other", "give both, or neither")
+    if out.exists():
+        raise SetupError(str(out), "exists", "name a new file")
+    given = load_campaign(campaign)
+    tree = load_measurable_decomposition(given.decomposition)
+    node = _node(tree, node)
+    drawn = {"kind": "stratified", "points": points, "band": 20.0, "scale": "measured"}
+    # Chosen: each costs some 0.1 s, and a tension that one situation in 50 has is still found.
+    drawn["candidates"] = min(20_000, max(100, 50 * points))
+    drawn |= {"above": 20.0 * (wanted - 1), "up_to": 20.0 * wanted}
+    document = given.model_dump(mode="json", exclude_defaults=True)
+    document |= {"name": f"{given.name}-tension-{wanted}", "study": [node]}
+    document["design"] = {**document["design"], "method": drawn}
+    chosen = validate_document(document, Campaign, source=str(out))
+    rate = measured_rating(tree, [node])
+    plans = {plan.design_point: plan for plan in realizations(chosen)}
+    out.write_text(dump_value(document), encoding="utf-8")
+    yield f"{len(plans)} situations of tension {wanted} for {node} by measured difficulty, in {out}:"
+    yield from (f"  {name}: {rate(plan.situation)[node]:.0f}" for name, plan in plans.items())
 
 
 def _node(tree: Decomposition, words: str) -> str:

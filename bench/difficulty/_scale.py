@@ -77,6 +77,11 @@ class DifficultyScale(Document):
     features: dict[str, FeatureScale]
     nodes: dict[str, NodeScale]
 
+    @property
+    def proved(self) -> tuple[str, ...]:
+        """The nodes whose difficulty was shown to predict agents outside the panel."""
+        return tuple(name for name, node in self.nodes.items() if not node.unproved)
+
     @model_validator(mode="after")
     def _check_weights(self) -> Self:
         for node, model in self.nodes.items():

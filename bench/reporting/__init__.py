@@ -49,6 +49,7 @@ from .statistics._design_quality import campaign_design_points as campaign_desig
 from .statistics._design_quality import campaign_design_quality as campaign_design_quality
 from .statistics._design_quality import difficulty_rating as difficulty_rating
 from .statistics._design_quality import measure_design as measure_design
+from .statistics._design_quality import measured_rating as measured_rating
 from .statistics._factor_effects import FactorEffects as FactorEffects
 from .statistics._factor_effects import factor_effects as factor_effects
 from .statistics._pairings import Pairing as Pairing

@@ -316,8 +316,9 @@ def steps_table(numbers: Numbers) -> str:
     outcomes: dict[tuple[str, str], list[bool]] = defaultdict(list)
     for row in numbers.scores.iter_rows(named=True):
         if row["node"] in numbers.campaign.study and row["confidence"] is not None:
-            # s1a to s5d: the step and a letter.
-            step = numbers.situations[row["design_point"], row["replicate"]][1]
+            # search-1a to escort-5: the application, the step and a letter.
+            situation = numbers.situations[row["design_point"], row["replicate"]]
+            step = situation.split("-")[1][0]
             outcomes[row["agent"], step].append(row["confidence"] < 1.0)
     cells = [
         [f"`{agent.label}`", *(percent(fmean(outcomes[agent.label, step])) for step in "12345")]

@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 import yaml
 
+from bench.campaign import load_campaign, realizations
 from bench.cli._app import run
 from bench.cli._scores import rated_decomposition
 from bench.cli._tension import _factor_ranges, _range_text
+from bench.difficulty import features_of, shipped_scale
+from bench.realization import place
 from bench.scoring import difficulty_of, difficulty_of_values, tension_of
 from bench.simspec import SimSpec, factor_values
-from decompositions import Decomposition, KeyFactor, Level
+from decompositions import Decomposition, KeyFactor, Level, load_decomposition
 
 DECOMPOSITIONS = ("search-and-report", "search-and-report-full", "find-the-missing")
 TENSIONS = range(1, 6)
@@ -223,3 +226,36 @@ def test_a_mean_of_ratings_has_no_ranges(tmp_path: Path, capsys: pytest.CaptureF
     file.write_text(yaml.safe_dump(document))
     assert run(["tension", "KA-03", "2", "--decomposition", str(file)]) == 2
     assert "factor_rule: mean" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(("node", "wanted"), [("KA-20", 3), ("KA-24", 4)])
+def test_situations_of_a_measured_tension_are_drawn_from_a_campaign(
+    node: str, wanted: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "drawn.yaml"
+    panel = str(Path(__file__).parents[2] / "campaigns" / "panel.yaml")
+    line = ["tension", node, str(wanted), "--campaign", panel, "--points", "2", "--out", str(out)]
+    assert run(line) == 0
+    assert "2 situations" in capsys.readouterr().out
+    campaign = load_campaign(out)
+    assert campaign.study == (node,)
+    scale = shipped_scale(load_decomposition(campaign.decomposition))
+    assert scale is not None
+    plans = {plan.design_point: plan for plan in realizations(campaign)}
+    assert len(plans) == 2
+    for plan in plans.values():
+        measured = scale.measure(node, features_of(place(plan.situation)))
+        assert measured.tension == wanted
+    # What is there stays, and neither option stands alone.
+    assert run(line) == 2
+    assert run(line[:-2]) == 2
+
+
+def test_a_node_without_a_proved_scale_has_no_situations_of_a_measured_tension(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "drawn.yaml"
+    panel = str(Path(__file__).parents[2] / "campaigns" / "panel.yaml")
+    assert run(["tension", "KA-03", "3", "--campaign", panel, "--out", str(out)]) == 2
+    assert "was not shown to predict KA-03" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()

@@ -7,6 +7,7 @@ import json
 import random
 import time
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 import yaml
@@ -14,10 +15,12 @@ import yaml
 from bench.campaign import load_campaign
 from bench.cli._app import run
 from bench.cli._clause_view import field_summary
+from bench.difficulty import features_of, shipped_scale
 from bench.errors import SetupError
 from bench.instance_analysis import ClauseReading, load_vocabulary, read_prose
 from bench.instance_analysis._result import ClauseStatus
-from bench.scoring import configuration_of, difficulty_of
+from bench.realization import place
+from bench.scoring import configuration_of, difficulty_of, tension_of
 from bench.simspec import FACTORS, load_simspec
 from decompositions import DecompositionVocabulary as FactorNames
 from decompositions import load_decomposition
@@ -323,6 +326,34 @@ def test_each_equi_ethical_group_is_a_campaign(
     assert len({base.model_dump_json() for base in bases}) == len(bases) == 4
     # A folder that there is keeps what it has.
     assert run(line) == 2
+
+
+def test_groups_of_equal_measured_difficulty(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every combination stands in the group of its own mean over the nodes with a proved scale."""
+    monkeypatch.setenv("COLUMNS", "2000")
+    text = "A radar. Three civilians 20 to 60 m from it. Fly at 60 m, at 5-12 m/s. A time limit of 60-400 s. Intelligence on the radar, 2 minutes old, accurate to 60 m."
+    name = "search-and-report-full"
+    folder = tmp_path / "groups"
+    line = ["prose", text, "--groups", "--measured", "--decomposition", name, "--campaign", str(folder)]
+    assert run(line) == 0
+    heads = [entry for entry in capsys.readouterr().out.splitlines() if ", measured:" in entry]
+    scale = shipped_scale(load_decomposition(name))
+    assert scale is not None
+    counts = []
+    for number, head in enumerate(heads, start=1):
+        group = load_campaign(folder / f"group-{number}.yaml").situations
+        counts.append(len(group))
+        for situation in group:
+            assert situation.base is not None
+            features = features_of(place(situation.base))
+            mean = fmean(scale.measure(node, features).difficulty for node in scale.proved)
+            assert head.startswith(f"tension {tension_of(mean)}, measured: {len(group)} ")
+    assert len(counts) > 1
+    assert sum(counts) == 4
+    # A decomposition without a scale has no such groups.
+    assert run(["prose", text, "--groups", "--measured"]) == 2
 
 
 def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(

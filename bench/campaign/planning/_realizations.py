@@ -156,6 +156,30 @@ def situation_tensions(campaign: Campaign) -> dict[str, tuple[int, ...]]:
     return {name: tuple(sorted(values)) for name, values in tensions.items()}
 
 
+def situation_difficulties(campaign: Campaign) -> dict[str, float]:
+    """The mean measured difficulty of each situation of a campaign: over its scenes, and the nodes under study with a proved scale.
+
+    Empty where no scale ships for the decomposition, or none of them has one.
+    """
+    from bench.difficulty import shipped_scale
+    from bench.reporting import measured_rating
+    from bench.scoring import studied_key_attributes
+
+    from ._measures import load_measurable_decomposition
+
+    decomposition = load_measurable_decomposition(campaign.decomposition)
+    scale = shipped_scale(decomposition)
+    studied = studied_key_attributes(decomposition, campaign.study)
+    nodes = [node for node in studied if scale is not None and node in scale.proved]
+    if not campaign.situations or not nodes:
+        return {}
+    rate = measured_rating(decomposition, nodes)
+    difficulties: dict[str, list[float]] = {situation.name: [] for situation in campaign.situations}
+    for plan in realize(campaign.bases, campaign.design, campaign.agents[:1], _rating(campaign)):
+        difficulties[str(plan.levels["situation"])] += filter(None, rate(plan.simspec).values())
+    return {name: math.fsum(values) / len(values) for name, values in difficulties.items() if values}
+
+
 def _rating(campaign: Campaign) -> Rating | None:
     # Most designs never ask for difficulty, and the rating costs the import of scoring and of every measure.
     if not campaign.design.rated:

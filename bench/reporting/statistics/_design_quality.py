@@ -41,7 +41,7 @@ def difficulty_rating(decomposition: Decomposition, study: Sequence[str], design
     """
     nodes = studied_key_attributes(decomposition, study)
     if "measured" in design.scales:
-        return _measured_rating(decomposition, nodes)
+        return measured_rating(decomposition, nodes)
 
     def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         difficulty = difficulty_of(decomposition, simspec)
@@ -50,22 +50,28 @@ def difficulty_rating(decomposition: Decomposition, study: Sequence[str], design
     return rate
 
 
-def _measured_rating(decomposition: Decomposition, nodes: Sequence[str]) -> Rating:
+def measured_rating(decomposition: Decomposition, nodes: Sequence[str] = ()) -> Rating:
+    """The measured difficulties of some nodes in a situation; of all that have a proved scale without any.
+
+    The places are those of the situation's seed. Raises SetupError where a node has no such scale.
+    """
     scale = shipped_scale(decomposition)
-    where = "design: method: scale: measured"
+    where = "scale: measured"
     if scale is None:
         raise SetupError(where, f"no scale ships for {decomposition.name}", "write scale: published")
-    known = [name for name, node in scale.nodes.items() if not node.unproved]
-    if missing := [node for node in nodes if node not in known]:
+    if missing := [node for node in nodes if node not in scale.proved]:
         raise SetupError(
             where,
             f"the scale was not shown to predict {missing[0]}, which is under study",
-            f"study some of: {', '.join(known)}",
+            f"study some of: {', '.join(scale.proved)}",
         )
 
     def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         features = _placed_features(simspec.model_dump_json())
-        return {node: scale.measure(node, features).difficulty if features else None for node in nodes}
+        return {
+            node: scale.measure(node, features).difficulty if features else None
+            for node in nodes or scale.proved
+        }
 
     return rate
 
