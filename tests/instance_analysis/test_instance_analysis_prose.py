@@ -333,7 +333,10 @@ def test_groups_of_equal_measured_difficulty(
 ) -> None:
     """Every combination stands in the group of its own mean over the nodes with a proved scale."""
     monkeypatch.setenv("COLUMNS", "2000")
-    text = "A radar. Three civilians 20 to 60 m from it. Fly at 60 m, at 5-12 m/s. A time limit of 60-400 s. Intelligence on the radar, 2 minutes old, accurate to 60 m."
+    text = (
+        "A radar vehicle, between 5 and 40 civilians within 50 m of it, fly at 60 m, time limit of 50 to 400 s. Heavy rain. "
+        "Intelligence on the radar, 2 minutes old, accurate to 60 m."
+    )
     name = "search-and-report-full"
     folder = tmp_path / "groups"
     line = ["prose", text, "--groups", "--measured", "--decomposition", name, "--campaign", str(folder)]
