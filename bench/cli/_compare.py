@@ -5,6 +5,7 @@ scenes that both flew; and one agent in two campaigns that have no scene in comm
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -72,25 +73,19 @@ def _show(comparison: Comparison) -> None:
     console = plain_console()
     rates, divergences = _tables(comparison)
     print_lines(
-        console,
-        [
-            f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
-            *([comparison.pace_note] if comparison.pace_note else []),
-            "passed in %, second minus first in points, p of McNemar's test:",
-        ],
+        f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
+        *([comparison.pace_note] if comparison.pace_note else []),
+        "passed in %, second minus first in points, p of McNemar's test:",
     )
     console.print(rates)
     for what, sides in (("perception", comparison.perceptions), ("autopilot", comparison.autopilots)):
         if sides:
             first, second = sides
-            print_lines(console, [f"scenes passed by {what} (first: {first}; second: {second}):"])
+            print_lines(f"scenes passed by {what} (first: {first}; second: {second}):")
             console.print(_by_side(comparison))
-    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit):"])
+    print_lines("divergence of scores (Jensen-Shannon, 0 to 1 bit):")
     console.print(divergences)
-    print_lines(
-        console,
-        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.nodes],
-    )
+    print_lines(*_verdicts(comparison))
 
 
 def _show_unpaired(comparison: Comparison) -> None:
@@ -98,12 +93,9 @@ def _show_unpaired(comparison: Comparison) -> None:
 
     console = plain_console()
     print_lines(
-        console,
-        [
-            f"{comparison.first} and {comparison.second}: not the same scenes, so nothing is paired, and what differs may be "
-            "the scenes",
-            "number of runs by result:",
-        ],
+        f"{comparison.first} and {comparison.second}: not the same scenes, so nothing is paired, and what differs may be "
+        "the scenes",
+        "number of runs by result:",
     )
     results = plain_table(("node", "result", "first", "second"), texts=("result",))
     divergences = plain_table(
@@ -114,12 +106,14 @@ def _show_unpaired(comparison: Comparison) -> None:
             add_plain_row(results, (node.node, result, *map(str, counts)))
         add_plain_row(divergences, unpaired_cells(node))
     console.print(results)
-    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit), p of shuffled design points:"])
+    print_lines("divergence of scores (Jensen-Shannon, 0 to 1 bit), p of shuffled design points:")
     console.print(divergences)
-    print_lines(
-        console,
-        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.unpaired],
-    )
+    print_lines(*_verdicts(comparison))
+
+
+def _verdicts(comparison: Comparison) -> Iterator[str]:
+    for node in comparison.nodes or comparison.unpaired:
+        yield f"{node.node}: {node.verdict(comparison.first, comparison.second)}"
 
 
 def _document(comparison: Comparison) -> dict[str, Any]:

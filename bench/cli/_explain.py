@@ -10,7 +10,7 @@ import typer
 
 from bench.errors import command_line
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.reporting import RunMap
@@ -63,10 +63,8 @@ def explain(
     lines += [f"  {line}" for line in _omissions(chart)]
     lines += ["", "Not achieved", *_failures(principles)]
     lines += ["", "Principles", *_verdicts(principles)]
-    print_lines(
-        plain_console(),
-        [*lines, "", f"the film: {command_line('rebar', 'draw', run, '--film', '--out', 'film.svg')}"],
-    )
+    film = command_line("rebar", "draw", run, "--film", "--out", "film.svg")
+    print_lines(*lines, "", f"the film: {film}")
 
 
 def _mission(chart: RunMap, simspec: SimSpec) -> Iterator[str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.errors import Fault
@@ -117,7 +117,7 @@ def prose(
     if out is not None:
         _write(result, rewritten, out)
     if groups:
-        print_lines(plain_console(), _grouped(result, decomposition, campaign, agent or ()))
+        print_lines(*_grouped(result, decomposition, campaign, agent or ()))
     elif campaign is not None:
         _write_campaign(campaign, result, decomposition, agent or ())
     # A terminal shows the clauses on one screen; the document itself would scroll them away.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from decompositions import Decomposition, KeyFactor, Policies
@@ -53,14 +53,13 @@ def tension(
         "every factor is at least as hard as its first value, and one that has a second is no harder than that.",
         *(f"  {row['factor']} [{row['unit']}]: {_range_text(row, wanted)}" for row in rows),
     ]
-    console = plain_console()
-    print_lines(console, lines)
+    print_lines(*lines)
     unreached = [str(row["factor"]) for row in rows if row["from"] is None]
     if unreached or not any(row["decides"] for row in rows):
         reason = (
             f"the tables of {', '.join(unreached)} end before it" if unreached else "no factor rates so low"
         )
-        print_lines(console, [f"No situation within the tables has this tension: {reason}."])
+        print_lines(f"No situation within the tables has this tension: {reason}.")
         raise typer.Exit(1)
 
 
