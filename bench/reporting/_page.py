@@ -167,7 +167,7 @@ def _page_pieces(
             (run.agent, run.scene, run.fact(ReportStatements))
             for agent in data.agents
             for run in data.runs
-            if run.agent == agent and run.outcome is not None and run.outcome.counts and not run.after_stop
+            if run.agent == agent and run.counts
         ),
         "style_of": {style.name: style for style in shown},
         "detectors": detector_sentences(simspec.perception for _, simspec in situations_of(data.simspecs)),

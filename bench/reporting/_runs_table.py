@@ -95,7 +95,7 @@ def _row(run: Run, labels: dict[str, str]) -> dict[str, Any]:
         "replicate": run.replicate,
         "configuration": labels.get(run.configuration or ""),
         "outcome": outcome_name(run),
-        "counts": bool(run.outcome and run.outcome.counts and not run.after_stop),
+        "counts": run.counts,
         "failed": None,
         "simulated_s": round(run.simulated_s, 3),
         "confined": isolation_cell(run),

@@ -114,6 +114,7 @@ def calibrate(
         _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
         for node in source.decomposition.key_attributes
     )
+    counted = source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))
     dependence = _dependence(scale, source.flown()) if scale else ""
     calibration = Calibration(
         folders=tuple(folders),
@@ -122,7 +123,12 @@ def calibrate(
         runs=source.trials.select("folder", "realization").n_unique(),
         design_points=source.trials["point"].n_unique(),
         decomposition=source.decomposition,
-        overall=_slope(source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))),
+        overall=difficulty_slope(
+            counted["difficulty"].to_numpy(),
+            counted["failed"].to_numpy(),
+            counted["agent"].to_list(),
+            counted["point"].to_list(),
+        ),
         nodes=nodes,
         scale=_proved(scale, nodes, source.flown()) if scale and not dependence else scale,
         dependence=dependence,
@@ -294,15 +300,6 @@ def _with_points(trials: pl.DataFrame) -> pl.DataFrame:
         if len(member) == 1
     }
     return trials.with_columns(point=pl.col("scene").replace_strict(point_of, return_dtype=pl.String))
-
-
-def _slope(trials: pl.DataFrame) -> DifficultySlope:
-    return difficulty_slope(
-        trials["difficulty"].to_numpy(),
-        trials["failed"].to_numpy(),
-        trials["agent"].to_list(),
-        trials["point"].to_list(),
-    )
 
 
 def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
