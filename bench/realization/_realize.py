@@ -7,7 +7,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from bench.simspec import AgentSpec, PaceMode, SimSpec
 
 from .design._design import Design, DesignPoint
 from .design._factors import BASE, DesignFactor, FactorLevel
-from .design._spec_paths import UNITS, PathFault, SpecPath, find_path
+from .design._spec_paths import UNITS, SpecPath, find_path
 from .design._stratified import Difficulties
 
 
@@ -136,24 +136,20 @@ def scene_seed(seed: int, design_point: str, replicate: int) -> int:
 
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
-    if not agents:
-        raise SetupError(
-            "agents", "no agent is given", "add at least one, for example manifest: my_agent.yaml"
-        )
     # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
-    if twice:
-        raise SetupError(
-            "agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name"
-        )
     long = [label for label in labels if len(label) > 40]
-    if long:
-        raise SetupError(
-            "agents",
-            f"the agent's name {long[0]!r} has more than 40 characters",
-            "shorten the manifest's name",
-        )
+    what = remedy = ""
+    if not agents:
+        what, remedy = "no agent is given", "add at least one, for example manifest: my_agent.yaml"
+    elif twice:
+        what, remedy = f"two agents are called {twice[0]!r}", "give one a manifest file of another name"
+    elif long:
+        what = f"the agent's name {long[0]!r} has more than 40 characters"
+        remedy = "shorten the manifest's name"
+    if what:
+        raise SetupError("agents", what, remedy)
     return labels
 
 
@@ -174,8 +170,8 @@ class _BoundBase:
                 where = f"design: factor {factor.name!r}: path {text}"
                 try:
                     paths[text] = find_path(base, text)
-                except PathFault as fault:
-                    faults.append((factor, Fault(where, fault.what, fault.remedy)))
+                except SetupError as error:
+                    faults += [(factor, replace(fault, where=where)) for fault in error.faults]
                     continue
                 if text in factor.sets and (other := _other_unit(where, factor, paths[text])):
                     faults.append((factor, other))
@@ -207,9 +203,7 @@ class _Patches:
         for name, simspec in {"": base}.items() if isinstance(base, SimSpec) else base.items():
             bases[name], of_base = _BoundBase.of(simspec, factors)
             where = f"situation {name!r}: " if name else ""
-            faults |= {
-                Fault(f"{where}{fault.where}", fault.what, fault.remedy): factor for factor, fault in of_base
-            }
+            faults |= {replace(fault, where=f"{where}{fault.where}"): factor for factor, fault in of_base}
         # A conditional factor may belong to some situations only; `_with` refuses it elsewhere.
         final = [
             fault

@@ -20,7 +20,7 @@ from bench.documents import Document
 
 from ._factor_space import FactorSpace
 from ._factors import DesignFactor, FactorLevel, FactorLevels
-from ._fractional_factorial import two_level_points
+from ._fractional_factorial import points_at, two_level_points
 from ._hadamard import conference_matrix, hadamard_matrix
 
 # Chosen, not measured.
@@ -43,9 +43,8 @@ class PlackettBurman(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         signs = plackett_burman(len(space.free))
-        return space.every(
-            two_level_points(space.free, np.vstack([signs, -signs]) if self.foldover else signs), self.kind
-        )
+        signs = np.vstack([signs, -signs]) if self.foldover else signs
+        return space.every(two_level_points(space.free, signs), self.kind)
 
 
 class DefinitiveScreening(Document):
@@ -57,12 +56,7 @@ class DefinitiveScreening(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         levels = [_three_levels(factor) for factor in space.free]
-        rows = definitive_screening(len(levels))
-        names = [factor.name for factor in space.free]
-        points = [
-            {name: three[sign + 1] for name, three, sign in zip(names, levels, row, strict=True)}
-            for row in rows.tolist()
-        ]
+        points = points_at(space.free, levels, definitive_screening(len(levels)) + 1)
         return space.every(points, self.kind)
 
 
