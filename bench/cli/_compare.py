@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bench.reporting import Comparison
+    from bench.statistics import NodeComparison, UnpairedNodeComparison
 
 
 def compare(
@@ -129,20 +130,16 @@ def _document(comparison: Comparison) -> dict[str, Any]:
                 **asdict(node),
                 "pairs": node.counts.pairs,
                 "pass_rates": node.counts.rates,
-                "settled": node.settled,
-                "verdict": node.verdict(comparison.first, comparison.second),
+                **_conclusion(comparison, node),
             }
             for node in comparison.nodes
         ],
-        "unpaired": [
-            {
-                **asdict(node),
-                "settled": node.settled,
-                "verdict": node.verdict(comparison.first, comparison.second),
-            }
-            for node in comparison.unpaired
-        ],
+        "unpaired": [asdict(node) | _conclusion(comparison, node) for node in comparison.unpaired],
     }
+
+
+def _conclusion(comparison: Comparison, node: NodeComparison | UnpairedNodeComparison) -> dict[str, Any]:
+    return {"settled": node.settled, "verdict": node.verdict(comparison.first, comparison.second)}
 
 
 def _by_side(comparison: Comparison) -> Table:
@@ -157,21 +154,13 @@ def _by_side(comparison: Comparison) -> Table:
 
 def _tables(comparison: Comparison) -> tuple[Table, Table]:
     """Pass rates, and the divergence of scores: side by side they would not fit into 80 columns."""
-    from bench.reporting import comparison_cells
+    from bench.reporting import divergence_cells, rate_cells
 
     rates = plain_table(
         ("node", "pairs", "first", "second", "differ-\nence", "95 % interval", "p", "p\nadjusted")
     )
     divergences = plain_table(("node", "divergence", "by chance", "p"))
-    for cells in map(comparison_cells, comparison.nodes):
-        add_plain_row(
-            rates,
-            (
-                *(cells.node, cells.pairs, cells.first, cells.second),
-                *(cells.difference, cells.interval, cells.mcnemar_p, cells.p_adjusted),
-            ),
-        )
-        add_plain_row(
-            divergences, (cells.node, cells.divergence, cells.divergence_by_chance, cells.divergence_p)
-        )
+    for node in comparison.nodes:
+        add_plain_row(rates, rate_cells(node))
+        add_plain_row(divergences, [node.node, *divergence_cells(node.divergence)])
     return rates, divergences

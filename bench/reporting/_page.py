@@ -55,7 +55,7 @@ from .text._campaign_sentences import (
     disclaimers,
     sessions_sentence,
 )
-from .text._comparison import comparison_cells
+from .text._comparison import divergence_cells, rate_cells
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import (
     interval,
@@ -236,6 +236,7 @@ def _environment() -> jinja2.Environment:
         span=span,
         p_value=p_value,
         plural=plural,
-        comparison_cells=comparison_cells,
+        rate_cells=rate_cells,
+        divergence_cells=divergence_cells,
     )
     return templates
