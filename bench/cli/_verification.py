@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -145,13 +144,9 @@ def _reflown(
         for run in sample.runs:
             print(f"{run.realization}: {run.status}" + (f": {run.explanation}" if run.explanation else ""))
         for reason, names in sample.not_comparable.items():
-            print(f"not comparable, {reason}: {len(names)} runs ({_first_of(names)})")
+            more = f" and {len(names) - 5} more; --json lists all" if len(names) > 5 else ""
+            print(f"not comparable, {reason}: {len(names)} runs ({', '.join(names[:5])}{more})")
     return sample
-
-
-def _first_of(names: Sequence[str], most: int = 5) -> str:
-    more = f" and {len(names) - most} more; --json lists all" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def _exit_for(sample: ReflownSample) -> None:

@@ -28,7 +28,7 @@ from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import access_relations, route_clearances
 from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
-from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
+from ._selection import ChosenMembers, members_at_mean, reachable_means_m
 
 MAX_POOLS = 5
 
@@ -296,10 +296,9 @@ class Sampler:
                 continue
             # Within half the tolerance, so that rounding never decides whether the mean is kept.
             crowd = ChosenMembers.of(self.count, self.group.placement)
-            choice = MeanDistanceChoice(
+            members = members_at_mean(
                 candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng
             )
-            members = choice.members()
             if members is not None:
                 return members
             # Whether the places crowd each other or were drawn thinly is not known, so neither is stated.
