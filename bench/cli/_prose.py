@@ -334,10 +334,8 @@ def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
             clean = int if ends["integer"] else float
             factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
     design = validate_document({"factors": factors}, Design, source="ranges")
-    points = design.pairs()[:MAX_VARIATIONS]
-    for (point, _), varied in zip(
-        points, situations(base_simspec.simspec, design, [point for point, _ in points]), strict=True
-    ):
+    points = design.points()[:MAX_VARIATIONS]
+    for point, varied in zip(points, situations(base_simspec.simspec, design, points), strict=True):
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 

@@ -268,11 +268,9 @@ def _study(
     stated = campaign.get("study")
     if isinstance(stated, list) and stated:
         return tuple(map(str, stated))
-    return (
-        document.study
-        if document is not None
-        else tuple(node.id for node in nodes.values() if node.level == "ka")
-    )
+    if document is not None:
+        return document.study
+    return tuple(node.id for node in nodes.values() if node.level == "ka")
 
 
 def _configurations(

@@ -188,11 +188,9 @@ class Design(Document):
 
     def _seed(self, place: int) -> int:
         """The design's seed for its first method, and a derived seed for each further one."""
-        return (
-            self.seed
-            if place == 0
-            else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
-        )
+        if place == 0:
+            return self.seed
+        return int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
 
 
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:

@@ -180,13 +180,10 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
         return NodeColour(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
     if by == "competence":
         competence = tally.competence.get("50")
-        return (
-            NodeColour(ABSENT, "–")
-            if competence is None
-            else NodeColour(
-                _step(competence.value), f"{'≥ ' if competence.at_least else ''}{competence.value:.0f}"
-            )
-        )
+        if competence is None:
+            return NodeColour(ABSENT, "–")
+        mark = "≥ " if competence.at_least else ""
+        return NodeColour(_step(competence.value), f"{mark}{competence.value:.0f}")
     if tally.score is None:
         return NodeColour(UNSCORED, "none")
     return NodeColour(_step(tally.score), f"{tally.score:.0f}{' †' if tally.raised else ''}")
@@ -273,13 +270,9 @@ def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]
 
 def _plain(value: bool | float | str) -> str:
     # Booleans as YAML writes them, because options are read in a YAML document.
-    return (
-        str(value).lower()
-        if isinstance(value, bool)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _table(row: KeyFactor) -> dict[str, Any]:

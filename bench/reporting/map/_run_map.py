@@ -157,11 +157,8 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     if len(tape.actor_time_s) == 0:
         return ()
     # About one sample a second is enough at the speed of actors, and the simplification is a loop in Python.
-    step = (
-        max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s))))))
-        if len(tape.actor_time_s) > 1
-        else 1
-    )
+    interval_s = float(np.median(np.diff(tape.actor_time_s))) if len(tape.actor_time_s) > 1 else 1.0
+    step = max(1, round(1.0 / max(1e-9, interval_s)))
     paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
         MapActor(member.id, member.role, member.class_label, rounded_track(_simplified(paths[:, index])))

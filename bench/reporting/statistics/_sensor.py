@@ -33,11 +33,8 @@ def sensor_observables(data: ReportData) -> list[SensorObservable]:
     with the readings of every agent in the report's order.
     """
     readings = _readings(data.scores, data.agents)
-    thresholds = (
-        {name: observable.threshold for name, observable in data.document.observables.items()}
-        if data.document is not None
-        else {}
-    )
+    observables = data.document.observables if data.document is not None else {}
+    thresholds = {name: observable.threshold for name, observable in observables.items()}
     ordered = [*(name for name in data.nodes if name in readings), *sorted(set(readings) - set(data.nodes))]
     return [
         SensorObservable(
@@ -90,11 +87,9 @@ def detector_sentences(perceptions: Iterable[Perception]) -> list[str]:
 
 def perception_in_short(perception: Perception) -> str:
     """The source of the detections in a few words."""
-    return (
-        f"simulated, {perception.mode}"
-        if perception.source == "simulated"
-        else f"{perception.source} {perception.detector_name if perception.on_pixels else ''}".strip()
-    )
+    if perception.source == "simulated":
+        return f"simulated, {perception.mode}"
+    return f"{perception.source} {perception.detector_name if perception.on_pixels else ''}".strip()
 
 
 def _detector_sentence(perception: Perception) -> str:

@@ -67,11 +67,9 @@ def _limit(tallies: Sequence[Tally], rate: str, subject: str) -> str:
     if competence.value <= 0.0:
         return f"At no difficulty do {RATE_WORDS[rate]} of such runs pass {subject}."
     end = f" (the hardest flown of {lowest.node})" if competence.at_least else f" (where {lowest.node} ends)"
-    sure = (
-        f"with 95 % confidence they do up to {number(bound)}"
-        if bound > 0.0
-        else "with 95 % confidence, these runs support no difficulty above 0"
-    )
+    sure = "with 95 % confidence, these runs support no difficulty above 0"
+    if bound > 0.0:
+        sure = f"with 95 % confidence they do up to {number(bound)}"
     words = RATE_WORDS[rate].capitalize()
     return f"{words} of such runs pass {subject} up to difficulty {number(competence.value)}{end}; {sure}."
 
