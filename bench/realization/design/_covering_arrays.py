@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ MAX_ASSIGNMENTS = 200_000
 class CoveringArray(Document):
     """Every allowed combination of levels of any `strength` factors at least once, in few points."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["covering_array"] = "covering_array"
     strength: int = Field(2, ge=1, le=4, description="2 covers all pairs, 3 all triples.")
 

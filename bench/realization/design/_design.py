@@ -45,8 +45,11 @@ Method = Annotated[
     Field(discriminator="kind"),
 ]
 """Documents: a campaign gives the `kind` and its options. `combinations(space, seed)` has the points in order, with the levels
-of all factors, and raises ValueError with a sentence; with `grows` more points leave the earlier ones as they were.
+of all factors, and raises ValueError with a sentence.
 """
+
+GROWING = (Halton, Sobol, Stratified)
+"""Methods of which more points leave the earlier ones as they were."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +126,11 @@ class Design(Document):
     def methods(self) -> tuple[Method, ...]:
         """The first method and those of `then`."""
         return (self.method, *self.then)
+
+    @property
+    def grows(self) -> bool:
+        """Whether points can be added later."""
+        return isinstance(self.methods[-1], GROWING)
 
     @property
     def space(self) -> FactorSpace:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -34,7 +34,6 @@ class FractionalFactorial(Document):
     each other too.
     """
 
-    grows: ClassVar[bool] = False
     kind: Literal["fractional_factorial"] = "fractional_factorial"
     resolution: int | None = Field(
         None, ge=3, le=8, description="The least runs that have at least this resolution."

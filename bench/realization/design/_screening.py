@@ -10,7 +10,7 @@ C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -34,7 +34,6 @@ class PlackettBurman(Document):
     folded over.
     """
 
-    grows: ClassVar[bool] = False
     kind: Literal["plackett_burman"] = "plackett_burman"
     foldover: bool = Field(
         False, description="Fly each run mirrored too: twice the runs, main effects free of pairs."
@@ -50,7 +49,6 @@ class PlackettBurman(Document):
 class DefinitiveScreening(Document):
     """Three levels of k factors in about 2 k + 1 runs: main effects apart from all of second order."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["definitive_screening"] = "definitive_screening"
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:

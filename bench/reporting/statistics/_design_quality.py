@@ -141,7 +141,7 @@ def _measure(design: Design, pairs: DesignPairs, configurations: Sequence[str]) 
         design.space,
         _distinct_points(pairs),
         pairs=len(pairs),
-        extendable=design.methods[-1].grows,
+        extendable=design.grows,
         configurations=configurations,
     )
 
