@@ -169,11 +169,8 @@ def _description(text: str | None, file: Path | None) -> str:
     from bench.instance_analysis import MAX_CHARACTERS
 
     if (text is None) == (file is None):
-        raise SetupError(
-            "prose",
-            "give either a description or --file",
-            "for example rebar prose 'a radar vehicle and 5 civilians'",
-        )
+        what = "give either a description or --file"
+        raise SetupError("prose", what, "for example rebar prose 'a radar vehicle and 5 civilians'")
     if text is not None and len(text) < MAX_PATH_CHARACTERS and Path(text).is_file():
         raise SetupError("prose", f"{text} is a file, and no description", f"read it with --file {text}")
     # UTF-8 takes up to four bytes for a character.

@@ -218,11 +218,8 @@ def _score_sources(
             )
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError(
-            "score",
-            "there is nothing to score",
-            "name the folder of a run or of a campaign, or give --observations",
-        )
+        what = "there is nothing to score"
+        raise SetupError("score", what, "name the folder of a run or of a campaign, or give --observations")
     faults = [
         Fault(str(path), "is a file", f"name the folder that holds it: {path.parent}")
         for path in runs

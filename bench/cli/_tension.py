@@ -37,11 +37,8 @@ def tension(
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
     if tree.policies.factor_rule != "minimum":
-        raise SetupError(
-            tree.name,
-            "the policy factor_rule: mean lets no range of a single factor decide",
-            "rate a SimSpec with: rebar difficulty",
-        )
+        what = "the policy factor_rule: mean lets no range of a single factor decide"
+        raise SetupError(tree.name, what, "rate a SimSpec with: rebar difficulty")
     rows = list(_factor_ranges(tree, node, wanted))
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
@@ -80,11 +77,8 @@ def _node(tree: Decomposition, words: str) -> str:
     ]
     if len(matches) != 1:
         choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
-        raise SetupError(
-            "NODE",
-            f"{len(matches)} key attributes have {words!r} in their title",
-            f"name one; matches: {choices}",
-        )
+        what = f"{len(matches)} key attributes have {words!r} in their title"
+        raise SetupError("NODE", what, f"name one; matches: {choices}")
     return matches[0]
 
 

@@ -90,11 +90,9 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     matched = match_runs(runs)
     rows = _sightings(matched)
     if not rows.hit.any():
-        raise SetupError(
-            "fit-detector",
-            "no detection in these recordings lies on an actor",
-            "give recordings with detections of actors; with perception.source agent there are none",
-        )
+        what = "no detection in these recordings lies on an actor"
+        remedy = "give recordings with detections of actors; with perception.source agent there are none"
+        raise SetupError("fit-detector", what, remedy)
     stated = SizeCurve(given.half_height_px, given.slope, given.ceiling)
     fitted = fit_curve(rows.size_px, rows.hit, stated)
     form = fitted or stated

@@ -62,11 +62,8 @@ def find_path(base: SimSpec, text: str) -> SpecPath:
     """The path in `base`. Raises SetupError when it does not exist or realization itself writes it."""
     owned = next((field for field in OWNED if text == field or text.startswith(f"{field}.")), None)
     if owned:
-        raise SetupError(
-            text,
-            f"{owned} is written by realization itself",
-            "agents, names and seeds come from the campaign",
-        )
+        what = f"{owned} is written by realization itself"
+        raise SetupError(text, what, "agents, names and seeds come from the campaign")
     value: Any = base
     steps: list[str | int] = []
     for part in text.split("."):

@@ -197,11 +197,8 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
     agents_by_folder = "; ".join(
         f"{folder} has {', '.join(agents)}" for folder, agents in zip(folders, known_agents, strict=False)
     )
-    raise SetupError(
-        "--agents",
-        f"it is not plain which two are meant: {agents_by_folder}",
-        "name them: --agents FIRST SECOND",
-    )
+    what = f"it is not plain which two are meant: {agents_by_folder}"
+    raise SetupError("--agents", what, "name them: --agents FIRST SECOND")
 
 
 def _labels(agents: Sequence[str], folders: Sequence[Path]) -> tuple[str, str]:

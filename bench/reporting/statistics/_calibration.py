@@ -104,11 +104,8 @@ def calibrate(
     source = source.of_agents(chosen := _chosen_agents(source, agents))
     scale = scale or shipped_scale(source.decomposition)
     if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
-        raise SetupError(
-            folders[0],
-            f"is scored over another version of {scale.decomposition} than the scale",
-            f"`{command_line('rebar', 'score', folders[0])}` scores it again",
-        )
+        what = f"is scored over another version of {scale.decomposition} than the scale"
+        raise SetupError(folders[0], what, f"`{command_line('rebar', 'score', folders[0])}` scores it again")
     features = source.features() if scale else {}
     nodes = tuple(
         _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
@@ -348,11 +345,9 @@ def _require_difficulties(calibration: Calibration) -> None:
     # Observables differ in difficulty in a single scene, too, but that says nothing about a situation.
     slopes = [proof.slope for node in calibration.nodes for proof in (node.rated, node.measured) if proof]
     if max((slope.difficulties for slope in slopes), default=0) < 2:
-        raise SetupError(
-            ", ".join(map(str, calibration.folders)),
-            "every node has one difficulty in all of these runs, so there is nothing to compare",
-            "vary the key factors in the campaign's design; `rebar difficulty` shows them",
-        )
+        what = "every node has one difficulty in all of these runs, so there is nothing to compare"
+        remedy = "vary the key factors in the campaign's design; `rebar difficulty` shows them"
+        raise SetupError(", ".join(map(str, calibration.folders)), what, remedy)
 
 
 def _notes(folders: Sequence[Path], data: Sequence[ReportData]) -> tuple[str, ...]:

@@ -57,11 +57,8 @@ def _measured_rating(decomposition: Decomposition, nodes: Sequence[str]) -> Rati
         raise SetupError(where, f"no scale ships for {decomposition.name}", "write scale: published")
     known = [name for name, node in scale.nodes.items() if not node.unproved]
     if missing := [node for node in nodes if node not in known]:
-        raise SetupError(
-            where,
-            f"the scale was not shown to predict {missing[0]}, which is under study",
-            f"study some of: {', '.join(known)}",
-        )
+        what = f"the scale was not shown to predict {missing[0]}, which is under study"
+        raise SetupError(where, what, f"study some of: {', '.join(known)}")
 
     def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         features = _placed_features(simspec.model_dump_json())
