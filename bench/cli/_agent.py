@@ -193,16 +193,21 @@ def check(
     records = list(read_records(recording)) if recording.is_file() else []
     points = [*_session_points(result), *_document_points(scene, records)]
     console = plain_console()
-    for holds, text in points:
-        word = {True: "ok", False: "NOT OK", None: "nothing"}[holds]
-        console.print(f"{word:8} {text}", soft_wrap=True)
+    for point in points:
+        word = {True: "ok", False: "NOT OK", None: "nothing"}[point.holds]
+        console.print(f"{word:8} {point.text}", soft_wrap=True)
     console.print(f"what the agent printed: {out / 'agent.log'}", soft_wrap=True)
-    if any(holds is False for holds, _ in points):
+    if any(point.holds is False for point in points):
         raise typer.Exit(1)
 
 
-_Point = tuple[bool | None, str]
-"""Whether something holds of an agent, None for what it may leave out and is measured by; and a sentence about it."""
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """One thing that is checked of an agent, and a sentence about it."""
+
+    holds: bool | None
+    """None for what an agent may leave out, and is measured by."""
+    text: str
 
 
 # Of the session's counters, those that tell of something lost, each with what to do.
@@ -221,18 +226,20 @@ def _session_points(result: SessionResult) -> Iterator[_Point]:
     ended = result.outcome.value == "completed"
     # Indented: no line of what an agent printed is to be taken for one of ours.
     reason = result.reason.replace("\n", "\n    ")
-    yield ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}"
+    yield _Point(ended, f"the session ended as {result.outcome} after {result.simulated_s:.0f} s: {reason}")
     if unmatched := result.fact(UnmatchedTopics):
         for sentence in unmatched.sentences:
-            yield False, f"announced, never matched: {sentence}"
+            yield _Point(False, f"announced, never matched: {sentence}")
     if unread := result.fact(UnreadTopics):
         # Whoever does not read its orders cannot obey; without the mission it flies by what it was built for.
         has_mission = not any(topic.endswith("/mission") for topic in unread.topics)
         text = "(a wrong type or hash is no subscription: rebar schema --keys)"
-        yield None if has_mission else False, f"never subscribed to: {', '.join(unread.topics)} {text}"
+        yield _Point(
+            None if has_mission else False, f"never subscribed to: {', '.join(unread.topics)} {text}"
+        )
     for name, text in _LOSSES.items():
         if count := result.counters.get(name, 0):
-            yield False, f"{count} {text}"
+            yield _Point(False, f"{count} {text}")
 
 
 def _document_points(scene: SimSpec, records: Sequence[Record]) -> Iterator[_Point]:
@@ -253,10 +260,10 @@ def _document_points(scene: SimSpec, records: Sequence[Record]) -> Iterator[_Poi
         faults = [fault for text in texts if (fault := contracts.document_fault(kind, text))]
         count = f"{topic}: {len(texts)} documents"
         if faults:
-            yield False, f"{count}, {len(faults)} of them not valid, the first because of {faults[0]}"
+            yield _Point(False, f"{count}, {len(faults)} of them not valid, the first because of {faults[0]}")
         else:
             # Without a status nobody knows what it does; the rest an agent may leave out, and fails the measures about it.
-            yield True if texts else False if topic == topics.status else None, count
+            yield _Point(True if texts else False if topic == topics.status else None, count)
     answered = {
         answer.order
         for text in _texts(records, topics.answers)
@@ -264,7 +271,7 @@ def _document_points(scene: SimSpec, records: Sequence[Record]) -> Iterator[_Poi
     }
     missing = [order.id for order in scene.orders if order.id not in answered]
     text = f"orders without an answer: {', '.join(missing)}" if missing else "every order is answered"
-    yield not missing, text
+    yield _Point(not missing, text)
 
 
 def _texts(records: Sequence[Record], topic: str) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -67,10 +68,8 @@ def verify(
     manifest = digest_of(paths.manifest) if paths.manifest.is_file() else None
     # Of a folder that was changed it would say nothing.
     question = None if faults else question_sha256(load_campaign(paths.campaign))
-    if not as_json and faults:
-        print("\n".join(faults))
-    elif not as_json:
-        _print_proof(folder, manifest, question, signed_by)
+    if not as_json:
+        _print_check(folder, faults, manifest, question, signed_by)
     # A repetition of what is not what was flown would prove nothing.
     sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
     if as_json:
@@ -111,10 +110,15 @@ def sign(
     print(f"signed with the key {signer}: {paths.signature}")
 
 
-def _print_proof(folder: Path, manifest: str | None, question: str | None, signed_by: Path | None) -> None:
-    """What a folder without faults proves: the digests of its manifest, and of its situations and design."""
+def _print_check(
+    folder: Path, faults: Sequence[str], manifest: str | None, question: str | None, signed_by: Path | None
+) -> None:
+    """The faults of a folder; without any what it proves: the digests of its manifest, and of its situations and design."""
     from bench.campaign import CampaignFolder, can_check_signatures, fingerprint_of, read_signature
 
+    if faults:
+        print("\n".join(faults))
+        return
     has_chain = CampaignFolder(folder).evidence.is_file()
     chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
     if manifest is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -78,7 +78,7 @@ class _Views:
     probability: Floats
     doubt: Floats
     points: tuple[SizePoint, ...] = ()
-    factors: Mapping[str, float] | None = None  # by true label
+    factors: Mapping[str, float] = field(default_factory=dict)  # by true label
 
 
 def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
@@ -109,7 +109,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     estimates: dict[str, Any] = {
         **({} if fitted is None else fitted.parameters),
         "size_curve": views.points,
-        "class_factors": dict(views.factors or {}),
+        "class_factors": dict(views.factors),
         **_correlation_estimates(rows, views, pairs, both),
         "confusion": _confusion(rows, views.doubt),
         **({} if mislabel is None else {"mislabel": mislabel}),
