@@ -81,7 +81,8 @@ def difficulty_response(
     middle, scale = float(hard.mean()), float(hard.std())
     design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
     beta, _ = maximize(DistinctRows.of(ok, design), np.zeros(2), np.ones(2, dtype=bool))
-    spread = np.linalg.inv(information(design, beta)) * _dispersion(design, ok, beta, design_points)
+    spread: Floats = np.linalg.inv(information(design, beta)).astype(np.float64)
+    spread *= _dispersion(design, ok, beta, design_points)
     grid = np.linspace(hard.min(), hard.max(), _GRID_POINTS)
     rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
     logit = rows @ beta

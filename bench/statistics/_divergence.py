@@ -120,7 +120,7 @@ def js_divergence(first: Floats, second: Floats) -> Floats:
     p = first / first.sum(axis=-1, keepdims=True)
     q = second / second.sum(axis=-1, keepdims=True)
     middle = (p + q) / 2
-    nats = (rel_entr(p, middle) + rel_entr(q, middle)).sum(axis=-1)
+    nats: Floats = (rel_entr(p, middle) + rel_entr(q, middle)).sum(axis=-1)
     return np.clip(nats / (2 * np.log(2.0)), 0.0, 1.0)
 
 
