@@ -120,8 +120,8 @@ def js_divergence(first: Floats, second: Floats) -> Floats:
     p = first / first.sum(axis=-1, keepdims=True)
     q = second / second.sum(axis=-1, keepdims=True)
     middle = (p + q) / 2
-    nats: Floats = (rel_entr(p, middle) + rel_entr(q, middle)).sum(axis=-1)
-    return np.clip(nats / (2 * np.log(2.0)), 0.0, 1.0)
+    bits: Floats = (rel_entr(p, middle) + rel_entr(q, middle)).sum(axis=-1) / (2.0 * np.log(2.0))
+    return np.clip(bits, 0.0, 1.0)
 
 
 def _outcome_class(outcome: NodeOutcome, band: float) -> int:
