@@ -84,23 +84,10 @@ def options(
 # In the order of `rebar --help`.
 for command in (
     *(_campaigns.demo, grouped(_campaigns.run), _campaigns.retry, _campaigns.merge, _campaigns.realize),
-    *(
-        _campaigns.report,
-        _verification.verify,
-        _verification.sign,
-        _status.status,
-        _status.pause,
-        _status.resume,
-    ),
+    *(_campaigns.report, _verification.verify, _verification.sign),
+    *(_status.status, _status.pause, _status.resume),
     *(_sessions.simulate, _scores.score, _runs.runs, _runs.check, _compare.compare, _calibrate.calibrate),
-    *(
-        _view.view,
-        _explain.explain,
-        _draw.draw,
-        _graph.graph,
-        _look.schema,
-        _look.difficulty,
-    ),
+    *(_view.view, _explain.explain, _draw.draw, _graph.graph, _look.schema, _look.difficulty),
 ):
     app.command()(command)
 for command in (
@@ -134,13 +121,16 @@ def _check_utf8(name: str) -> None:
         raise SetupError(name, "is not UTF-8", "rename it") from None
 
 
+def _told(text: object, code: int) -> int:
+    """The exit code, once the user is told why."""
+    print(f"rebar: {text}", file=sys.stderr)
+    return code
+
+
 def _journal_failed(error: sqlite3.DatabaseError) -> int:
     if not isinstance(error, sqlite3.OperationalError):
-        print(
-            f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",
-            file=sys.stderr,
-        )
-        return 1
+        text = f"the journal was damaged while it was in use: {error}. Check the disk, then run again."
+        return _told(text, 1)
     # The first byte is the kind of error.
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     remedy = (
@@ -148,29 +138,21 @@ def _journal_failed(error: sqlite3.DatabaseError) -> int:
         if code in _LOCK_CODES
         else "Free some space or correct the file's permissions, then run again."
     )
-    print(f"rebar: cannot write the journal: {error}. {remedy}", file=sys.stderr)
-    return 2 if code in _PATH_CODES else 1
+    return _told(f"cannot write the journal: {error}. {remedy}", 2 if code in _PATH_CODES else 1)
 
 
 def _host_failed(error: OSError) -> int:
     """Raises what is no fault of the host either."""
     if error.errno in _SHORTAGES:
-        print(
-            f"rebar: the host has no more of something that this needs: {error.strerror}. "
-            "End other programs or raise the limits (ulimit -a), then run again: no result is lost.",
-            file=sys.stderr,
-        )
-        return 1
+        text = f"the host has no more of something that this needs: {error.strerror}. "
+        remedy = "End other programs or raise the limits (ulimit -a), then run again: no result is lost."
+        return _told(text + remedy, 1)
     if (wrong_path := path_fault(error)) is not None:
-        print(f"rebar: {wrong_path}", file=sys.stderr)
-        return 2
+        return _told(wrong_path, 2)
     if error.errno not in _DISK_ERRORS:
         raise error
-    print(
-        f"rebar: {error.filename or 'writing'}: {error.strerror}. Free some space or check the disk, then run again.",
-        file=sys.stderr,
-    )
-    return 1
+    where = error.filename or "writing"
+    return _told(f"{where}: {error.strerror}. Free some space or check the disk, then run again.", 1)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -185,11 +167,10 @@ def run(arguments: Sequence[str]) -> int:
     except SetupError as error:
         # One line for each fault, so that all of them can be fixed before the next try.
         for fault in error.faults:
-            print(f"rebar: {fault}", file=sys.stderr)
+            _told(fault, 2)
         return 2
     except RebarError as error:
-        print(f"rebar: {error}", file=sys.stderr)
-        return 1
+        return _told(error, 1)
     # SQLite reports a full or read-only disk by an exception of its own, which is no OSError.
     except sqlite3.DatabaseError as error:
         return _journal_failed(error)
@@ -204,10 +185,8 @@ def run(arguments: Sequence[str]) -> int:
         # How pathlib puts ELOOP before Python 3.13.
         if not str(error).startswith("Symlink loop"):
             raise
-        print(f"rebar: {error} (remove the link, or name another path)", file=sys.stderr)
-        return 2
+        return _told(f"{error} (remove the link, or name another path)", 2)
     except KeyboardInterrupt:
-        print("rebar: interrupted", file=sys.stderr)
         # 128 + SIGINT, as shells report an interrupted command.
-        return 130
+        return _told("interrupted", 130)
     return 0

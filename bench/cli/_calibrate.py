@@ -169,7 +169,7 @@ def _fit_lines(scale: DifficultyScale) -> list[str]:
 
 def _show(fitted: DifficultyScale | None, calibration: Calibration | None, out: Path | None) -> None:
     if fitted is not None:
-        print_lines(plain_console(), _fit_lines(fitted))
+        print_lines(*_fit_lines(fitted))
     if calibration is not None:
         _show_tests(calibration)
     if out is not None:
@@ -178,24 +178,23 @@ def _show(fitted: DifficultyScale | None, calibration: Calibration | None, out: 
 
 def _show_tests(calibration: Calibration) -> None:
     console = plain_console()
-    print_lines(console, _heading(calibration))
+    print_lines(*_heading(calibration))
     shown = [node for node in calibration.nodes if node.rated.trials]
     slopes = [calibration.overall, *(node.rated.slope for node in shown)]
-    print_lines(console, ["Published rating: AUC, and odds of failure for each 10 points"])
+    print_lines("Published rating: AUC, and odds of failure for each 10 points")
     console.print(_table([(node.node, node.rated) for node in shown], gaps=False))
     measured = [(node.node, node.measured) for node in shown if node.measured]
     if measured:
         print_lines(
-            console,
-            ["Measured difficulty; gap: the largest between predicted and observed failure in five bins"],
+            "Measured difficulty; gap: the largest between predicted and observed failure in five bins"
         )
         console.print(_table(measured, gaps=True))
         slopes += [proof.slope for _, proof in measured]
-        print_lines(console, [calibration.dependence] if calibration.dependence else _verdict(measured))
+        print_lines(*([calibration.dependence] if calibration.dependence else _verdict(measured)))
     else:
-        print_lines(console, ["No scale of measured difficulty for this decomposition: see --fit"])
+        print_lines("No scale of measured difficulty for this decomposition: see --fit")
     if any(slope.state == "separated" for slope in slopes):
-        print_lines(console, [SEPARATED])
+        print_lines(SEPARATED)
 
 
 def _verdict(measured: list[tuple[str, ScaleProof]]) -> list[str]:

@@ -60,11 +60,8 @@ def frames(
 
 def _check(out: Path) -> None:
     if out.suffix not in SUFFIXES:
-        raise SetupError(
-            "--out",
-            f"cannot write pictures as {out.suffix or 'a file without suffix'}",
-            f"use {', '.join(SUFFIXES)}",
-        )
+        what = f"cannot write pictures as {out.suffix or 'a file without suffix'}"
+        raise SetupError("--out", what, f"use {', '.join(SUFFIXES)}")
 
 
 def _write(picture: Pixels, out: Path) -> None:

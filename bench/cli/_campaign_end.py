@@ -114,12 +114,8 @@ def show_scores(
     for part in score_tables(scores.summary, scores.study, scores.floors, note):
         console.print(part)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
-    print_lines(
-        console,
-        [
-            f"{plural(summary.total, 'session')} ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}"
-        ],
-    )
+    sessions = plural(summary.total, "session")
+    print_lines(f"{sessions} ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
     if scores.floors:
         flat = [node.id for node in scores.floors.values() if node.flaw]
         print(
@@ -141,6 +137,6 @@ def show_finding(folder: Path, scores: FinishedCampaign) -> None:
         print("Finding: the agents passed alike.")
     else:
         sentence, node = difference
-        print_lines(plain_console(), [f"Finding: {sentence}"])
+        print_lines(f"Finding: {sentence}")
         print(f"See why: {command_line('rebar', 'score', folder, '--explain', node, '--limit', '1')}")
     print(f"Look at its runs: {command_line('rebar', 'view', folder)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,15 +16,9 @@ from bench.errors import SetupError
 from ._dry_run import faults_before_takeoff, print_plan
 from ._event_lines import open_event_lines
 from ._examples import shipped
-from ._fault_paths import file_in_faults
+from ._fault_paths import file_in_faults, require_new
 from ._laboratory import open_laboratory, tell_end, warn
-from ._missing_runs import (
-    INCOMPLETE_EXIT_CODE,
-    exit_if_incomplete,
-    print_missing,
-    print_missing_in,
-    print_rewritten,
-)
+from ._missing_runs import exit_if_incomplete, print_missing, print_missing_in, print_rewritten
 from ._run_request import CampaignChanges, IsolationOption, RunRequest, Workers
 
 if TYPE_CHECKING:
@@ -101,8 +95,7 @@ def merge(
     assert scores is not None  # shards that are incomplete are refused
     print_missing(scores.completeness, out)
     show_scores(load_campaign(out / "campaign.yaml"), out, summary, scores, ())
-    if not scores.completeness.complete:
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
+    exit_if_incomplete([scores.completeness])
 
 
 def realize(
@@ -195,52 +188,48 @@ def report(
         _write_elsewhere(folder, out, lambda: print(write_report(folder, out)))
         return
     if assurance is not None:
-        _write_elsewhere(folder, assurance, lambda: _write_cases(folder, assurance))
+        _write_elsewhere(folder, assurance, lambda: _write_files(assurance, _case_files(folder)))
         return
     if figures is not None:
-        _write_elsewhere(folder, figures, lambda: _write_figures(folder, figures))
+        from bench.reporting import figure_files, load_report_data
+
+        _write_elsewhere(
+            folder, figures, lambda: _write_files(figures, figure_files(load_report_data(folder)))
+        )
         return
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
     print_rewritten(finished.rewritten)
     print(finished.report)
-    if not finished.completeness.complete:
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
+    exit_if_incomplete([finished.completeness])
 
 
-def _write_figures(folder: Path, out: Path) -> None:
-    from bench.reporting import figure_files, load_report_data
-
-    files = list(figure_files(load_report_data(folder)))
+def _write_files(out: Path, files: Iterator[tuple[str, str]]) -> None:
+    """Write texts by their names into a new folder, which is made once all of them are there."""
+    texts = list(files)
     out.mkdir(parents=True)
-    for name, text in files:
+    for name, text in texts:
         (out / name).write_text(text, encoding="utf-8")
         print(out / name)
 
 
-def _write_cases(folder: Path, out: Path) -> None:
+def _case_files(folder: Path) -> Iterator[tuple[str, str]]:
     from bench.documents import dump_json
     from bench.reporting import assurance_case, assurance_svg, load_report_data
 
     data = load_report_data(folder)
-    cases = [assurance_case(data, agent) for agent in data.agents]
-    out.mkdir(parents=True)
-    for place, case in enumerate(cases, start=1):
+    for place, agent in enumerate(data.agents, start=1):
+        case = assurance_case(data, agent)
         # By number: a label may hold what no file's name can.
-        for name, text in (
-            (f"agent-{place}.json", dump_json(case)),
-            (f"agent-{place}.svg", assurance_svg(case)),
-        ):
-            (out / name).write_text(text, encoding="utf-8")
-            print(out / name)
+        yield f"agent-{place}.json", dump_json(case)
+        yield f"agent-{place}.svg", assurance_svg(case)
 
 
 def _write_elsewhere(folder: Path, out: Path, write: Callable[[], None]) -> None:
     """Write what only reads a folder. Raises SetupError where `out` exists, or the folder's files were changed."""
     from bench.campaign import verify_folder
 
-    if os.path.lexists(out):
-        raise SetupError(out, "already exists and is not overwritten", "name another file")
+    require_new(out)
     missing = print_missing_in([folder])
     # Nothing is scored again here, so the tables must be those that the bench wrote; a runner is still writing them.
     running = any(report is not None and report.running for report in missing)
@@ -322,8 +311,7 @@ def _shown_end(
         print(campaign_report(folder).model_dump_json(indent=1, ensure_ascii=True))
     else:
         show_scores(campaign, folder, summary, scores, given_the_truth(campaign))
-    if not scores.completeness.complete:
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
+    exit_if_incomplete([scores.completeness])
     return scores
 
 

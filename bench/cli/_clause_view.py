@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -36,22 +37,18 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
         yield "check: the clause is no sentence of the controlled language; compare sentence and values with its words (then --checked)"
     for varied in result.ranges:
         yield f"varies: {range_text(varied)}"
-    yield _total(result.clauses)
+    counts = Counter(clause.status for clause in result.clauses)
+    totals = ", ".join(f"{count} {status}" for status, count in counts.items())
+    yield f"{len(result.clauses)} clauses: {totals}"
 
 
 def _reading_lines(clause: ClauseReading, values: dict[str, Any], width: int) -> Iterator[str]:
-    yield _shortened(f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}", width)
+    head = f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}"
+    yield head if len(head) <= width else f"{head[: width - 3]}..."
     if clause.sentence:
         yield from _wrapped(f"-> {clause.sentence}", width)
     if summary := field_summary(clause, values):
         yield from _wrapped(f"= {summary}", width)
-
-
-def _total(clauses: Sequence[ClauseReading]) -> str:
-    counts: dict[str, int] = {}
-    for clause in clauses:
-        counts[clause.status] = counts.get(clause.status, 0) + 1
-    return f"{len(clauses)} clauses: " + ", ".join(f"{count} {status}" for status, count in counts.items())
 
 
 def field_summary(clause: ClauseReading, values: dict[str, Any]) -> str:
@@ -120,7 +117,3 @@ def _wrapped(text: str, width: int, indent: int = STATUS_COLUMNS) -> list[str]:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _shortened(line: str, width: int) -> str:
-    return line if len(line) <= width else f"{line[: width - 3]}..."

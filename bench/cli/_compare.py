@@ -5,6 +5,7 @@ scenes that both flew; and one agent in two campaigns that have no scene in comm
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bench.reporting import Comparison
+    from bench.statistics import NodeComparison, UnpairedNodeComparison
 
 
 def compare(
@@ -72,25 +74,19 @@ def _show(comparison: Comparison) -> None:
     console = plain_console()
     rates, divergences = _tables(comparison)
     print_lines(
-        console,
-        [
-            f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
-            *([comparison.pace_note] if comparison.pace_note else []),
-            "passed in %, second minus first in points, p of McNemar's test:",
-        ],
+        f"{comparison.first} and {comparison.second} on {plural(comparison.scenes, 'scene')}",
+        *([comparison.pace_note] if comparison.pace_note else []),
+        "passed in %, second minus first in points, p of McNemar's test:",
     )
     console.print(rates)
     for what, sides in (("perception", comparison.perceptions), ("autopilot", comparison.autopilots)):
         if sides:
             first, second = sides
-            print_lines(console, [f"scenes passed by {what} (first: {first}; second: {second}):"])
+            print_lines(f"scenes passed by {what} (first: {first}; second: {second}):")
             console.print(_by_side(comparison))
-    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit):"])
+    print_lines("divergence of scores (Jensen-Shannon, 0 to 1 bit):")
     console.print(divergences)
-    print_lines(
-        console,
-        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.nodes],
-    )
+    print_lines(*_verdicts(comparison))
 
 
 def _show_unpaired(comparison: Comparison) -> None:
@@ -98,12 +94,9 @@ def _show_unpaired(comparison: Comparison) -> None:
 
     console = plain_console()
     print_lines(
-        console,
-        [
-            f"{comparison.first} and {comparison.second}: not the same scenes, so nothing is paired, and what differs may be "
-            "the scenes",
-            "number of runs by result:",
-        ],
+        f"{comparison.first} and {comparison.second}: not the same scenes, so nothing is paired, and what differs may be "
+        "the scenes",
+        "number of runs by result:",
     )
     results = plain_table(("node", "result", "first", "second"), texts=("result",))
     divergences = plain_table(
@@ -114,12 +107,14 @@ def _show_unpaired(comparison: Comparison) -> None:
             add_plain_row(results, (node.node, result, *map(str, counts)))
         add_plain_row(divergences, unpaired_cells(node))
     console.print(results)
-    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit), p of shuffled design points:"])
+    print_lines("divergence of scores (Jensen-Shannon, 0 to 1 bit), p of shuffled design points:")
     console.print(divergences)
-    print_lines(
-        console,
-        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.unpaired],
-    )
+    print_lines(*_verdicts(comparison))
+
+
+def _verdicts(comparison: Comparison) -> Iterator[str]:
+    for node in comparison.nodes or comparison.unpaired:
+        yield f"{node.node}: {node.verdict(comparison.first, comparison.second)}"
 
 
 def _document(comparison: Comparison) -> dict[str, Any]:
@@ -135,20 +130,16 @@ def _document(comparison: Comparison) -> dict[str, Any]:
                 **asdict(node),
                 "pairs": node.counts.pairs,
                 "pass_rates": node.counts.rates,
-                "settled": node.settled,
-                "verdict": node.verdict(comparison.first, comparison.second),
+                **_conclusion(comparison, node),
             }
             for node in comparison.nodes
         ],
-        "unpaired": [
-            {
-                **asdict(node),
-                "settled": node.settled,
-                "verdict": node.verdict(comparison.first, comparison.second),
-            }
-            for node in comparison.unpaired
-        ],
+        "unpaired": [asdict(node) | _conclusion(comparison, node) for node in comparison.unpaired],
     }
+
+
+def _conclusion(comparison: Comparison, node: NodeComparison | UnpairedNodeComparison) -> dict[str, Any]:
+    return {"settled": node.settled, "verdict": node.verdict(comparison.first, comparison.second)}
 
 
 def _by_side(comparison: Comparison) -> Table:
@@ -163,21 +154,13 @@ def _by_side(comparison: Comparison) -> Table:
 
 def _tables(comparison: Comparison) -> tuple[Table, Table]:
     """Pass rates, and the divergence of scores: side by side they would not fit into 80 columns."""
-    from bench.reporting import comparison_cells
+    from bench.reporting import divergence_cells, rate_cells
 
     rates = plain_table(
         ("node", "pairs", "first", "second", "differ-\nence", "95 % interval", "p", "p\nadjusted")
     )
     divergences = plain_table(("node", "divergence", "by chance", "p"))
-    for cells in map(comparison_cells, comparison.nodes):
-        add_plain_row(
-            rates,
-            (
-                *(cells.node, cells.pairs, cells.first, cells.second),
-                *(cells.difference, cells.interval, cells.mcnemar_p, cells.p_adjusted),
-            ),
-        )
-        add_plain_row(
-            divergences, (cells.node, cells.divergence, cells.divergence_by_chance, cells.divergence_p)
-        )
+    for node in comparison.nodes:
+        add_plain_row(rates, rate_cells(node))
+        add_plain_row(divergences, [node.node, *divergence_cells(node.divergence)])
     return rates, divergences

@@ -78,7 +78,7 @@ def check(
     else:
         counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
         known = f"{decomposition.name}: {counts}, every measure, option and key factor is known"
-        print_lines(plain_console(), [known])
+        print_lines(known)
         if nodes is not None:
             _print_floor(nodes, decomposition)
         if shown is not None:
@@ -107,11 +107,8 @@ def _print_floor(nodes: Sequence[NodeFloor], decomposition: Decomposition) -> No
     flawed = sum(bool(node.flaw) for node in nodes)
     unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
     print_lines(
-        plain_console(),
-        [
-            f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
-            f"{unknown} were never considered on these scenes"
-        ],
+        f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
+        f"{unknown} were never considered on these scenes"
     )
 
 
@@ -154,15 +151,10 @@ def _panel(
 
 
 def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
-    console = plain_console()
-    unknown = (
-        f"{len(panel.constant)} constant ones and {panel.unknown_correlations} pairs have no correlation"
+    print_lines(
+        f"panel: {panel.sessions} sessions of {', '.join(panel.agents)}; {panel.observables} observables about the agent, "
+        f"of which {len(panel.constant)} constant ones and {panel.unknown_correlations} pairs have no correlation"
     )
-    lines = [
-        f"panel: {panel.sessions} sessions of {', '.join(panel.agents)}; "
-        f"{panel.observables} observables about the agent, of which {unknown}"
-    ]
-    print_lines(console, lines)
     print("the clearest difference between two agents, and the floor, in percent:")
     table = plain_table(("node", "apart", "noise", "floor", "best", "more, less"), texts=("more, less",))
     for node in panel.nodes:
@@ -174,7 +166,7 @@ def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
         agents = f"{node.higher}, {node.lower}" if node.separated else same
         shares = (_percent(share) for share in (node.difference, node.noise, node.floor, node.best))
         add_plain_row(table, (node.id, *shares, agents))
-    console.print(table)
+    plain_console().print(table)
 
     def named(node: str) -> str:
         return f"{node} {decomposition.nodes[node].title}"
@@ -186,7 +178,7 @@ def _print_panel(panel: Panel, decomposition: Decomposition) -> None:
     for node in panel.worse_is_better:
         lines.append(f"worse is better: {named(node.id)}, {node.higher} by {_percent(node.difference)}")
     lines += [f"{'met' if met else 'NOT MET'}: {bound}" for bound, met in panel.bounds.items()]
-    print_lines(console, lines)
+    print_lines(*lines)
 
 
 def _as_json(node: NodeFloor) -> dict[str, Any]:

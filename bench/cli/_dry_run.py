@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bench.errors import Fault, SetupError
 
 from ._run_request import RunRequest
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate
@@ -72,14 +72,9 @@ def _print_json(
 def _print_lines(
     campaign: Campaign, plans: Sequence[RealizationPlan], quality: DesignQuality, request: RunRequest
 ) -> None:
-    console = plain_console()
     points = {plan.design_point for plan in plans}
     print_lines(
-        console,
-        [
-            f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, "
-            f"{len(campaign.agents)} agent(s)"
-        ],
+        f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)"
     )
     if campaign.floor is not None:
         beside = sum(plan.agent in campaign.floor_labels for plan in plans)
@@ -89,9 +84,9 @@ def _print_lines(
     least, most = f"{min(limits_s):g}", f"{max(limits_s):g}"
     each = least if least == most else f"{least} to {most}"
     print(f"at most {sum(limits_s) / 3600:.1f} simulated hours ({each} s each)")
-    print_lines(console, [*quality.lines(), *_tension_lines(campaign)])
+    print_lines(*quality.lines(), *_tension_lines(campaign))
     estimate, faults = _estimate(campaign, request)
-    print_lines(console, estimate.lines() if estimate else [f"no estimate: {fault}" for fault in faults])
+    print_lines(*(estimate.lines() if estimate else (f"no estimate: {fault}" for fault in faults)))
 
 
 def _tension_lines(campaign: Campaign) -> list[str]:

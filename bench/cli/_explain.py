@@ -10,7 +10,7 @@ import typer
 
 from bench.errors import command_line
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.reporting import RunMap
@@ -63,10 +63,8 @@ def explain(
     lines += [f"  {line}" for line in _omissions(chart)]
     lines += ["", "Not achieved", *_failures(principles)]
     lines += ["", "Principles", *_verdicts(principles)]
-    print_lines(
-        plain_console(),
-        [*lines, "", f"the film: {command_line('rebar', 'draw', run, '--film', '--out', 'film.svg')}"],
-    )
+    film = command_line("rebar", "draw", run, "--film", "--out", "film.svg")
+    print_lines(*lines, "", f"the film: {film}")
 
 
 def _mission(chart: RunMap, simspec: SimSpec) -> Iterator[str]:
@@ -87,28 +85,19 @@ def _moments(chart: RunMap) -> Iterator[tuple[float, str]]:
     """What came from outside, what the agent decided, and what it reported, each report with the truth beside it."""
     for event in chart.events:
         until = "" if event.until_s is None else f", until {event.until_s:g} s"
-        yield (
-            event.at_s,
-            f"{event.kind.upper()}: {event.text}{until}" + (f" ({event.response})" if event.response else ""),
-        )
+        response = f" ({event.response})" if event.response else ""
+        yield event.at_s, f"{event.kind.upper()}: {event.text}{until}{response}"
     for time_s, action, subject, reason in chart.decisions:
         yield time_s, f"decides: {action} {subject}".rstrip() + (f" ({reason})" if reason else "")
     for report in chart.reports.drawn:
         verb = "marks" if report.mark else "reports"
         truth = f"it is {report.target}" if report.target else "NO TARGET of that class is there"
-        distance = (
-            ""
-            if report.nearest_bystander_m is None
-            else f"; nearest person {report.nearest_bystander_m:g} m from it"
-        )
+        nearest_m = report.nearest_bystander_m
+        distance = "" if nearest_m is None else f"; nearest person {nearest_m:g} m from it"
         people = "" if report.bystanders_seen is None else f", people seen: {report.bystanders_seen}"
         forbidden = ": MARKED AGAINST THE RULE" if report.forbidden else ""
-        yield (
-            report.time_s,
-            (
-                f"{verb} {report.class_label}, confidence {report.confidence:.2f}{people}; {truth}{distance}{forbidden}"
-            ),
-        )
+        seen = f"{report.class_label}, confidence {report.confidence:.2f}{people}"
+        yield report.time_s, f"{verb} {seen}; {truth}{distance}{forbidden}"
 
 
 def _omissions(chart: RunMap) -> Iterator[str]:

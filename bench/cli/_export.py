@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.contracts import Observation
@@ -35,7 +35,7 @@ def export(
     lines = [f"not shown: {topic} ({count})" for topic, count in malformed.items()]
     if lines:
         lines.append("It cannot be decoded, or lies behind the place where the recording is cut off.")
-    print_lines(plain_console(), [*lines, f"export: {out}", "docs/viewers.md says what opens it."])
+    print_lines(*lines, f"export: {out}", "docs/viewers.md says what opens it.")
 
 
 def _observations(file: Path, recording: Path) -> tuple[Observation, ...]:

@@ -41,6 +41,12 @@ def path_fault(error: OSError) -> Fault | None:
     return Fault(str(path), what, remedy)
 
 
+def require_new(path: Path) -> None:
+    """Raises SetupError for a path that exists, also as a link that leads nowhere."""
+    if os.path.lexists(path):
+        raise SetupError(path, "already exists and is not overwritten", "name another file")
+
+
 @contextmanager
 def file_in_faults(path: Path) -> Generator[None]:
     """Put the file before every fault of a field of its document. Faults of other places stay as they are."""

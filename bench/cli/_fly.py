@@ -78,11 +78,8 @@ class FlyOptions:
         """Raises SetupError for options that cannot be, or not together."""
         outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            raise SetupError(
-                "--speed",
-                f"another computer keeps real time, and {self.speed:g} is not",
-                f"leave it out with {option}",
-            )
+            what = f"another computer keeps real time, and {self.speed:g} is not"
+            raise SetupError("--speed", what, f"leave it out with {option}")
         if self.firmware and self.board:
             raise SetupError("--board", "a board brings its own firmware", "leave out --firmware")
         if (self.firmware or self.board) and self.params is not None:
@@ -172,11 +169,8 @@ def parse_link(text: str, index: int) -> LinkSpec:
     if ":" in host:
         raise SetupError("--mavlink", f"{text!r}: links have no IPv6", "give an IPv4 address or a name")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise SetupError(
-            "--mavlink",
-            f"{text!r} is not a link",
-            "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
-        )
+        what = f"{text!r} is not a link"
+        raise SetupError("--mavlink", what, "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760")
     return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))
 
 

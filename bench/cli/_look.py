@@ -188,12 +188,11 @@ def difficulty(
     if as_json:
         print(json.dumps(rated.as_json([node] if node else list(tree.nodes)), indent=2))
     elif node is not None:
-        print_lines(plain_console(), rated.in_full(node))
+        print_lines(*rated.in_full(node))
     else:
-        console = plain_console()
-        print_lines(console, [f"Difficulty of {simspec}"])
-        console.print(rated.table())
-        print_lines(console, rated.explanations())
+        print_lines(f"Difficulty of {simspec}")
+        plain_console().print(rated.table())
+        print_lines(*rated.explanations())
 
 
 def _scale_of(decomposition: Decomposition, path: Path | None) -> DifficultyScale | None:

@@ -56,7 +56,7 @@ def print_missing_in(folders: Sequence[Path], *, as_json: bool = False) -> list[
     return reports
 
 
-def exit_if_incomplete(reports: Sequence[CompletenessReport | None]) -> None:
+def exit_if_incomplete(reports: Sequence[Completeness | CompletenessReport | None]) -> None:
     """Raises typer.Exit with INCOMPLETE_EXIT_CODE if a campaign lacks runs."""
     if any(report is not None and not report.complete for report in reports):
         raise typer.Exit(INCOMPLETE_EXIT_CODE)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.errors import SetupError, command_line
+from bench.errors import command_line
 
-from ._missing_runs import INCOMPLETE_EXIT_CODE
+from ._fault_paths import require_new
+from ._missing_runs import exit_if_incomplete
 
 
 def propose(
@@ -25,8 +25,8 @@ def propose(
     """
     from bench.campaign import campaign_completeness, propose_next
 
-    if out is not None and os.path.lexists(out):
-        raise SetupError(out, "already exists and is not overwritten", "name another file")
+    if out is not None:
+        require_new(out)
     proposal = propose_next(folder, out.parent if out is not None else None)
     completeness = campaign_completeness(folder)
     lines = completeness.lines(folder) if completeness else []
@@ -35,19 +35,12 @@ def propose(
     if out is None:
         print(text, end="")
     else:
-        _write_new(out, text)
+        # Again: the file may have appeared since the first check, while the proposal was computed.
+        require_new(out)
+        with out.open("x", encoding="utf-8") as file:
+            file.write(text)
         for line in lines:
             print(line)
         print("\n".join(proposal.changes) or "only the seed changes: factors, ranges and replicates stay")
         print(f"{out}: review it, then run `{command_line('rebar', 'run', out)}`")
-    if completeness is not None and not completeness.complete:
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
-
-
-def _write_new(out: Path, text: str) -> None:
-    # Mode x: the file may have appeared since the first check, while the proposal was computed.
-    try:
-        with out.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise SetupError(out, "already exists and is not overwritten", "name another file") from None
+    exit_if_incomplete([completeness])

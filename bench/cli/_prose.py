@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from bench.errors import Fault
@@ -124,7 +124,7 @@ def prose(
     if out is not None:
         _write(result, rewritten, out)
     if groups:
-        print_lines(plain_console(), _grouped(result, decomposition, measured, campaign, agent or ()))
+        print_lines(*_grouped(result, decomposition, measured, campaign, agent or ()))
     elif campaign is not None:
         _write_campaign(campaign, result, decomposition, agent or ())
     # A terminal shows the clauses on one screen; the document itself would scroll them away.
@@ -176,11 +176,8 @@ def _description(text: str | None, file: Path | None) -> str:
     from bench.instance_analysis import MAX_CHARACTERS
 
     if (text is None) == (file is None):
-        raise SetupError(
-            "prose",
-            "give either a description or --file",
-            "for example rebar prose 'a radar vehicle and 5 civilians'",
-        )
+        what = "give either a description or --file"
+        raise SetupError("prose", what, "for example rebar prose 'a radar vehicle and 5 civilians'")
     if text is not None and len(text) < MAX_PATH_CHARACTERS and Path(text).is_file():
         raise SetupError("prose", f"{text} is a file, and no description", f"read it with --file {text}")
     # UTF-8 takes up to four bytes for a character.
@@ -341,10 +338,8 @@ def _variations(base_simspec: BaseSimSpec) -> Iterator[tuple[str, SimSpec]]:
             clean = int if ends["integer"] else float
             factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
     design = validate_document({"factors": factors}, Design, source="ranges")
-    points = design.pairs()[:MAX_VARIATIONS]
-    for (point, _), varied in zip(
-        points, situations(base_simspec.simspec, design, [point for point, _ in points]), strict=True
-    ):
+    points = design.points()[:MAX_VARIATIONS]
+    for point, varied in zip(points, situations(base_simspec.simspec, design, points), strict=True):
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 

@@ -52,7 +52,7 @@ def runs(
     console = plain_console()
     if len(chosen):
         console.print(shown)
-    print_lines(console, [f"{len(chosen)} of {plural(len(table), 'run')}"])
+    print_lines(f"{len(chosen)} of {plural(len(table), 'run')}")
     if len(chosen) and (path := chosen["recording"][0]):
         console.print(f"why: {command_line('rebar', 'explain', (folder / path).parent)}", soft_wrap=True)
 

@@ -9,21 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
 from bench.errors import Fault, SetupError
 
 from ._explanation import show_explanation
-from ._missing_runs import INCOMPLETE_EXIT_CODE, completeness_report, print_missing, print_rewritten
-from ._tables import plain_console
+from ._missing_runs import completeness_report, exit_if_incomplete, print_missing, print_rewritten
+from ._tables import add_plain_row, plain_console, plain_table
 
 if TYPE_CHECKING:
     import polars as pl
 
     from bench.campaign import Completeness
-    from bench.documents import Document
     from bench.scoring import (
         Explanation,
         NodeFloor,
@@ -91,26 +89,20 @@ def score(
         if source.completeness is not None:
             print_missing(source.completeness, Path(source.source), as_json=as_json)
     if as_json:
-        _print_document(
-            [
-                source.report(per_run=per_run) if explain is None else source.explained(explain, limit)
-                for source in sources
-            ]
-        )
+        documents = [
+            source.report(per_run=per_run) if explain is None else source.explained(explain, limit)
+            for source in sources
+        ]
+        texts = [document.model_dump_json(indent=1, ensure_ascii=True) for document in documents]
+        # One document: that of the only target, or an array of them in the order of the command line.
+        print(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(texts) + "\n]")
     else:
         for source in sources:
             if explain is None:
                 source.show(per_run=per_run)
             else:
                 show_explanation(source.explained(explain, limit))
-    if any(source.completeness and not source.completeness.complete for source in sources):
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
-
-
-def _print_document(documents: Sequence[Document]) -> None:
-    """One JSON document: that of the only target, or an array of them in the order of the command line."""
-    texts = [document.model_dump_json(indent=1, ensure_ascii=True) for document in documents]
-    print(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(texts) + "\n]")
+    exit_if_incomplete([source.completeness for source in sources])
 
 
 def check_node(option: str, decomposition: Decomposition, node: str) -> None:
@@ -226,11 +218,8 @@ def _score_sources(
             )
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError(
-            "score",
-            "there is nothing to score",
-            "name the folder of a run or of a campaign, or give --observations",
-        )
+        what = "there is nothing to score"
+        raise SetupError("score", what, "name the folder of a run or of a campaign, or give --observations")
     faults = [
         Fault(str(path), "is a file", f"name the folder that holds it: {path.parent}")
         for path in runs
@@ -361,29 +350,16 @@ _STANDING_NOTES = {
 
 
 def _tablesource_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
-    # Without vertical lines, so that the titles have room in 80 columns.
-    table = Table(
-        title=Text(f"{run.run}: {run.agent}, {run.outcome}"),
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
-    for column in ("node", "title", "difficulty", "x", "score", "achieved"):
-        is_title = column == "title"
-        table.add_column(
-            column,
-            justify="left" if is_title or column == "node" else "right",
-            no_wrap=not is_title,
-            overflow="fold" if is_title else "ellipsis",
-        )
+    table = plain_table(("node", "title", "difficulty", "x", "score", "achieved"), texts=("title",))
+    table.title, table.title_justify = Text(f"{run.run}: {run.agent}, {run.outcome}"), "left"
     for node in run.nodes:
-        table.add_row(
-            Text(node.id),
-            Text(titles.get(node.id, "") + _STANDING_NOTES.get(node.standing or "", "")),
+        cells = (
+            node.id,
+            titles.get(node.id, "") + _STANDING_NOTES.get(node.standing or "", ""),
             "none" if node.difficulty is None else f"{node.difficulty:.1f}",
             "" if node.x is None else f"{node.x:.3g}",
             "not scored" if node.score is None else f"{node.score:.1f}",
             f"{node.achieved} of {node.considered}" if node.considered else "not considered",
         )
+        add_plain_row(table, cells)
     return table

@@ -68,14 +68,15 @@ def add_plain_row(table: Table, cells: Sequence[str]) -> None:
     table.add_row(*map(Text, cells))
 
 
-def print_lines(console: Console, lines: Iterable[str]) -> None:
-    """Print sentences, each from a new line and wrapped between words at the console's width.
+def print_lines(*lines: str) -> None:
+    """Print sentences, each from a new line and wrapped between words at the width of the terminal.
 
-    What follows on further lines is indented. A path or a name wider than the console stays whole.
+    What follows on further lines is indented. A path or a name wider than the terminal stays whole.
     """
+    width = plain_console().width
     for line in lines:
         indent = len(line) - len(line.lstrip())
-        print(wrapped(line, console.width, indent + CONTINUATION_INDENT))
+        print(wrapped(line, width, indent + CONTINUATION_INDENT))
 
 
 def wrapped(text: str, width: int, indent: int, first: str = "") -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._tables import plain_console, print_lines
+from ._tables import print_lines
 
 if TYPE_CHECKING:
     from decompositions import Decomposition, KeyFactor, Policies
@@ -46,16 +46,13 @@ def tension(
     from ._scores import rated_decomposition
 
     if campaign is not None or out is not None:
-        print_lines(plain_console(), _draw(campaign, node, wanted, points, out))
+        print_lines(*_draw(campaign, node, wanted, points, out))
         return
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
     if tree.policies.factor_rule != "minimum":
-        raise SetupError(
-            tree.name,
-            "the policy factor_rule: mean lets no range of a single factor decide",
-            "rate a SimSpec with: rebar difficulty",
-        )
+        what = "the policy factor_rule: mean lets no range of a single factor decide"
+        raise SetupError(tree.name, what, "rate a SimSpec with: rebar difficulty")
     rows = list(_factor_ranges(tree, node, wanted))
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
@@ -67,14 +64,13 @@ def tension(
         "every factor is at least as hard as its first value, and one that has a second is no harder than that.",
         *(f"  {row['factor']} [{row['unit']}]: {_range_text(row, wanted)}" for row in rows),
     ]
-    console = plain_console()
-    print_lines(console, lines)
+    print_lines(*lines)
     unreached = [str(row["factor"]) for row in rows if row["from"] is None]
     if unreached or not any(row["decides"] for row in rows):
         reason = (
             f"the tables of {', '.join(unreached)} end before it" if unreached else "no factor rates so low"
         )
-        print_lines(console, [f"No situation within the tables has this tension: {reason}."])
+        print_lines(f"No situation within the tables has this tension: {reason}.")
         raise typer.Exit(1)
 
 
@@ -124,11 +120,8 @@ def _node(tree: Decomposition, words: str) -> str:
     ]
     if len(matches) != 1:
         choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
-        raise SetupError(
-            "NODE",
-            f"{len(matches)} key attributes have {words!r} in their title",
-            f"name one; matches: {choices}",
-        )
+        what = f"{len(matches)} key attributes have {words!r} in their title"
+        raise SetupError("NODE", what, f"name one; matches: {choices}")
     return matches[0]
 
 

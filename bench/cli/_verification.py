@@ -6,7 +6,7 @@ import json
 import os
 import secrets
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,23 +61,27 @@ def verify(
         raise SetupError(
             "--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too"
         )
-    check = _check(folder, digest, signed_by)
+    from bench.campaign import CampaignFolder, digest_of, load_campaign, question_sha256, verify_folder
+
+    paths = CampaignFolder(folder)
+    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
+    manifest = digest_of(paths.manifest) if paths.manifest.is_file() else None
+    # Of a folder that was changed it would say nothing.
+    question = None if faults else question_sha256(load_campaign(paths.campaign))
     if not as_json:
-        _print_check(folder, check, signed_by)
+        _print_check(folder, faults, manifest, question, signed_by)
     # A repetition of what is not what was flown would prove nothing.
-    sample = (
-        None if refly is None or check.faults else _reflown(folder, refly, seed, workers, as_json=as_json)
-    )
+    sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
     if as_json:
         document = {
             "folder": str(folder),
-            "manifest_sha256": check.manifest_sha256,
-            "faults": check.faults,
-            "question_sha256": check.question_sha256,
+            "manifest_sha256": manifest,
+            "faults": faults,
+            "question_sha256": question,
             "refly": sample and asdict(sample),
         }
         print(json.dumps(document))
-    if check.faults:
+    if faults:
         raise typer.Exit(1)
     if sample is not None:
         _exit_for(sample)
@@ -106,48 +110,29 @@ def sign(
     print(f"signed with the key {signer}: {paths.signature}")
 
 
-@dataclass(frozen=True, slots=True)
-class _FolderCheck:
-    """What is wrong with a folder, and what it proves if nothing is."""
-
-    faults: list[str]
-    manifest_sha256: str | None
-    question_sha256: str | None
-
-
-def _check(folder: Path, digest: str | None, signed_by: Path | None) -> _FolderCheck:
-    from bench.campaign import CampaignFolder, digest_of, load_campaign, question_sha256, verify_folder
-
-    paths = CampaignFolder(folder)
-    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
-    return _FolderCheck(
-        faults,
-        digest_of(paths.manifest) if paths.manifest.is_file() else None,
-        # Of a folder that was changed it would say nothing.
-        None if faults else question_sha256(load_campaign(paths.campaign)),
-    )
-
-
-def _print_check(folder: Path, check: _FolderCheck, signed_by: Path | None) -> None:
+def _print_check(
+    folder: Path, faults: Sequence[str], manifest: str | None, question: str | None, signed_by: Path | None
+) -> None:
+    """The faults of a folder; without any what it proves: the digests of its manifest, and of its situations and design."""
     from bench.campaign import CampaignFolder, can_check_signatures, fingerprint_of, read_signature
 
-    if check.faults:
-        print("\n".join(check.faults))
+    if faults:
+        print("\n".join(faults))
         return
     has_chain = CampaignFolder(folder).evidence.is_file()
     chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
-    if check.manifest_sha256 is None:
+    if manifest is None:
         print(f"{folder}: all results match {chain} and the journal; there is no manifest yet")
     else:
         print(f"{folder}: all files match the manifest, {chain} and the journal")
-        print(f"manifest SHA-256: {check.manifest_sha256}")
+        print(f"manifest SHA-256: {manifest}")
     if (signature := read_signature(folder)) is not None:
         signer = fingerprint_of(signature.public_key)
         whose = f"that of {signed_by}" if signed_by else "--signed-by KEY checks whose it is"
         if not can_check_signatures():
             whose = "not checked: pip install 'rebar-bench[sign]'"
         print(f"signed with the key {signer} ({whose})")
-    print(f"situations and design: {check.question_sha256}")
+    print(f"situations and design: {question}")
 
 
 def _reflown(
@@ -163,13 +148,9 @@ def _reflown(
         for run in sample.runs:
             print(f"{run.realization}: {run.status}" + (f": {run.explanation}" if run.explanation else ""))
         for reason, names in sample.not_comparable.items():
-            print(f"not comparable, {reason}: {len(names)} runs ({_first_of(names)})")
+            more = f" and {len(names) - 5} more; --json lists all" if len(names) > 5 else ""
+            print(f"not comparable, {reason}: {len(names)} runs ({', '.join(names[:5])}{more})")
     return sample
-
-
-def _first_of(names: Sequence[str], most: int = 5) -> str:
-    more = f" and {len(names) - most} more; --json lists all" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def _exit_for(sample: ReflownSample) -> None:

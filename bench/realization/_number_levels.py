@@ -9,12 +9,13 @@ from typing import Any, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from bench.documents import validate_document
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._realize import Bases
 from .design._design import Design
 from .design._factors import DesignFactor, FactorLevel
-from .design._spec_paths import PathFault, find_path
+from .design._spec_paths import find_path
 
 
 def with_number_levels(base: Bases, design: Design) -> Design:
@@ -59,7 +60,7 @@ def _taken(base: SimSpec, path: str, level: FactorLevel) -> Any:
     """What the field at a path makes of a level; the level itself where it is refused, None without such a field."""
     try:
         steps = find_path(base, path).steps
-    except PathFault:
+    except SetupError:
         return None
     value: Any = base
     annotation: Any = SimSpec

@@ -7,7 +7,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from bench.simspec import AgentSpec, PaceMode, SimSpec
 
 from .design._design import Design, DesignPoint
 from .design._factors import BASE, DesignFactor, FactorLevel
-from .design._spec_paths import UNITS, PathFault, SpecPath, find_path
+from .design._spec_paths import UNITS, SpecPath, find_path
 from .design._stratified import Difficulties
 
 
@@ -47,15 +47,8 @@ class RealizationPlan:
         if self.pace is not None:
             pace = pace.model_copy(update={"mode": self.pace})
         # A base may come with places of its own; they belong to other seeds, so they are dropped.
-        return self.situation.model_copy(
-            update={
-                "name": self.id,
-                "agent": self.agent_spec,
-                "seeds": seeds,
-                "realized": None,
-                "pace": pace,
-            }
-        )
+        own = {"name": self.id, "agent": self.agent_spec, "seeds": seeds, "realized": None, "pace": pace}
+        return self.situation.model_copy(update=own)
 
     @property
     def agent(self) -> str:
@@ -136,24 +129,20 @@ def scene_seed(seed: int, design_point: str, replicate: int) -> int:
 
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
-    if not agents:
-        raise SetupError(
-            "agents", "no agent is given", "add at least one, for example manifest: my_agent.yaml"
-        )
     # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
-    if twice:
-        raise SetupError(
-            "agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name"
-        )
     long = [label for label in labels if len(label) > 40]
-    if long:
-        raise SetupError(
-            "agents",
-            f"the agent's name {long[0]!r} has more than 40 characters",
-            "shorten the manifest's name",
-        )
+    what = remedy = ""
+    if not agents:
+        what, remedy = "no agent is given", "add at least one, for example manifest: my_agent.yaml"
+    elif twice:
+        what, remedy = f"two agents are called {twice[0]!r}", "give one a manifest file of another name"
+    elif long:
+        what = f"the agent's name {long[0]!r} has more than 40 characters"
+        remedy = "shorten the manifest's name"
+    if what:
+        raise SetupError("agents", what, remedy)
     return labels
 
 
@@ -174,8 +163,8 @@ class _BoundBase:
                 where = f"design: factor {factor.name!r}: path {text}"
                 try:
                     paths[text] = find_path(base, text)
-                except PathFault as fault:
-                    faults.append((factor, Fault(where, fault.what, fault.remedy)))
+                except SetupError as error:
+                    faults += [(factor, replace(fault, where=where)) for fault in error.faults]
                     continue
                 if text in factor.sets and (other := _other_unit(where, factor, paths[text])):
                     faults.append((factor, other))
@@ -207,9 +196,7 @@ class _Patches:
         for name, simspec in {"": base}.items() if isinstance(base, SimSpec) else base.items():
             bases[name], of_base = _BoundBase.of(simspec, factors)
             where = f"situation {name!r}: " if name else ""
-            faults |= {
-                Fault(f"{where}{fault.where}", fault.what, fault.remedy): factor for factor, fault in of_base
-            }
+            faults |= {replace(fault, where=f"{where}{fault.where}"): factor for factor, fault in of_base}
         # A conditional factor may belong to some situations only; `_with` refuses it elsewhere.
         final = [
             fault
@@ -245,11 +232,8 @@ class _Patches:
             if factor.name in levels and factor is not self.chooser:
                 for path, value in factor.changes(levels[factor.name]).items():
                     if path not in base.paths:
-                        raise SetupError(
-                            path,
-                            "does not exist in this situation",
-                            f"narrow the `when` of factor {factor.name!r} to the situations that have it",
-                        )
+                        remedy = f"narrow the `when` of factor {factor.name!r} to the situations that have it"
+                        raise SetupError(path, "does not exist in this situation", remedy)
                     base.paths[path].set(document, value)
         return validate_document(document, SimSpec)
 
@@ -261,26 +245,19 @@ class _Patches:
             try:
                 self._with({factor.name: level}, self._base(point))
             except SetupError as error:
-                sets = ", ".join(factor.changes(level))
+                where = (
+                    f"design: factor {factor.name!r}: level {level!r} for {', '.join(factor.changes(level))}"
+                )
                 faults += [
-                    Fault(
-                        f"design: factor {factor.name!r}: level {level!r} for {sets}",
-                        f"{inner.where}: {inner.what}",
-                        inner.remedy,
-                    )
-                    for inner in error.faults
+                    Fault(where, f"{fault.where}: {fault.what}", fault.remedy) for fault in error.faults
                 ]
         return faults
 
     def _together(self, point: DesignPoint, error: SetupError) -> list[Fault]:
         levels = ", ".join(f"{name}={level}" for name, level in point.levels.items())
+        where, remedy = f"design point {point.id} ({levels})", "change one of these levels"
         return [
-            Fault(
-                f"design point {point.id} ({levels})",
-                f"{inner.where}: {inner.what}",
-                inner.remedy or "change one of these levels",
-            )
-            for inner in error.faults
+            Fault(where, f"{fault.where}: {fault.what}", fault.remedy or remedy) for fault in error.faults
         ]
 
 
@@ -315,18 +292,12 @@ def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | Non
     """
     if factor.unit is None or path.unit == factor.unit or path.open:
         return None
+    what = f"the factor's unit is {factor.unit!r}"
     if path.unit is not None:
-        return Fault(
-            where,
-            f"the factor's unit is {factor.unit!r}, the field's unit is {path.unit!r}",
-            f"give {path.unit}",
-        )
+        return Fault(where, f"{what}, the field's unit is {path.unit!r}", f"give {path.unit}")
     if factor.unit in UNITS.values():
-        return Fault(
-            where,
-            f"the factor's unit is {factor.unit!r}, but the field has none",
-            'leave the unit out or write unit: "1", or name another field',
-        )
+        remedy = 'leave the unit out or write unit: "1", or name another field'
+        return Fault(where, f"{what}, but the field has none", remedy)
     return None
 
 
@@ -337,13 +308,8 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
         return []
     fields = ", ".join(f"{text} ({unit})" for unit, text in stated.items())
     what = f"sets fields of different units: {fields}"
-    return [
-        Fault(
-            f"design: factor {factor.name!r}",
-            what,
-            "keep the fields of one unit here, and set the others by a second factor with a formula",
-        )
-    ]
+    remedy = "keep the fields of one unit here, and set the others by a second factor with a formula"
+    return [Fault(f"design: factor {factor.name!r}", what, remedy)]
 
 
 def _set_twice(factors: Sequence[DesignFactor], paths: Mapping[str, SpecPath]) -> list[Fault]:

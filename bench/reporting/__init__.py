@@ -54,8 +54,8 @@ from .statistics._factor_effects import FactorEffects as FactorEffects
 from .statistics._factor_effects import factor_effects as factor_effects
 from .statistics._pairings import Pairing as Pairing
 from .statistics._pairings import pair_agents as pair_agents
-from .text._comparison import ComparisonCells as ComparisonCells
-from .text._comparison import comparison_cells as comparison_cells
+from .text._comparison import divergence_cells as divergence_cells
+from .text._comparison import rate_cells as rate_cells
 from .text._comparison import unpaired_cells as unpaired_cells
 from .text._format import plural as plural
 from .text._sheet import Sheet as Sheet

@@ -55,6 +55,11 @@ class Run:
         return fact_of(self.facts, kind)
 
     @property
+    def counts(self) -> bool:
+        """Whether it enters numbers: it ended by something that the agent answers for, and before the stop."""
+        return self.outcome is not None and self.outcome.counts and not self.after_stop
+
+    @property
     def scene(self) -> tuple[str, int]:
         """Runs of different agents with the same scene can be compared one to one."""
         return (self.design_point, self.replicate)

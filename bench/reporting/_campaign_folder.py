@@ -113,10 +113,12 @@ def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposit
 
 def _floor_labels(campaign: Mapping[str, Any]) -> frozenset[str]:
     floor = _mapping(campaign.get("floor"))
-    specs = [*(floor.get("agents") or ()), floor.get("oracle")]
-    return frozenset(
-        agent_name(str(manifest)) for spec in specs if (manifest := _mapping(spec).get("manifest"))
-    )
+    return frozenset(_agent_names([*(floor.get("agents") or ()), floor.get("oracle")]))
+
+
+def _agent_names(specs: Iterable[object]) -> list[str]:
+    """The names of the agents that parts of a campaign state, as far as they do."""
+    return [agent_name(str(manifest)) for spec in specs if (manifest := _mapping(spec).get("manifest"))]
 
 
 def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict[str, NodeFloor]:
@@ -129,8 +131,8 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
             f"floor.parquet cannot be read, so floor and ceiling are not shown. `{command_line('rebar', 'report', Path(folder.name))}` makes it."
         )
         return {}
-    oracle = _mapping(_mapping(campaign.get("floor")).get("oracle")).get("manifest")
-    return node_floors(scores, agent_name(str(oracle)) if oracle else None)
+    oracle = _agent_names([_mapping(campaign.get("floor")).get("oracle")])
+    return node_floors(scores, oracle[0] if oracle else None)
 
 
 def _simspecs(folder: Path) -> SimSpecFiles:
@@ -149,9 +151,7 @@ def _entries(parent: Path) -> Iterator[tuple[str, str]]:
 
 def _names_in_ids(campaign: Mapping[str, Any]) -> dict[str, str]:
     """The names of the campaign's agents, by the form in which realization ids hold them."""
-    floor = _mapping(campaign.get("floor"))
-    specs = [*(campaign.get("agents") or ()), *(floor.get("agents") or ()), floor.get("oracle")]
-    names = [agent_name(str(manifest)) for spec in specs if (manifest := _mapping(spec).get("manifest"))]
+    names = [*_agent_names(campaign.get("agents") or ()), *_floor_labels(campaign)]
     return {UNSAFE_LABEL_CHARACTERS.sub("-", name.lower()): name for name in names}
 
 
@@ -239,10 +239,9 @@ def _run(
 def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:
     """In the order in which the campaign names them; agents that flew without being named come last."""
     flown = {run.agent for run in runs}
-    stated = [str(_mapping(entry).get("manifest", "")) for entry in campaign.get("agents") or ()]
-    named = [agent_name(manifest) for manifest in stated if manifest]
+    named = dict.fromkeys(_agent_names(campaign.get("agents") or ()))
     # Before the first run, all agents are listed; afterwards only those that flew.
-    ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
+    ordered = [name for name in named if name in flown or not flown]
     return (*ordered, *sorted(flown - set(ordered)))
 
 
@@ -269,11 +268,9 @@ def _study(
     stated = campaign.get("study")
     if isinstance(stated, list) and stated:
         return tuple(map(str, stated))
-    return (
-        document.study
-        if document is not None
-        else tuple(node.id for node in nodes.values() if node.level == "ka")
-    )
+    if document is not None:
+        return document.study
+    return tuple(node.id for node in nodes.values() if node.level == "ka")
 
 
 def _configurations(

@@ -34,14 +34,9 @@ _NAMES: dict[str, type[pl.DataType]] = dict.fromkeys(
 
 def companions(data: ReportData, runs: pl.DataFrame, measured: MeasuredCompetence) -> dict[str, str]:
     """The texts of the files COMPANIONS, by name; `runs` is the table of `runs_table`."""
-    cards = (_card(sheet, data.name) for sheet in sheets(data))
-    return dict(
-        zip(
-            COMPANIONS,
-            (csv_text(scores_table(data, measured)), csv_text(runs), "\n".join(cards), _junit(data, runs)),
-            strict=True,
-        )
-    )
+    cards = ("\n".join(map(visible, _card_lines(sheet, data.name))) + "\n" for sheet in sheets(data))
+    texts = (csv_text(scores_table(data, measured)), csv_text(runs), "\n".join(cards), _junit(data, runs))
+    return dict(zip(COMPANIONS, texts, strict=True))
 
 
 def csv_text(table: pl.DataFrame) -> str:
@@ -113,12 +108,8 @@ def _numbers(data: ReportData, tally: Tally, measured: MeasuredCompetence) -> di
     return numbers
 
 
-def _card(sheet: Sheet, campaign: str) -> str:
-    """The page to sign as Markdown, for a repository or a model card."""
-    return "\n".join(visible(line) for line in _card_lines(sheet, campaign)) + "\n"
-
-
 def _card_lines(sheet: Sheet, campaign: str) -> Iterator[str]:
+    """The page to sign as Markdown, for a repository or a model card."""
     yield f"# {sheet.agent} ({sheet.version}): REBAR campaign {campaign}"
     yield ""
     yield from (f"**{warning}**\n" for warning in sheet.warnings)

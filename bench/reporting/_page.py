@@ -55,7 +55,7 @@ from .text._campaign_sentences import (
     disclaimers,
     sessions_sentence,
 )
-from .text._comparison import comparison_cells
+from .text._comparison import divergence_cells, rate_cells
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import (
     interval,
@@ -167,7 +167,7 @@ def _page_pieces(
             (run.agent, run.scene, run.fact(ReportStatements))
             for agent in data.agents
             for run in data.runs
-            if run.agent == agent and run.outcome is not None and run.outcome.counts and not run.after_stop
+            if run.agent == agent and run.counts
         ),
         "style_of": {style.name: style for style in shown},
         "detectors": detector_sentences(simspec.perception for _, simspec in situations_of(data.simspecs)),
@@ -236,6 +236,7 @@ def _environment() -> jinja2.Environment:
         span=span,
         p_value=p_value,
         plural=plural,
-        comparison_cells=comparison_cells,
+        rate_cells=rate_cells,
+        divergence_cells=divergence_cells,
     )
     return templates

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,49 +20,62 @@ from .text._outcomes import outcome_name
 
 # Rows that a page shows without JavaScript and on paper; runs.csv has all.
 LISTED_ROWS = 60
-# Columns that the page lists where runs differ in them, and their headings; between both are the principles.
-_FIRST_HEADS = {
-    "run": "Run",
-    "agent": "Agent",
-    "configuration": "Difficulty",
-    "outcome": "Outcome",
-    "counts": "Counts",
-    "failed": "Key attributes failed",
-}
-_LAST_HEADS = {
-    "simulated_s": "Simulated, s",
-    "confined": "Confined by",
-    "probes": "Probes",
-    "mark": "Mark",
-    "reason": "Reason",
-}
 
-# Columns of every run, before the key factors and the nodes.
-RUN_COLUMNS: dict[str, type[pl.DataType]] = {
-    "run": pl.String,
-    "agent": pl.String,
-    "design_point": pl.String,
-    "replicate": pl.Int64,
-    "configuration": pl.String,
-    "outcome": pl.String,
-    "counts": pl.Boolean,
-    "failed": pl.Int64,
-    "simulated_s": pl.Float64,
-    "confined": pl.String,
-    "probes": pl.String,
-    "mark": pl.String,
-    "reason": pl.String,
-    "recording": pl.String,
-    "sha256": pl.String,
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column of every run: its type and value, and its heading on the page, which lists it where runs differ in it."""
+
+    kind: type[pl.DataType]
+    value: Callable[[Run], object]
+    heading: str = ""
+
+
+def _counted(kinds: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {text}" for text, count in kinds.items())
+
+
+def _marks(run: Run) -> str:
+    texts = ((mark.label, run.fact(mark.kind)) for mark in TABLE_MARKS)
+    return "; ".join(f"{label}: {text}" for label, fact in texts if fact for text in fact.texts)
+
+
+def _path_in_campaign(run: Run) -> str | None:
+    """`runs/RUN/recording.mcap`, or `runs/42/RUN/recording.mcap` in a large campaign."""
+    if run.recording is None:
+        return None
+    parts = run.recording.parts
+    return "/".join(parts[-3:] if parts[-3] == "runs" else parts[-4:])
+
+
+# Columns of every run, before the key factors and the nodes. Of the listed ones the principles come after `failed`.
+_COLUMNS = {
+    "run": _Column(pl.String, lambda run: run.realization, "Run"),
+    "agent": _Column(pl.String, lambda run: run.agent, "Agent"),
+    "design_point": _Column(pl.String, lambda run: run.design_point),
+    "replicate": _Column(pl.Int64, lambda run: run.replicate),
+    # By its key; `runs_table` has the labels.
+    "configuration": _Column(pl.String, lambda run: run.configuration, "Difficulty"),
+    "outcome": _Column(pl.String, outcome_name, "Outcome"),
+    "counts": _Column(pl.Boolean, lambda run: run.counts, "Counts"),
+    # Counted from the scores.
+    "failed": _Column(pl.Int64, lambda run: None, "Key attributes failed"),
+    "simulated_s": _Column(pl.Float64, lambda run: round(run.simulated_s, 3), "Simulated, s"),
+    "confined": _Column(pl.String, isolation_cell, "Confined by"),
+    "probes": _Column(pl.String, lambda run: _counted(run.probes), "Probes"),
+    "mark": _Column(pl.String, _marks, "Mark"),
+    "reason": _Column(pl.String, lambda run: run.reason, "Reason"),
+    "recording": _Column(pl.String, _path_in_campaign),
+    "sha256": _Column(pl.String, lambda run: run.recording_sha256),
     # A text: larger than what JavaScript, and many a spreadsheet, counts with.
-    "seed": pl.String,
+    "seed": _Column(pl.String, lambda run: None if run.root_seed is None else str(run.root_seed)),
 }
 
 
 def runs_table(data: ReportData) -> pl.DataFrame:
     """A row for each run, those first that tell most: marked, not completed, with many failed key attributes.
 
-    After the columns RUN_COLUMNS come the key factors of the situation, and for each node whether the run passed it, as
+    After the columns of every run come the key factors of the situation, and for each node whether the run passed it, as
     `NODE.passed`: of a principle its verdict. Empty cells: nothing essential was considered, or the run has no scores.
     `failed` counts the key attributes that a run did not pass.
     """
@@ -70,10 +83,12 @@ def runs_table(data: ReportData) -> pl.DataFrame:
     factors = {name: factor_values(simspec) for name, simspec in situations_of(data.simspecs)}
     present = [name for name in FACTORS if any(name in values for values in factors.values())]
     rows = [
-        _row(run, labels) | {name: factors.get(run.realization, {}).get(name) for name in present}
+        {name: column.value(run) for name, column in _COLUMNS.items()}
+        | {"configuration": labels.get(run.configuration or "")}
+        | {name: factors.get(run.realization, {}).get(name) for name in present}
         for run in data.runs
     ]
-    schema = RUN_COLUMNS | dict.fromkeys(present, pl.Float64)
+    schema = {name: column.kind for name, column in _COLUMNS.items()} | dict.fromkeys(present, pl.Float64)
     table = pl.DataFrame(rows, schema=schema)
     passed = _passed(data)
     attributes = [f"{node.id}.passed" for node in data.nodes.values() if node.level == "ka"]
@@ -85,40 +100,6 @@ def runs_table(data: ReportData) -> pl.DataFrame:
     return table.select([*schema, *passed.columns[1:]]).sort(
         pl.col("mark") == "", completed, -pl.col("failed"), "run", maintain_order=True
     )
-
-
-def _row(run: Run, labels: dict[str, str]) -> dict[str, Any]:
-    return {
-        "run": run.realization,
-        "agent": run.agent,
-        "design_point": run.design_point,
-        "replicate": run.replicate,
-        "configuration": labels.get(run.configuration or ""),
-        "outcome": outcome_name(run),
-        "counts": bool(run.outcome and run.outcome.counts and not run.after_stop),
-        "failed": None,
-        "simulated_s": round(run.simulated_s, 3),
-        "confined": isolation_cell(run),
-        "probes": ", ".join(f"{count} {text}" for text, count in run.probes.items()),
-        "mark": "; ".join(
-            f"{mark.label}: {text}"
-            for mark in TABLE_MARKS
-            if (texts := run.fact(mark.kind))
-            for text in texts.texts
-        ),
-        "reason": run.reason,
-        "recording": _path_in_campaign(run),
-        "sha256": run.recording_sha256,
-        "seed": None if run.root_seed is None else str(run.root_seed),
-    }
-
-
-def _path_in_campaign(run: Run) -> str | None:
-    """`runs/RUN/recording.mcap`, or `runs/42/RUN/recording.mcap` in a large campaign."""
-    if run.recording is None:
-        return None
-    parts = run.recording.parts
-    return "/".join(parts[-3:] if parts[-3] == "runs" else parts[-4:])
 
 
 def _passed(data: ReportData) -> pl.DataFrame:
@@ -151,14 +132,13 @@ class ListedRuns:
 
 def listed_runs(table: pl.DataFrame, data: ReportData) -> ListedRuns:
     """The columns in which runs differ, among them the verdicts of the principles; the others are said once."""
-    principles = {
-        f"{node.id}.passed": node.title for node in data.nodes.values() if node.level == "principle"
-    }
-    heads = {
-        name: head
-        for name, head in (_FIRST_HEADS | principles | _LAST_HEADS).items()
-        if name in table.columns
-    }
+    stated: dict[str, str] = {}
+    for name, column in _COLUMNS.items():
+        stated |= {name: column.heading} if column.heading else {}
+        if name == "failed":
+            principles = (node for node in data.nodes.values() if node.level == "principle")
+            stated |= {f"{node.id}.passed": node.title for node in principles}
+    heads = {name: head for name, head in stated.items() if name in table.columns}
     # A single run shares everything with itself.
     order = [name for name in heads if name == "run" or (table.height > 1 and table[name].n_unique() > 1)]
     first = table.head(LISTED_ROWS).select(order)

@@ -16,23 +16,20 @@ _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
 
 def load_scores(folder: Path, notes: list[str]) -> pl.DataFrame:
     """The score table of a campaign, by realizations and nodes; empty, with a note, where it cannot be read."""
-    path = folder / "scores.parquet"
+    path, remedy = (
+        folder / "scores.parquet",
+        f"`{command_line('rebar', 'score', Path(folder.name))}` makes it",
+    )
     if not path.is_file():
-        notes.append(
-            f"There is no scores.parquet: nothing has been scored yet. `{command_line('rebar', 'score', Path(folder.name))}` makes it."
-        )
+        notes.append(f"There is no scores.parquet: nothing has been scored yet. {remedy}.")
         return _NO_SCORES
     try:
         frame = read_score_table(path)
     except (OSError, pl.exceptions.PolarsError) as error:
-        notes.append(
-            f"scores.parquet could not be read ({error}). `{command_line('rebar', 'score', Path(folder.name))}` makes it anew."
-        )
+        notes.append(f"scores.parquet could not be read ({error}). {remedy} anew.")
         return _NO_SCORES
     if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
-        notes.append(
-            f"scores.parquet lacks the columns {', '.join(missing)}. `{command_line('rebar', 'score', Path(folder.name))}` makes it anew."
-        )
+        notes.append(f"scores.parquet lacks the columns {', '.join(missing)}. {remedy} anew.")
         return _NO_SCORES
     # The same folder gives the same bytes, whatever the order in which scoring wrote its rows. Column by column: sorted
     # at once, a large table would be in memory twice.

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ._difficulty_slope import Direction as Direction
     from ._difficulty_slope import SlopeState as SlopeState
     from ._difficulty_slope import difficulty_slope as difficulty_slope
+    from ._divergence import Divergence as Divergence
     from ._equivalence import difference_bounds as difference_bounds
     from ._intervals import bounded_mean as bounded_mean
     from ._intervals import clopper_pearson as clopper_pearson

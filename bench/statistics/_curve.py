@@ -18,7 +18,7 @@ from scipy import stats
 
 from bench.arrays import Floats
 
-from ._firth import DistinctRows, maximize, probability
+from ._firth import DistinctRows, information, maximize, probability, variances
 from ._intervals import CONFIDENCE_LEVEL
 
 # With fewer runs no curve is drawn. Chosen, not measured.
@@ -81,13 +81,12 @@ def difficulty_response(
     middle, scale = float(hard.mean()), float(hard.std())
     design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
     beta, _ = maximize(DistinctRows.of(ok, design), np.zeros(2), np.ones(2, dtype=bool))
-    spread = np.linalg.inv(_information(design, beta)) * _dispersion(design, ok, beta, design_points)
+    spread: Floats = np.linalg.inv(information(design, beta)).astype(np.float64)
+    spread *= _dispersion(design, ok, beta, design_points)
     grid = np.linspace(hard.min(), hard.max(), _GRID_POINTS)
     rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
     logit = rows @ beta
-    half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(
-        np.einsum("ij,jk,ik->i", rows, spread, rows)
-    )
+    half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(variances(rows, spread))
     ends = (probability(logit - half_width), probability(logit + half_width))
     return Curve(state, hard.size, grid, probability(logit), *ends, _even_chance(beta, middle, scale, grid))
 
@@ -103,11 +102,6 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
     if passes.max() <= fails.min() or fails.max() <= passes.min():
         return CurveState.SEPARATED
     return CurveState.FITTED
-
-
-def _information(design: Floats, beta: Floats) -> Floats:
-    chance = probability(design @ beta)
-    return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design, dtype=np.float64)
 
 
 def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequence[str] | None) -> float:

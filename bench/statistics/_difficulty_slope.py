@@ -112,7 +112,7 @@ def difficulty_slope(
     hard: Floats = np.asarray(difficulty, dtype=np.float64).round(DIFFICULTY_DECIMALS)
     fails = np.asarray(failed, dtype=np.bool_)
     names = tuple(dict.fromkeys(agents))
-    code = np.array([names.index(agent) for agent in agents], dtype=np.int64)
+    code = cluster_codes(agents)
     trials = np.bincount(code, minlength=len(names))
     failures = np.bincount(code, weights=fails, minlength=len(names)).astype(np.int64)
     mixed = (failures > 0) & (failures < trials)
@@ -128,7 +128,10 @@ def difficulty_slope(
         trials=int(in_fit.sum()),
         design_points=len(set(points)),
         difficulties=len(np.unique(hard)),
-        agents=_abilities(names, trials, failures, {}),
+        agents=tuple(
+            AgentAbility(name, int(count), int(failed), None)
+            for name, count, failed in zip(names, trials, failures, strict=True)
+        ),
     )
     if empty.state is not SlopeState.FITTED:
         return empty
@@ -211,12 +214,3 @@ def _state(hard: Floats, any_mixed: bool, agents_in_fit: int, design_points: int
     if design_points < max(MIN_DESIGN_POINTS, agents_in_fit + 3):
         return SlopeState.TOO_FEW
     return SlopeState.FITTED
-
-
-def _abilities(
-    names: Sequence[str], trials: Counts, failures: Counts, even: dict[str, float]
-) -> tuple[AgentAbility, ...]:
-    return tuple(
-        AgentAbility(name, int(count), int(failed), even.get(name))
-        for name, count, failed in zip(names, trials, failures, strict=True)
-    )

@@ -13,6 +13,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import rel_entr
 
 from bench.arrays import Floats
 
@@ -119,12 +120,8 @@ def js_divergence(first: Floats, second: Floats) -> Floats:
     p = first / first.sum(axis=-1, keepdims=True)
     q = second / second.sum(axis=-1, keepdims=True)
     middle = (p + q) / 2
-    return np.clip((_relative_entropy(p, middle) + _relative_entropy(q, middle)) / 2, 0.0, 1.0)
-
-
-def _relative_entropy(p: Floats, middle: Floats) -> Floats:
-    ratio = np.divide(p, middle, out=np.ones_like(p), where=p > 0)
-    return np.asarray((p * np.log2(ratio)).sum(axis=-1))
+    bits: Floats = (rel_entr(p, middle) + rel_entr(q, middle)).sum(axis=-1) / (2.0 * np.log(2.0))
+    return np.clip(bits, 0.0, 1.0)
 
 
 def _outcome_class(outcome: NodeOutcome, band: float) -> int:
@@ -148,15 +145,11 @@ def _summed(indicators: Floats, clusters: Sequence[Hashable]) -> Floats:
 
 def _shuffled_pairs(first: Floats, second: Floats, rng: np.random.Generator, shuffles: int) -> Floats:
     swap_change, start = second - first, first.sum(axis=0)
-    batches = [
-        min(SHUFFLES_PER_BATCH, shuffles - shuffled) for shuffled in range(0, shuffles, SHUFFLES_PER_BATCH)
-    ]
-    return np.vstack(
-        [
-            start + rng.integers(0, 2, size=(count, len(first))).astype(np.float64) @ swap_change
-            for count in batches
-        ]
-    )
+    sums = []
+    for done in range(0, shuffles, SHUFFLES_PER_BATCH):
+        swapped = rng.integers(0, 2, size=(min(SHUFFLES_PER_BATCH, shuffles - done), len(first)))
+        sums.append(start + swapped.astype(np.float64) @ swap_change)
+    return np.vstack(sums)
 
 
 def _shuffled_runs(indicators: Floats, first_size: int, rng: np.random.Generator, shuffles: int) -> Floats:

@@ -17,6 +17,7 @@ from scipy import stats
 from bench.arrays import Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
+from ._firth import variances
 from ._terms import FactorColumn, design_matrix, terms_of
 
 
@@ -43,34 +44,17 @@ def difference_bounds(
     effects, runs_left = weights.T @ y, len(y) - x.shape[1]
     residual, errors = y - x @ effects, clustered_errors(scaled, clusters, weights)
     clustered = errors.T @ errors * float(stats.t.ppf(confidence, residual_df)) ** 2
-    unclustered = (
-        weights.T
-        @ weights
-        * float(residual @ residual)
-        / runs_left
-        * float(stats.t.ppf(confidence, runs_left)) ** 2
-    )
+    variance = float(residual @ residual) / runs_left
+    unclustered = weights.T @ weights * variance * float(stats.t.ppf(confidence, runs_left)) ** 2
     aliased = {name for term, others in terms.shared.items() for name in (term, *others)}
     for factor in factors:
         if factor.name in columns and factor.name not in aliased:
-            contrasts, columns_of_factor = _contrasts(factor), columns[factor.name]
-            half_width = np.sqrt(
-                np.maximum(
-                    *(
-                        np.einsum(
-                            "ij,jk,ik->i",
-                            contrasts,
-                            covariance[columns_of_factor, columns_of_factor],
-                            contrasts,
-                        )
-                        for covariance in (clustered, unclustered)
-                    )
-                )
-            )
-            bound = float((np.abs(contrasts @ effects[columns_of_factor]) + half_width).max())
-            bounds[factor.name] = min(
-                1.0, max(bound, 1.0 - (1.0 - confidence) ** (1.0 / _runs_per_level(factor)))
-            )
+            contrasts, part = _contrasts(factor), columns[factor.name]
+            squares = [variances(contrasts, squared[part, part]) for squared in (clustered, unclustered)]
+            half_width = np.sqrt(np.maximum(*squares))
+            bound = float((np.abs(contrasts @ effects[part]) + half_width).max())
+            least = 1.0 - (1.0 - confidence) ** (1.0 / _runs_per_level(factor))
+            bounds[factor.name] = min(1.0, max(bound, least))
     return bounds
 
 
@@ -79,12 +63,8 @@ def _contrasts(factor: FactorColumn) -> Floats:
     columns = factor.contrasts()[factor.active]
     if factor.is_line:
         return np.array([[np.ptp(columns)]])
-    level_codings = [
-        columns[int(np.flatnonzero(factor.codes() == code)[0])] for code in range(len(factor.levels))
-    ]
-    return np.array(
-        [first_level - second_level for first_level, second_level in itertools.combinations(level_codings, 2)]
-    )
+    _, first = np.unique(factor.codes(), return_index=True)
+    return np.array([one - other for one, other in itertools.combinations(columns[first], 2)])
 
 
 def _runs_per_level(factor: FactorColumn) -> int:

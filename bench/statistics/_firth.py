@@ -118,6 +118,17 @@ def _penalized_likelihood(rows: DistinctRows, beta: Floats, design_effect: float
     )
 
 
+def information(x: Floats, beta: Floats) -> Floats:
+    """Fisher's information (columns, columns) of a logistic regression on x (runs, columns)."""
+    chance = probability(x @ beta)
+    return np.asarray((x * (chance * (1 - chance))[:, None]).T @ x, dtype=np.float64)
+
+
+def variances(combinations: Floats, covariance: Floats) -> Floats:
+    """(n,) variances of linear combinations (n, coefficients) of estimates with this covariance."""
+    return np.asarray(np.einsum("ij,jk,ik->i", combinations, covariance, combinations), dtype=np.float64)
+
+
 def probability(line: Floats) -> Floats:
     """Chances of passing at these logits; beyond 500 no float tells them from 0 or 1."""
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(line, -500.0, 500.0))))

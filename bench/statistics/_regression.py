@@ -19,7 +19,7 @@ from scipy import optimize, stats
 from bench.arrays import Counts, Floats
 
 from ._anova import cluster_codes
-from ._firth import DistinctRows, maximize, probability
+from ._firth import DistinctRows, information, maximize, probability
 from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 
 FIRTH = "Firth's penalised likelihood"
@@ -241,14 +241,12 @@ def _with_covariance(beta: Floats, y: Floats, x: Floats, clusters: Counts) -> Li
     The sandwich has the usual correction for few clusters (Cameron, A. C. and Miller, D. L. (2015), "A practitioner's
     guide to cluster-robust inference", Journal of Human Resources 50, 317-372, equation 11 and the factor below it).
     """
-    chance = probability(x @ beta)
-    information = (x * (chance * (1 - chance))[:, None]).T @ x
-    bread = np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
+    bread = np.asarray(np.linalg.pinv(information(x, beta), hermitian=True), dtype=np.float64)
     points, (runs, columns) = int(clusters.max()) + 1, x.shape
     if points == runs:
         return LikelihoodFit(LIKELIHOOD, beta, bread, np.inf)
     slopes = np.zeros((points, columns))
-    np.add.at(slopes, clusters, x * (y - chance)[:, None])
+    np.add.at(slopes, clusters, x * (y - probability(x @ beta))[:, None])
     correction = points / (points - 1) * (runs - 1) / (runs - columns)
     covariance = correction * bread @ slopes.T @ slopes @ bread
     return LikelihoodFit(CLUSTERED_LIKELIHOOD, beta, covariance, points - columns)

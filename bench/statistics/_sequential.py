@@ -12,6 +12,7 @@ nonparametric, nonasymptotic confidence sequences", Annals of Statistics 49(2), 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -41,8 +42,12 @@ def pass_rate_bounds(
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)
     best = k / np.maximum(n, 1.0)
-    low = np.where(k > 0, _bisected_bound(k, n - k, limit, np.zeros_like(best), best), 0.0)
-    high = np.where(n - k > 0, _bisected_bound(k, n - k, limit, np.ones_like(best), best), 1.0)
+
+    def holds(rate: Floats) -> Bools:
+        return np.asarray(special.xlogy(k, rate) + special.xlog1py(n - k, -rate) > limit, dtype=np.bool_)
+
+    low = np.where(k > 0, _bisected(holds, np.zeros_like(best), best), 0.0)
+    high = np.where(n - k > 0, _bisected(holds, np.ones_like(best), best), 1.0)
     return low, high
 
 
@@ -66,23 +71,22 @@ def mean_bounds(
 
 
 def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
-    """The lower bound of the mean, by bisection, as the mixture falls with the mean."""
+    """The lower bound of the mean; the mixture falls with the mean."""
     limit = np.log(2.0 / (1.0 - level)) + np.log(_TILTS.size)
-    outside, inside = np.zeros_like(trials), total / np.maximum(trials, 1.0)
-    for _ in range(_BISECTION_STEPS):
-        middle = 0.5 * (outside + inside)
-        gained = [tilt * total - trials * np.log1p(middle * np.expm1(tilt)) for tilt in _TILTS]
-        holds = special.logsumexp(gained, axis=0) < limit
-        inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
-    return outside
+
+    def holds(mean: Floats) -> Bools:
+        gained = [tilt * total - trials * np.log1p(mean * np.expm1(tilt)) for tilt in _TILTS]
+        return np.asarray(special.logsumexp(gained, axis=0) < limit, dtype=np.bool_)
+
+    return _bisected(holds, np.zeros_like(trials), total / np.maximum(trials, 1.0))
 
 
-def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
-    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best one."""
+def _bisected(holds: Callable[[Floats], Bools], outside: Floats, inside: Floats) -> Floats:
+    """The edge of what holds, by bisection between an excluded value and one inside."""
     for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
-        holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
-        inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
+        is_inside = holds(middle)
+        inside, outside = np.where(is_inside, middle, inside), np.where(is_inside, outside, middle)
     return outside
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats.contingency import association, crosstab
 
 from bench.arrays import Bools, Counts, Floats
 
@@ -262,11 +263,8 @@ def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColum
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
     """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics, 21.9)."""
-    table = np.zeros((len(first.levels), len(second.levels)))
-    np.add.at(table, (first.codes(), second.codes()), 1.0)
-    expected = table.sum(axis=1, keepdims=True) * table.sum(axis=0, keepdims=True) / table.sum()
-    chi2 = float(((table - expected) ** 2 / expected).sum())
-    return float(np.sqrt(chi2 / (table.sum() * (min(table.shape) - 1))))
+    table = crosstab(first.codes(), second.codes()).count
+    return float(association(table, method="cramer"))
 
 
 def _largest(values: Iterable[tuple[float, tuple[str, str]]]) -> tuple[float | None, tuple[str, str] | None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -78,7 +78,7 @@ class _Views:
     probability: Floats
     doubt: Floats
     points: tuple[SizePoint, ...] = ()
-    factors: Mapping[str, float] | None = None  # by true label
+    factors: Mapping[str, float] = field(default_factory=dict)  # by true label
 
 
 def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
@@ -90,11 +90,9 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     matched = match_runs(runs)
     rows = _sightings(matched)
     if not rows.hit.any():
-        raise SetupError(
-            "fit-detector",
-            "no detection in these recordings lies on an actor",
-            "give recordings with detections of actors; with perception.source agent there are none",
-        )
+        what = "no detection in these recordings lies on an actor"
+        remedy = "give recordings with detections of actors; with perception.source agent there are none"
+        raise SetupError("fit-detector", what, remedy)
     stated = SizeCurve(given.half_height_px, given.slope, given.ceiling)
     fitted = fit_curve(rows.size_px, rows.hit, stated)
     form = fitted or stated
@@ -105,14 +103,16 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     boxes, false = fit_boxes(matched), fit_false(matched)
     pairs = _frame_pairs(rows)
     both = int(rows.hit[pairs].all(axis=1).sum())
+    mislabel = _at_threshold(rows, views.doubt, rows.known & rows.confusable)
     track_spans_s, switches = _track_changes(rows)
     latency_s, latency_jitter_s = fit_latency(matched)
     estimates: dict[str, Any] = {
         **({} if fitted is None else fitted.parameters),
         "size_curve": views.points,
-        "class_factors": dict(views.factors or {}),
+        "class_factors": dict(views.factors),
         **_correlation_estimates(rows, views, pairs, both),
-        **_label_estimates(rows, views.doubt),
+        "confusion": _confusion(rows, views.doubt),
+        **({} if mislabel is None else {"mislabel": mislabel}),
         "jitter_share": 0.0,
         "drift_px": 0.0,
         "drift_s": DetectionModel().drift_s,
@@ -167,12 +167,6 @@ def _correlation_estimates(rows: _Sightings, views: _Views, pairs: Counts, both_
     first, second = pairs.T
     p, span_s = views.probability, rows.time_s[second] - rows.time_s[first]
     return {"correlation_s": fit_correlation_s(p[first], p[second], span_s, both_hit)}
-
-
-def _label_estimates(rows: _Sightings, doubt: Floats) -> dict[str, Any]:
-    mislabel = _at_threshold(rows, doubt, rows.known & rows.confusable)
-    stated = {} if mislabel is None else {"mislabel": mislabel}
-    return {"confusion": _confusion(rows, doubt), **stated}
 
 
 def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
@@ -282,15 +276,12 @@ def _track_changes(rows: _Sightings) -> tuple[Floats, int]:
 
 def _label_counts(rows: _Sightings) -> dict[str, LabelCounts]:
     """Of the detections with a known label."""
-    counts: dict[str, Counter[str]] = {}
-    for true, label in zip(
-        rows.true_label[rows.known].tolist(), rows.label[rows.known].tolist(), strict=True
-    ):
-        counts.setdefault(true, Counter())[label] += 1
-    return {
-        true: LabelCounts(detections=row.total(), labels=dict(sorted(row.items())))
-        for true, row in sorted(counts.items())
-    }
+    labels = rows.label[rows.known]
+    counts = {}
+    for true in np.unique(rows.true_label[rows.known]).tolist():
+        row = Counter(labels[rows.true_label[rows.known] == true].tolist())
+        counts[true] = LabelCounts(detections=row.total(), labels=dict(sorted(row.items())))
+    return counts
 
 
 def _confusion(rows: _Sightings, doubt: Floats) -> dict[str, dict[str, float]]:
@@ -299,9 +290,8 @@ def _confusion(rows: _Sightings, doubt: Floats) -> dict[str, dict[str, float]]:
     for true, counts in _label_counts(rows).items():
         probability = _at_threshold(rows, doubt, rows.known & (rows.true_label == true))
         if probability is not None:
-            confusion[true] = shares_of(
-                probability, {name: count for name, count in counts.labels.items() if name != true}
-            )
+            wrong = {name: count for name, count in counts.labels.items() if name != true}
+            confusion[true] = shares_of(probability, wrong)
     return confusion
 
 

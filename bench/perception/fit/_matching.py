@@ -112,11 +112,10 @@ def _matched(simspec: SimSpec, tape: Tape, camera: Camera, gate: tuple[float, fl
 
 def _in_outage(simspec: SimSpec, answer: DetectionFrame) -> bool:
     """Whether a result came while the service lost detections: that is not how the detector is."""
-    moments = (answer.exposed, answer.published)
     return any(
         outage.kind != "operator_link" and outage.at_s <= moment.s < outage.until_s
         for outage in simspec.outages
-        for moment in moments
+        for moment in (answer.exposed, answer.published)
     )
 
 
@@ -154,12 +153,8 @@ def _pairs(
     possible = apart_px <= gate_px
     # As in the CLEAR MOT metrics (Bernardin and Stiefelhagen 2008), a correspondence that still holds is kept before a
     # nearer one is made, so that two actors who pass each other do not look like a switch.
-    continued = np.array(
-        [
-            [bool(item.track) and last.get(sighting.actor) == item.track for item in detections]
-            for sighting in sightings
-        ]
-    )
+    former, tracks = [last.get(item.actor, "") for item in sightings], [item.track for item in detections]
+    continued = np.array([[bool(track) and track == other for track in tracks] for other in former])
     # In shares of the gate: a large object must not take a small one's detection for being nearer to it in pixels.
     cost = np.where(possible, apart_px / gate_px - np.where(continued, 1.0, 0.0), 1e3)
     rows, columns = linear_sum_assignment(cost)

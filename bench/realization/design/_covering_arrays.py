@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ MAX_ASSIGNMENTS = 200_000
 class CoveringArray(Document):
     """Every allowed combination of levels of any `strength` factors at least once, in few points."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["covering_array"] = "covering_array"
     strength: int = Field(2, ge=1, le=4, description="2 covers all pairs, 3 all triples.")
 
@@ -133,7 +132,7 @@ def _covering_rows(
     rows = [
         row
         for numbers in itertools.product(*(range(sizes[at]) for at in first))
-        if possible(row := _row(sizes, first, numbers))
+        if possible(row := partial_row(sizes, first, numbers))
     ]
     for count in range(strength, len(order)):
         _extend_rows(
@@ -143,7 +142,8 @@ def _covering_rows(
     return [possible.levels(row) for row in filled if row is not None]
 
 
-def _row(sizes: Sequence[int], places: Sequence[int], numbers: Sequence[int]) -> list[int]:
+def partial_row(sizes: Sequence[int], places: Sequence[int], numbers: Sequence[int]) -> list[int]:
+    """A row with these numbers of levels at these places, and nothing else set."""
     row = [UNSET] * len(sizes)
     for at, number in zip(places, numbers, strict=True):
         row[at] = number
@@ -175,7 +175,7 @@ class _UncoveredCombinations:
             constrained = bool(bound & {*factors, new})
             for code, numbers in enumerate(itertools.product(*(range(sizes[at]) for at in factors))):
                 for level in range(sizes[new]):
-                    row = _row(sizes, [*factors, new], [*numbers, level]) if constrained else None
+                    row = partial_row(sizes, [*factors, new], [*numbers, level]) if constrained else None
                     self.open[place, code, level] = row is None or possible(row)
         self._every = np.arange(len(self.sets))
 
@@ -202,7 +202,7 @@ class _UncoveredCombinations:
                 for at in reversed(factors):
                     code, number = divmod(code, self._sizes[at])
                     numbers.append(number)
-                yield _row(self._sizes, [*factors, self.new], [*reversed(numbers), level])
+                yield partial_row(self._sizes, [*factors, self.new], [*reversed(numbers), level])
 
     def _codes(self, row: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         numbers = np.array(row, dtype=np.int64)
@@ -239,13 +239,8 @@ def _extend_rows(
 
 
 def _fits(row: Sequence[int], wanted: Sequence[int]) -> bool:
-    return all(
-        level in (UNSET, wanted_level) or wanted_level == UNSET
-        for level, wanted_level in zip(row, wanted, strict=True)
-    )
+    return all(UNSET in levels or levels[0] == levels[1] for levels in zip(row, wanted, strict=True))
 
 
 def _merged(row: Sequence[int], wanted: Sequence[int]) -> list[int]:
-    return [
-        wanted_level if level == UNSET else level for level, wanted_level in zip(row, wanted, strict=True)
-    ]
+    return [other if level == UNSET else level for level, other in zip(row, wanted, strict=True)]

@@ -45,8 +45,11 @@ Method = Annotated[
     Field(discriminator="kind"),
 ]
 """Documents: a campaign gives the `kind` and its options. `combinations(space, seed)` has the points in order, with the levels
-of all factors, and raises ValueError with a sentence; with `grows` more points leave the earlier ones as they were.
+of all factors, and raises ValueError with a sentence.
 """
+
+GROWING = (Halton, Sobol, Stratified)
+"""Methods of which more points leave the earlier ones as they were."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +128,11 @@ class Design(Document):
         return (self.method, *self.then)
 
     @property
+    def grows(self) -> bool:
+        """Whether points can be added later."""
+        return isinstance(self.methods[-1], GROWING)
+
+    @property
     def space(self) -> FactorSpace:
         """The factors as a whole."""
         return FactorSpace(self.factors, self.forbid)
@@ -188,11 +196,9 @@ class Design(Document):
 
     def _seed(self, place: int) -> int:
         """The design's seed for its first method, and a derived seed for each further one."""
-        return (
-            self.seed
-            if place == 0
-            else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
-        )
+        if place == 0:
+            return self.seed
+        return int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
 
 
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:

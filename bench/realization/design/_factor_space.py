@@ -34,11 +34,10 @@ class FactorSpace:
         self.factors = tuple(factors)
         self.free = tuple(factor for factor in factors if factor.formula is None)
         by_name = {factor.name: factor for factor in factors}
-        texts = {
-            factor.name: factor.formula or factor.when for factor in factors if factor.formula or factor.when
-        }
         self._expressions = {
-            name: _parsed(f"factor {name!r}", str(text), by_name) for name, text in texts.items()
+            factor.name: _parsed(f"factor {factor.name!r}", text, by_name)
+            for factor in factors
+            if (text := factor.formula or factor.when)
         }
         self._forbidden = [_parsed("forbid", text, by_name) for text in forbid]
         try:
@@ -86,15 +85,11 @@ class FactorSpace:
 
     def rules(self) -> tuple[LevelRule, ...]:
         """All rules for a choice of levels, `inactive` included."""
-        switches = [
-            LevelRule(self._support([factor.name]), self._switch_broken(factor))
-            for factor in self.free
-            if factor.when
-        ]
-        bans = [
-            LevelRule(self._support(factor.names), self._ban_broken(factor)) for factor in self._forbidden
-        ]
-        return (*switches, *bans)
+        switched = [factor for factor in self.free if factor.when]
+        return (
+            *(LevelRule(self._support([factor.name]), self._switch_broken(factor)) for factor in switched),
+            *(LevelRule(self._support(ban.names), self._ban_broken(ban)) for ban in self._forbidden),
+        )
 
     def whole(self, chosen: Iterable[Mapping[str, FactorLevel]]) -> Iterator[FactorLevels]:
         """Each choice completed, in order, without the forbidden ones."""
@@ -208,11 +203,9 @@ def _check_compared(where: str, text: str, factor: DesignFactor, value: str | bo
     ):
         return
     value_text = "true" if value is True else "false" if value is False else repr(value)
-    levels = (
-        ", ".join(map(str, factor.levels))
-        if factor.range is None
-        else f"{factor.range.low:g} ... {factor.range.high:g}"
-    )
+    levels = ", ".join(map(str, factor.levels))
+    if factor.range is not None:
+        levels = f"{factor.range.low:g} ... {factor.range.high:g}"
     raise ValueError(
         f"{where}: {text!r} compares {factor.name!r} with {value_text}, which it never is (it has: {levels})"
     )

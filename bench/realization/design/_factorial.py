@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -17,7 +17,6 @@ from ._factors import MAX_POINTS, FactorLevels
 class FullFactorial(Document):
     """Every combination of all levels, in the order of the factors, the last one changing fastest."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["full_factorial"] = "full_factorial"
     take: int | None = Field(
         None, ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent."
@@ -40,7 +39,6 @@ class FullFactorial(Document):
 class OneByOne(Document):
     """The first level of every factor, then each other level of each factor with the rest at their first."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["one_by_one"] = "one_by_one"
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:

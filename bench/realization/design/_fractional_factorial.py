@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,7 +19,7 @@ from bench.documents import Document
 from bench.simspec import Identifier
 
 from ._factor_space import FactorSpace
-from ._factors import DesignFactor, FactorLevels
+from ._factors import DesignFactor, FactorLevel, FactorLevels
 
 MAX_RUNS = 4096
 
@@ -34,7 +34,6 @@ class FractionalFactorial(Document):
     each other too.
     """
 
-    grows: ClassVar[bool] = False
     kind: Literal["fractional_factorial"] = "fractional_factorial"
     resolution: int | None = Field(
         None, ge=3, le=8, description="The least runs that have at least this resolution."
@@ -56,10 +55,8 @@ class FractionalFactorial(Document):
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
-        return space.every(
-            two_level_points(space.free, _runs_of(self._columns([factor.name for factor in space.free]))),
-            self.kind,
-        )
+        signs = _runs_of(self._columns([factor.name for factor in space.free]))
+        return space.every(two_level_points(space.free, signs), self.kind)
 
     def _columns(self, names: Sequence[str]) -> tuple[int, ...]:
         """Each factor's column as the set of base factors whose product it is, a bit each."""
@@ -172,9 +169,16 @@ def _runs_of(columns: Sequence[int]) -> Counts:
 
 
 def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:
-    ends = [factor.ends() for factor in factors]
+    """Points from signs (points, factors): the first level for -1, the second for +1."""
+    return points_at(factors, [factor.ends() for factor in factors], (signs + 1) // 2)
+
+
+def points_at(
+    factors: Sequence[DesignFactor], levels: Sequence[Sequence[FactorLevel]], places: Counts
+) -> list[FactorLevels]:
+    """Points from the places (points, factors) of each factor's level among its `levels`."""
     names = [factor.name for factor in factors]
     return [
-        {name: end[sign > 0] for name, end, sign in zip(names, ends, row, strict=True)}
-        for row in signs.tolist()
+        {name: choices[place] for name, choices, place in zip(names, levels, row, strict=True)}
+        for row in places.tolist()
     ]

@@ -6,7 +6,7 @@ Latin hypercube, and so are those at high fidelity among themselves.
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ MAXIMIN_DRAWS = 20
 class Nested(Document):
     """A Latin hypercube at low fidelity, and some of its points, in the same scenes, at high fidelity."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"
     points: int = Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")
     high: int = Field(ge=1, description="How many of them are flown at high fidelity too.")

@@ -9,7 +9,7 @@ search included, is in whole numbers: a correlation of 0 is exact, and every mac
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -45,7 +45,6 @@ class OrthogonalLatinHypercube(Document):
     32, 33, 64, 65 ...
     """
 
-    grows: ClassVar[bool] = False
     kind: Literal["orthogonal_latin_hypercube"] = "orthogonal_latin_hypercube"
     points: int | None = Field(
         None,
@@ -64,7 +63,6 @@ class OrthogonalLatinHypercube(Document):
 class NearlyOrthogonalLatinHypercube(Document):
     """A Latin hypercube of any number of points, searched for small correlations between all columns."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["nearly_orthogonal_latin_hypercube"] = "nearly_orthogonal_latin_hypercube"
     points: int = Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)
 

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._covering_arrays import PartialAssignments
+from ._covering_arrays import PartialAssignments, partial_row
 from ._design import DesignPoint
 from ._factor_space import FactorSpace
 from ._factors import INACTIVE, DesignFactor, FactorLevel
@@ -106,10 +106,9 @@ class DesignQuality(Document):
             pair = _in_brackets(self.interacting)
             yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{pair}"
         if self.aliased:
-            more = (
-                f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
-            )
-            yield f"cannot be separated: {'; '.join(self.aliased[:SHOWN_ALIASES])}{more}"
+            rest = len(self.aliased) - SHOWN_ALIASES
+            more = [f"and {rest} more"] if rest > 0 else []
+            yield f"cannot be separated: {'; '.join([*self.aliased[:SHOWN_ALIASES], *more])}"
         if self.estimable is False:
             yield "there are too few points, or too similar ones, to estimate the main effects of all factors"
         if self.discrepancy is not None and self.min_distance is not None:
@@ -218,10 +217,7 @@ def _possible(
             count += math.prod(sizes[at] for at in chosen)
             continue
         for numbers in itertools.product(*(range(sizes[at]) for at in chosen)):
-            row = [-1] * len(sizes)
-            for at, number in zip(chosen, numbers, strict=True):
-                row[at] = number
-            count += possible(row)
+            count += possible(partial_row(sizes, chosen, numbers))
     return count
 
 
@@ -271,9 +267,8 @@ def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArra
     """Indices of levels scaled to [0, 1]; None for a range, for one level, and where some are inactive."""
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
-    return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (
-        len(factor.levels) - 1
-    )
+    places = [factor.levels.index(point.levels[factor.name]) for point in points]
+    return np.array(places) / (len(factor.levels) - 1)
 
 
 def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
@@ -341,10 +336,7 @@ def _interactions(
     pairs = list(itertools.combinations(range(len(names)), 2))
     if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
         return None, (), ()
-    products = {
-        f"{names[first_column]} x {names[second_column]}": mains[:, first_column] * mains[:, second_column]
-        for first_column, second_column in pairs
-    }
+    products = {f"{names[one]} x {names[other]}": mains[:, one] * mains[:, other] for one, other in pairs}
     terms, crossed = _units(products)
     if not terms:
         return None, (), ()

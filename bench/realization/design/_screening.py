@@ -10,7 +10,7 @@ C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,7 +20,7 @@ from bench.documents import Document
 
 from ._factor_space import FactorSpace
 from ._factors import DesignFactor, FactorLevel, FactorLevels
-from ._fractional_factorial import two_level_points
+from ._fractional_factorial import points_at, two_level_points
 from ._hadamard import conference_matrix, hadamard_matrix
 
 # Chosen, not measured.
@@ -34,7 +34,6 @@ class PlackettBurman(Document):
     folded over.
     """
 
-    grows: ClassVar[bool] = False
     kind: Literal["plackett_burman"] = "plackett_burman"
     foldover: bool = Field(
         False, description="Fly each run mirrored too: twice the runs, main effects free of pairs."
@@ -43,26 +42,19 @@ class PlackettBurman(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         signs = plackett_burman(len(space.free))
-        return space.every(
-            two_level_points(space.free, np.vstack([signs, -signs]) if self.foldover else signs), self.kind
-        )
+        signs = np.vstack([signs, -signs]) if self.foldover else signs
+        return space.every(two_level_points(space.free, signs), self.kind)
 
 
 class DefinitiveScreening(Document):
     """Three levels of k factors in about 2 k + 1 runs: main effects apart from all of second order."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["definitive_screening"] = "definitive_screening"
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         levels = [_three_levels(factor) for factor in space.free]
-        rows = definitive_screening(len(levels))
-        names = [factor.name for factor in space.free]
-        points = [
-            {name: three[sign + 1] for name, three, sign in zip(names, levels, row, strict=True)}
-            for row in rows.tolist()
-        ]
+        points = points_at(space.free, levels, definitive_screening(len(levels)) + 1)
         return space.every(points, self.kind)
 
 

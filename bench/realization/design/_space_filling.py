@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ HALTON_BLOCK = 256
 class LatinHypercube(Document):
     """Points that take every factor's range in equal strata, once each; of low centred discrepancy."""
 
-    grows: ClassVar[bool] = False
     kind: Literal["latin_hypercube"] = "latin_hypercube"
     points: int = Field(ge=1, le=10_000)
 
@@ -33,7 +32,6 @@ class LatinHypercube(Document):
 class Halton(Document):
     """The first points of a scrambled Halton sequence: points added later leave the earlier ones."""
 
-    grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
     points: int = Field(ge=1, le=MAX_POINTS)
 
@@ -44,7 +42,6 @@ class Halton(Document):
 class Sobol(Document):
     """The first points of a scrambled Sobol sequence, best as powers of two; more leave the earlier ones."""
 
-    grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"
     points: int = Field(ge=1, le=MAX_POINTS)
 

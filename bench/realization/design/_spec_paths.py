@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_-]+)\])?")
@@ -30,15 +31,6 @@ UNITS = {
     "wh": "Wh",
     "level": "level",
 }
-
-
-class PathFault(Exception):
-    """A path that does not exist: what is wrong, and the remedy."""
-
-    def __init__(self, what: str, remedy: str) -> None:
-        super().__init__(what)
-        self.what = what
-        self.remedy = remedy
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +59,17 @@ class SpecPath:
 
 
 def find_path(base: SimSpec, text: str) -> SpecPath:
-    """The path in `base`. Raises PathFault when it does not exist or realization itself writes it."""
+    """The path in `base`. Raises SetupError when it does not exist or realization itself writes it."""
     owned = next((field for field in OWNED if text == field or text.startswith(f"{field}.")), None)
     if owned:
-        raise PathFault(
-            f"{owned} is written by realization itself", "agents, names and seeds come from the campaign"
-        )
+        what = f"{owned} is written by realization itself"
+        raise SetupError(text, what, "agents, names and seeds come from the campaign")
     value: Any = base
     steps: list[str | int] = []
     for part in text.split("."):
         match = _PART.fullmatch(part)
         if match is None:
-            raise PathFault(f"{part!r} is not a step of a path", "write field.field or list[id].field")
+            raise SetupError(text, f"{part!r} is not a step of a path", "write field.field or list[id].field")
         value = _field(value, match["name"], steps)
         steps.append(match["name"])
         if match["member"] is not None:
@@ -93,22 +84,21 @@ def _field(value: Any, name: str, steps: list[str | int]) -> Any:
         # An open table such as vehicle.parameters takes any key.
         return value.get(name)
     if value is None:
-        raise PathFault(
-            f"{where} is not given in the base SimSpec",
-            "write it there, so that the factor has something to change",
-        )
+        remedy = "write it there, so that the factor has something to change"
+        raise SetupError(where, f"{where} is not given in the base SimSpec", remedy)
     if not isinstance(value, BaseModel):
-        raise PathFault(f"{where} is a plain value and has no field {name!r}", f"end the path at {where}")
+        what = f"{where} is a plain value and has no field {name!r}"
+        raise SetupError(where, what, f"end the path at {where}")
     fields = type(value).model_fields
     if name not in fields:
-        raise PathFault(f"{where} has no field {name!r}", _nearest(name, fields))
+        raise SetupError(where, f"{where} has no field {name!r}", _nearest(name, fields))
     return getattr(value, name)
 
 
 def _member(value: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
     where = _dotted(steps)
     if not isinstance(value, tuple):
-        raise PathFault(f"{where} is not a list", f"drop [{member}]")
+        raise SetupError(where, f"{where} is not a list", f"drop [{member}]")
     ids = [getattr(item, "id", str(index)) for index, item in enumerate(value)]
     # Ids take precedence over numbers, because an id may consist of digits.
     if member in ids:
@@ -116,7 +106,7 @@ def _member(value: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
     elif member.isdigit() and int(member) < len(value):
         index = int(member)
     else:
-        raise PathFault(f"{where} has no member {member!r}", _nearest(member, ids))
+        raise SetupError(where, f"{where} has no member {member!r}", _nearest(member, ids))
     return value[index], index
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -28,7 +28,6 @@ class Stratified(Document):
     Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. Points added later leave the earlier ones unchanged.
     """
 
-    grows: ClassVar[bool] = True
     kind: Literal["stratified"] = "stratified"
     points: int = Field(ge=1, le=10_000)
     candidates: int = Field(

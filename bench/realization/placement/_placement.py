@@ -65,9 +65,8 @@ def place(simspec: SimSpec) -> SimSpec:
     """
     placed = _searched(simspec)
     if faults := check_placement(placed):
-        fault_text = "; ".join(map(str, faults[:5])) + (
-            f"; and {len(faults) - 5} more" if len(faults) > 5 else ""
-        )
+        more = [f"and {len(faults) - 5} more"] if len(faults) > 5 else []
+        fault_text = "; ".join([*map(str, faults[:5]), *more])
         raise PlacementUnsound(
             f"placement broke its rules in {simspec.name!r}, seed {simspec.seeds.root}, so the scene is not used: {fault_text} "
             "(a bench error: report it with this SimSpec; until it is fixed, try another seed)"
@@ -85,9 +84,8 @@ def _searched(simspec: SimSpec) -> SimSpec:
     remaining: dict[str, Geometry] | None = None
     for attempt in range(MAX_ATTEMPTS):
         try:
-            return with_places(
-                simspec, sample_placement(simspec, order, attempt, budget, remaining), "sampling"
-            )
+            placed = sample_placement(simspec, order, attempt, budget, remaining)
+            return with_places(simspec, placed, "sampling")
         except SamplingStalled as reason:
             if stuck is None and (clash := prove_infeasible(simspec, order)):
                 raise clash from None
@@ -153,13 +151,8 @@ def placement_order(simspec: SimSpec) -> list[ActorGroup]:
         ready = next((group for group in waiting if prerequisite_groups(simspec, group) <= known), None)
         if ready is None:
             names = ", ".join(group.id for group in waiting)
-            faults.append(
-                Fault(
-                    "actors",
-                    f"the groups {names} relate to each other in a circle",
-                    "drop one of the relations",
-                )
-            )
+            what = f"the groups {names} relate to each other in a circle"
+            faults.append(Fault("actors", what, "drop one of the relations"))
         else:
             waiting.remove(ready)
             ordered.append(ready)
@@ -188,18 +181,12 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         if member_count(simspec, group) and (
             empty := [other for other in sorted(names_in_relations(group)) if least.get(other) == 0]
         ):
-            yield Fault(
-                f"{where}.placement",
-                f"relates to {empty[0]!r}, which has no members",
-                "give it members or drop the relation",
-            )
+            what = f"relates to {empty[0]!r}, which has no members"
+            yield Fault(f"{where}.placement", what, "give it members or drop the relation")
     for index, report in enumerate(simspec.intelligence):
         if not simspec.group(report.about).member_count(area_m2):
-            yield Fault(
-                f"intelligence[{index}].about",
-                f"group {report.about!r} has no members",
-                "give it at least one",
-            )
+            what = f"group {report.about!r} has no members"
+            yield Fault(f"intelligence[{index}].about", what, "give it at least one")
 
 
 def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
@@ -209,11 +196,8 @@ def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fa
         return
     for other in simspec.actors:
         if other.id == between.first and other.member_count(simspec.world.area.area_m2) < 2:
-            yield Fault(
-                f"{where}.placement.between",
-                f"needs two members of {other.id!r}, which may have fewer",
-                "give it two, or name two groups",
-            )
+            what = f"needs two members of {other.id!r}, which may have fewer"
+            yield Fault(f"{where}.placement.between", what, "give it two, or name two groups")
 
 
 def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:
@@ -247,11 +231,10 @@ def _realized(simspec: SimSpec, placed: Mapping[str, Footprints], method: str) -
 
 def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[PlacedReport, ...]:
     area = prepared_ground(simspec.world.area)
+    rngs = (generator(simspec.seeds, "intelligence", index) for index in range(len(simspec.intelligence)))
     return tuple(
-        _report(
-            report, placed[report.about].centre_m[0], area, generator(simspec.seeds, "intelligence", index)
-        )
-        for index, report in enumerate(simspec.intelligence)
+        _report(report, placed[report.about].centre_m[0], area, rng)
+        for report, rng in zip(simspec.intelligence, rngs, strict=True)
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,10 +16,7 @@ from .relations._relation import HOME_CLEARANCE_M
 
 def home_obstacle(simspec: SimSpec) -> Footprints:
     """The vehicle's home as an obstacle with a clearance around it."""
-    home = simspec.vehicle.home
-    return Footprints(
-        np.array([[home.east_m, home.north_m]]), np.zeros(1), np.zeros((1, 2)), np.full(1, HOME_CLEARANCE_M)
-    )
+    return replace(point_footprint(simspec.vehicle.home), gap_m=np.full(1, HOME_CLEARANCE_M))
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,8 +69,7 @@ def assurance_case(data: ReportData, agent: str) -> AssuranceCase:
         recordings={
             run.realization: run.recording_sha256
             for run in data.runs
-            if run.agent == agent and run.recording_sha256
-            if run.outcome and run.outcome.counts and not run.after_stop
+            if run.agent == agent and run.recording_sha256 and run.counts
         },
     )
 

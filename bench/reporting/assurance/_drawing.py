@@ -76,12 +76,10 @@ class _Box:
 
     @property
     def height(self) -> int:
+        if self.element.kind == "solution":
+            return SOLUTION_PX
         # Ovals have less room at their ends.
-        return (
-            SOLUTION_PX
-            if self.element.kind == "solution"
-            else LINE_PX * (len(self.lines) + 1) + (30 if self.is_oval else 14)
-        )
+        return LINE_PX * (len(self.lines) + 1) + (30 if self.is_oval else 14)
 
 
 def _place(name: str, boxes: dict[str, _Box], ends: dict[int, float]) -> None:
@@ -101,11 +99,7 @@ def _place(name: str, boxes: dict[str, _Box], ends: dict[int, float]) -> None:
 
 
 def _curve(parent: _Box, child: _Box) -> str:
-    x, y, end_x, end_y = (
-        parent.x + parent.width,
-        parent.y + parent.height / 2,
-        child.x - 7,
-        child.y + child.height / 2,
-    )
+    x, y = parent.x + parent.width, parent.y + parent.height / 2
+    end_x, end_y = child.x - 7, child.y + child.height / 2
     middle = (x + end_x) / 2
     return f"M{x:g} {y:g}C{middle:g} {y:g} {middle:g} {end_y:g} {end_x:g} {end_y:g}"

@@ -48,15 +48,8 @@ def curve_figure(
 def _curve(plot: Plot, style: AgentStyle, curve: Curve) -> None:
     if not curve.drawn:
         return
-    x, middle, low, high = (
-        [scale * float(value) for value in values]
-        for values, scale in (
-            (curve.difficulty, 1),
-            (curve.probability, 100),
-            (curve.low, 100),
-            (curve.high, 100),
-        )
-    )
+    x = curve.difficulty.tolist()
+    middle, low, high = ((100 * shares).tolist() for shares in (curve.probability, curve.low, curve.high))
     band = [*zip(x, high, strict=True), *reversed(list(zip(x, low, strict=True)))]
     plot.line(band, "none", fill=style.fill, opacity=0.5)
     # Dotted where the runs do not fix the curve: all passed, none passed, or separated.

@@ -77,7 +77,7 @@ def graph_svg(
         for name in decomposition.nodes
     }
     coloured = (
-        {name: colour(_tally(data, flown, name), by) for name in decomposition.nodes}
+        {name: colour(data.tally(flown, name), by) for name in decomposition.nodes}
         if data is not None
         else {}
     )
@@ -104,7 +104,7 @@ def graph_svg(
                     node.title, MAX_TITLE_CHARACTERS - (NUMBER_CHARACTERS if data is not None else 0)
                 ),
                 "studied": name in decomposition.document.study,
-                "also": _parents_text(len(decomposition.parents[name])),
+                "also": f"{parents} parents" if (parents := len(decomposition.parents[name])) > 1 else "",
                 "coloured": coloured.get(name),
             }
             for name, node in decomposition.nodes.items()
@@ -180,13 +180,10 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
         return NodeColour(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
     if by == "competence":
         competence = tally.competence.get("50")
-        return (
-            NodeColour(ABSENT, "–")
-            if competence is None
-            else NodeColour(
-                _step(competence.value), f"{'≥ ' if competence.at_least else ''}{competence.value:.0f}"
-            )
-        )
+        if competence is None:
+            return NodeColour(ABSENT, "–")
+        mark = "≥ " if competence.at_least else ""
+        return NodeColour(_step(competence.value), f"{mark}{competence.value:.0f}")
     if tally.score is None:
         return NodeColour(UNSCORED, "none")
     return NodeColour(_step(tally.score), f"{tally.score:.0f}{' †' if tally.raised else ''}")
@@ -209,10 +206,6 @@ def _agent(data: ReportData | None, agent: str | None) -> str:
     return agent or data.agents[0]
 
 
-def _tally(data: ReportData | None, agent: str, node: str) -> Tally | None:
-    return data.tally(agent, node) if data is not None else None
-
-
 def _notes(decomposition: Decomposition, data: ReportData) -> Iterator[str]:
     yield from data.notes
     # None: the decomposition of the campaign could not be read, which has a note already.
@@ -233,10 +226,6 @@ def _curve(parent: tuple[float, float], child: tuple[float, float]) -> str:
 
 def _short(title: str, max_characters: int) -> str:
     return title if len(title) <= max_characters else f"{title[: max_characters - 1].rstrip()}…"
-
-
-def _parents_text(parents: int) -> str:
-    return f"{parents} parents" if parents > 1 else ""
 
 
 def _described(decomposition: Decomposition, name: str) -> dict[str, Any]:
@@ -281,13 +270,9 @@ def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]
 
 def _plain(value: bool | float | str) -> str:
     # Booleans as YAML writes them, because options are read in a YAML document.
-    return (
-        str(value).lower()
-        if isinstance(value, bool)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _table(row: KeyFactor) -> dict[str, Any]:

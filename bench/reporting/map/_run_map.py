@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 
 from bench.arrays import Floats
-from bench.contracts import Decision, Tape, Timed
+from bench.contracts import Tape
 from bench.simspec import Polygon, Role, SimSpec
 
 from .._campaign_data import Run
@@ -106,7 +106,10 @@ def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         actors=_actors(tape),
         flight=_flight(tape),
         reports=map_reports(tape, simspec.rules.no_mark_within_m),
-        decisions=tuple(_decision(decision) for decision in tape.decisions[:MESSAGE_ROWS]),
+        decisions=tuple(
+            (round(decision.time.s, 2), decision.value.action, decision.value.subject, decision.value.reason)
+            for decision in tape.decisions[:MESSAGE_ROWS]
+        ),
         decision_count=len(tape.decisions),
         frequent_actions=tuple(
             Counter(decision.value.action for decision in tape.decisions).most_common(FREQUENT_ACTIONS)
@@ -154,11 +157,8 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     if len(tape.actor_time_s) == 0:
         return ()
     # About one sample a second is enough at the speed of actors, and the simplification is a loop in Python.
-    step = (
-        max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s))))))
-        if len(tape.actor_time_s) > 1
-        else 1
-    )
+    interval_s = float(np.median(np.diff(tape.actor_time_s))) if len(tape.actor_time_s) > 1 else 1.0
+    step = max(1, round(1.0 / max(1e-9, interval_s)))
     paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
         MapActor(member.id, member.role, member.class_label, rounded_track(_simplified(paths[:, index])))
@@ -167,35 +167,9 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
 
 
 def _simplified(path: Floats) -> Floats:
-    """The corners that Ramer-Douglas-Peucker keeps: the path stays within PATH_TOLERANCE_M of them."""
-    keep = {0}
-    # A list of spans and not recursion, whose depth would grow with the path.
-    spans = [(0, len(path) - 1)]
-    while spans:
-        first, last = spans.pop()
-        if last <= first:
-            continue
-        base, along = path[first], path[last] - path[first]
-        length = math.hypot(*along)
-        offsets = path[first : last + 1] - base
-        # The ends of a loop coincide, so there is no line from which to measure.
-        if length < PATH_TOLERANCE_M:
-            distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        else:
-            distances = np.abs(offsets[:, 0] * along[1] - offsets[:, 1] * along[0]) / length
-        far = int(np.argmax(distances))
-        if distances[far] > PATH_TOLERANCE_M and 0 < far < last - first:
-            spans += [(first, first + far), (first + far, last)]
-        # An actor that did not move keeps only its first corner.
-        elif length >= PATH_TOLERANCE_M:
-            keep |= {first, last}
-    return path[sorted(keep)]
-
-
-def _decision(timed_decision: Timed[Decision]) -> tuple[float, str, str, str]:
-    return (
-        round(timed_decision.time.s, 2),
-        timed_decision.value.action,
-        timed_decision.value.subject,
-        timed_decision.value.reason,
-    )
+    """The corners that Ramer-Douglas-Peucker keeps: the path stays within PATH_TOLERANCE_M of the lines between them."""
+    # An actor that did not move keeps only its first corner.
+    if np.linalg.norm(path - path[0], axis=1).max() <= PATH_TOLERANCE_M:
+        return path[:1]
+    line = shapely.simplify(shapely.LineString(path), PATH_TOLERANCE_M, preserve_topology=False)
+    return np.asarray(shapely.get_coordinates(line), dtype=np.float64)

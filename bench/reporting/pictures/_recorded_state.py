@@ -54,11 +54,9 @@ class RecordedStates:
             first + share * (second - first)
             for first, second in zip(samples[0][:3], samples[1][:3], strict=True)
         )
-        turn = (
-            samples[0][3]
-            if share == 0.0
-            else Slerp((0.0, 1.0), Rotation.concatenate([samples[0][3], samples[1][3]]))(share)
-        )
+        turn = samples[0][3]
+        if share > 0.0:
+            turn = Slerp((0.0, 1.0), Rotation.concatenate([turn, samples[1][3]]))(share)
         # Yaw about up from east, pitch about left, roll about ahead; autopilots count yaw from north and pitch upwards.
         yaw, pitch, roll = turn.as_euler("ZYX").tolist()
         pan_rad, tilt_rad = self._gimbal_at(time)

@@ -99,15 +99,17 @@ def compare_agents(data: ReportData, first: str, second: str, *, seed: int = 0) 
 
 def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str], seed: int) -> Comparison:
     """The one computation behind the report and `rebar compare`."""
-    scenes = None if first.data is second.data else _shared_scenes(first, second)
-    perceptions, autopilots = (scenes.perceptions, scenes.autopilots) if scenes else (None, None)
-    paces = scenes.paces if scenes else _own_paces(first, second)
+    shared: Mapping[str, str] | None = None
+    if first.data is second.data:
+        differences = _own_paces(first, second)
+    else:
+        shared, differences = _shared_scenes(first, second)
     # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
     # of a result chooses is not.
     compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
-    if scenes and (perceptions or autopilots or paces) and not nodes:
+    if shared and differences and not nodes:
         compared_nodes = _with_observables(first.data, compared_nodes)
-    count, first_rows, second_rows = _shared_scene_rows(first, second, scenes, compared_nodes)
+    count, first_rows, second_rows = _shared_scene_rows(first, second, shared, compared_nodes)
     return Comparison(
         first.label,
         second.label,
@@ -115,22 +117,20 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
         compare_nodes(
             first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
         ),
-        perceptions,
-        autopilots,
-        paces,
+        **differences,
     )
 
 
-def _own_paces(first: ComparedAgent, second: ComparedAgent) -> tuple[str, str] | None:
-    """The paces of two agents of one campaign, None where they flew at the same."""
+def _own_paces(first: ComparedAgent, second: ComparedAgent) -> dict[str, Any]:
+    """The `paces` of two agents of one campaign, nothing where they flew at the same."""
     # Read only where an agent has one of its own: it takes every SimSpec of both.
     if not any(agent.get("pace") for agent in first.data.campaign.get("agents", ())):
-        return None
+        return {}
     flown = [_rows_that_count(side, ["realization"])["realization"].unique() for side in (first, second)]
     paces = _descriptions(
         ((first, flown[0].to_list()), (second, flown[1].to_list())), lambda spec: spec.pace.mode
     )
-    return paces if paces[0] != paces[1] else None
+    return {"paces": paces} if paces[0] != paces[1] else {}
 
 
 def _compared_unpaired(
@@ -197,11 +197,8 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
     agents_by_folder = "; ".join(
         f"{folder} has {', '.join(agents)}" for folder, agents in zip(folders, known_agents, strict=False)
     )
-    raise SetupError(
-        "--agents",
-        f"it is not plain which two are meant: {agents_by_folder}",
-        "name them: --agents FIRST SECOND",
-    )
+    what = f"it is not plain which two are meant: {agents_by_folder}"
+    raise SetupError("--agents", what, "name them: --agents FIRST SECOND")
 
 
 def _labels(agents: Sequence[str], folders: Sequence[Path]) -> tuple[str, str]:
@@ -233,42 +230,35 @@ def _unknown_node_faults(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class SharedScenes:
-    """The realizations of two campaigns that flew the same scene: of the first side, by that of the second."""
-
-    first_by_second: Mapping[str, str]
-    perceptions: tuple[str, str] | None = None
-    autopilots: tuple[str, str] | None = None
-    paces: tuple[str, str] | None = None
-
-
-_PERCEPTION = ("perception",)
-_PACE = ("pace",)
-# A board keeps real time, and firmware takes more of the host's: neither changes what is asked of the agent.
-_AUTOPILOT = ("vehicle.autopilot", "pace", "budgets")
+# What may differ between two campaigns, in the order in which it is tried: the fields of `Comparison` and of the SimSpec,
+# and what a side flew with, in words.
+_DIFFERENCES: dict[str, tuple[tuple[str, ...], Callable[[SimSpec], str]]] = {
+    "": ((), lambda spec: ""),
+    "perceptions": (("perception",), lambda spec: perception_in_short(spec.perception)),
+    "paces": (("pace",), lambda spec: spec.pace.mode),
+    # A board keeps real time, and firmware takes more of the host's: neither changes what is asked of the agent.
+    "autopilots": (
+        ("vehicle.autopilot", "pace", "budgets"),
+        lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}",
+    ),
+}
 
 
-def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
-    """The scenes equal in all but name and agent; if none, those equal but for perception, then for pace, then for the autopilot."""
+def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> tuple[dict[str, str], dict[str, Any]]:
+    """The realizations of the first side that flew the same scene, by those of the second, and what differs.
+
+    Scenes are equal in all but name and agent; if none are, in all but one of _DIFFERENCES.
+    """
     # By content and not by id: two campaigns may number the same scenes differently.
-    for ignored in ((), _PERCEPTION, _PACE, _AUTOPILOT):
+    for name, (ignored, describe) in _DIFFERENCES.items():
         first_scenes, second_scenes = (_realizations_by_scene(side, ignored) for side in (first, second))
         shared = {
             second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes
         }
         if shared:
             sides = ((first, tuple(shared.values())), (second, tuple(shared)))
-            if ignored == _PERCEPTION:
-                perceptions = _descriptions(sides, lambda spec: perception_in_short(spec.perception))
-                return SharedScenes(shared, perceptions=perceptions)
-            if ignored == _PACE:
-                return SharedScenes(shared, paces=_descriptions(sides, lambda spec: spec.pace.mode))
-            if ignored == _AUTOPILOT:
-                autopilots = _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
-                return SharedScenes(shared, autopilots=autopilots)
-            return SharedScenes(shared)
-    return SharedScenes({})
+            return shared, {name: _descriptions(sides, describe)} if name else {}
+    return {}, {}
 
 
 def _descriptions(
@@ -300,16 +290,16 @@ def _rows_that_count(side: ComparedAgent, columns: Sequence[str], *nodes: str) -
 
 
 def _shared_scene_rows(
-    first: ComparedAgent, second: ComparedAgent, scenes: SharedScenes | None, nodes: Sequence[str]
+    first: ComparedAgent, second: ComparedAgent, shared: Mapping[str, str] | None, nodes: Sequence[str]
 ) -> tuple[int, pl.DataFrame, pl.DataFrame]:
     """The number of scenes that both sides flew, and the rows of both in them over `nodes`, with the realizations and
-    design points of the first side; `scenes` is None within one campaign.
+    design points of the first side; `shared` is None within one campaign.
     """
     first_rows, second_rows = (_rows_that_count(side, _COMPARED_COLUMNS, *nodes) for side in (first, second))
     first_runs, second_runs = (
         _rows_that_count(side, ["realization", *_SCENE]).unique("realization") for side in (first, second)
     )
-    if scenes is None:
+    if shared is None:
         # A campaign gives all its agents the same scene at each design point and replicate, also where the SimSpecs are
         # lost.
         return (
@@ -317,7 +307,6 @@ def _shared_scene_rows(
             first_rows.join(second_runs, on=_SCENE, how="semi"),
             second_rows.join(first_runs, on=_SCENE, how="semi"),
         )
-    shared = scenes.first_by_second
     key = pl.col("realization")
     named = first_runs.filter(key.is_in(list(shared.values())))
     renamed = second_rows.with_columns(

@@ -104,16 +104,14 @@ def calibrate(
     source = source.of_agents(chosen := _chosen_agents(source, agents))
     scale = scale or shipped_scale(source.decomposition)
     if scale is not None and scale.decomposition_sha256 != source.decomposition.digest:
-        raise SetupError(
-            folders[0],
-            f"is scored over another version of {scale.decomposition} than the scale",
-            f"`{command_line('rebar', 'score', folders[0])}` scores it again",
-        )
+        what = f"is scored over another version of {scale.decomposition} than the scale"
+        raise SetupError(folders[0], what, f"`{command_line('rebar', 'score', folders[0])}` scores it again")
     features = source.features() if scale else {}
     nodes = tuple(
         _node(source.attribute(node), node, source.decomposition.nodes[node].title, scale, features, seed)
         for node in source.decomposition.key_attributes
     )
+    counted = source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))
     dependence = _dependence(scale, source.flown()) if scale else ""
     calibration = Calibration(
         folders=tuple(folders),
@@ -122,7 +120,12 @@ def calibrate(
         runs=source.trials.select("folder", "realization").n_unique(),
         design_points=source.trials["point"].n_unique(),
         decomposition=source.decomposition,
-        overall=_slope(source.trials.filter(level=str(Level.OBSERVABLE), standing=str(Standing.COUNTED))),
+        overall=difficulty_slope(
+            counted["difficulty"].to_numpy(),
+            counted["failed"].to_numpy(),
+            counted["agent"].to_list(),
+            counted["point"].to_list(),
+        ),
         nodes=nodes,
         scale=_proved(scale, nodes, source.flown()) if scale and not dependence else scale,
         dependence=dependence,
@@ -296,15 +299,6 @@ def _with_points(trials: pl.DataFrame) -> pl.DataFrame:
     return trials.with_columns(point=pl.col("scene").replace_strict(point_of, return_dtype=pl.String))
 
 
-def _slope(trials: pl.DataFrame) -> DifficultySlope:
-    return difficulty_slope(
-        trials["difficulty"].to_numpy(),
-        trials["failed"].to_numpy(),
-        trials["agent"].to_list(),
-        trials["point"].to_list(),
-    )
-
-
 def _chosen_agents(source: _Source, agents: Sequence[str]) -> tuple[str, ...]:
     flown = source.flown().agents
     faults = [
@@ -351,11 +345,9 @@ def _require_difficulties(calibration: Calibration) -> None:
     # Observables differ in difficulty in a single scene, too, but that says nothing about a situation.
     slopes = [proof.slope for node in calibration.nodes for proof in (node.rated, node.measured) if proof]
     if max((slope.difficulties for slope in slopes), default=0) < 2:
-        raise SetupError(
-            ", ".join(map(str, calibration.folders)),
-            "every node has one difficulty in all of these runs, so there is nothing to compare",
-            "vary the key factors in the campaign's design; `rebar difficulty` shows them",
-        )
+        what = "every node has one difficulty in all of these runs, so there is nothing to compare"
+        remedy = "vary the key factors in the campaign's design; `rebar difficulty` shows them"
+        raise SetupError(", ".join(map(str, calibration.folders)), what, remedy)
 
 
 def _notes(folders: Sequence[Path], data: Sequence[ReportData]) -> tuple[str, ...]:

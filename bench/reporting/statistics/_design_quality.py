@@ -60,11 +60,8 @@ def measured_rating(decomposition: Decomposition, nodes: Sequence[str] = ()) -> 
     if scale is None:
         raise SetupError(where, f"no scale ships for {decomposition.name}", "write scale: published")
     if missing := [node for node in nodes if node not in scale.proved]:
-        raise SetupError(
-            where,
-            f"the scale was not shown to predict {missing[0]}, which is under study",
-            f"study some of: {', '.join(scale.proved)}",
-        )
+        what = f"the scale was not shown to predict {missing[0]}, which is under study"
+        raise SetupError(where, what, f"study some of: {', '.join(scale.proved)}")
 
     def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         features = _placed_features(simspec.model_dump_json())
@@ -147,7 +144,7 @@ def _measure(design: Design, pairs: DesignPairs, configurations: Sequence[str]) 
         design.space,
         _distinct_points(pairs),
         pairs=len(pairs),
-        extendable=design.methods[-1].grows,
+        extendable=design.grows,
         configurations=configurations,
     )
 

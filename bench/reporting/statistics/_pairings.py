@@ -16,8 +16,6 @@ class Pairing:
     """
 
     node: str
-    first: str
-    second: str
     confidence_differences: tuple[float, ...]
     score_differences: tuple[float, ...]
 
@@ -54,8 +52,6 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
     scored = shared.drop_nulls(["score", "score_second"])
     return Pairing(
         node=node,
-        first=first,
-        second=second,
         confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
     )

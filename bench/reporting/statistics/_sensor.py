@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import polars as pl
 
@@ -14,29 +15,17 @@ from .._campaign_data import Node, ReportData
 
 
 @dataclass(frozen=True, slots=True)
-class SensorReading:
-    """What one observable measured of the detector on one agent's flights, over the runs that considered it.
-
-    The values are shares in [0, 1], None where no run considered it. `reached` counts the runs at or above
-    the threshold.
-    """
-
-    agent: str
-    runs: int
-    considered: int
-    reached: int
-    mean: float | None
-    least: float | None
-    most: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class SensorObservable:
-    """One observable about the detector. `threshold` is None without the decomposition."""
+    """One observable about the detector. `threshold` is None without the decomposition.
+
+    Each of the `readings` is what it measured on the flights of an `agent`: the numbers of `runs`, of those that
+    `considered` it, and of those that `reached` the threshold; and over the considered ones `mean`, `least` and `most`,
+    shares in [0, 1], None without any.
+    """
 
     node: Node
     threshold: float | None
-    readings: tuple[SensorReading, ...]
+    readings: tuple[Mapping[str, Any], ...]
 
 
 def sensor_observables(data: ReportData) -> list[SensorObservable]:
@@ -44,11 +33,8 @@ def sensor_observables(data: ReportData) -> list[SensorObservable]:
     with the readings of every agent in the report's order.
     """
     readings = _readings(data.scores, data.agents)
-    thresholds = (
-        {name: observable.threshold for name, observable in data.document.observables.items()}
-        if data.document is not None
-        else {}
-    )
+    observables = data.document.observables if data.document is not None else {}
+    thresholds = {name: observable.threshold for name, observable in observables.items()}
     ordered = [*(name for name in data.nodes if name in readings), *sorted(set(readings) - set(data.nodes))]
     return [
         SensorObservable(
@@ -58,7 +44,7 @@ def sensor_observables(data: ReportData) -> list[SensorObservable]:
     ]
 
 
-def _readings(scores: pl.DataFrame, agents: Sequence[str]) -> dict[str, list[SensorReading]]:
+def _readings(scores: pl.DataFrame, agents: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
     about_sensor = scores.select(
         "agent", "node", "outcome", "standing", "considered", "achieved", "x"
     ).filter(
@@ -76,10 +62,10 @@ def _readings(scores: pl.DataFrame, agents: Sequence[str]) -> dict[str, list[Sen
         least=x.min(),
         most=x.max(),
     )
-    readings: dict[str, list[SensorReading]] = {}
+    readings: dict[str, list[dict[str, Any]]] = {}
     # Polars returns groups in no fixed order, and the page must have the same bytes each time.
     for row in sorted(rows.iter_rows(named=True), key=lambda row: agents.index(row["agent"])):
-        readings.setdefault(row.pop("node"), []).append(SensorReading(**row))
+        readings.setdefault(row.pop("node"), []).append(row)
     return readings
 
 
@@ -101,11 +87,9 @@ def detector_sentences(perceptions: Iterable[Perception]) -> list[str]:
 
 def perception_in_short(perception: Perception) -> str:
     """The source of the detections in a few words."""
-    return (
-        f"simulated, {perception.mode}"
-        if perception.source == "simulated"
-        else f"{perception.source} {perception.detector_name if perception.on_pixels else ''}".strip()
-    )
+    if perception.source == "simulated":
+        return f"simulated, {perception.mode}"
+    return f"{perception.source} {perception.detector_name if perception.on_pixels else ''}".strip()
 
 
 def _detector_sentence(perception: Perception) -> str:

@@ -12,7 +12,7 @@ from bench.contracts import TruthGiven, TruthSightings
 from .._campaign_data import ReportData, Tally, stopped_early
 from ._campaign_sentences import missing_sentence
 from ._fidelity import fidelity_note
-from ._format import interval, listed, number, passed_runs, percent, plural, span
+from ._format import difficulties, interval, listed, number, passed_runs, percent, plural
 from ._isolation import confinement_note
 
 RATE_WORDS = {"90": "nine in ten", "50": "half"}
@@ -29,32 +29,17 @@ def answer_paragraph(data: ReportData, agent: str) -> str:
         return " ".join(
             [f"Nothing can be said about {agent}: no run considered a node under study.", *caveats]
         )
-    runs, scenes = max(tally.runs for tally in tallies), _scenes(data, agent)
+    runs = max(tally.runs for tally in tallies)
+    scenes = len({run.scene for run in data.runs if run.agent == agent and run.counts})
     sentences = [
         f"In {plural(runs, 'simulated run')} that {'counts' if runs == 1 else 'count'}, on {plural(scenes, 'scene')}, {agent} met "
-        f"difficulties of {_difficulties(considered)} on the scale from 0 to 100.",
+        f"difficulties of {difficulties(considered)} on the scale from 0 to 100.",
         *_limits(considered),
         _weakest(data, considered),
         *caveats,
     ]
     # No-break spaces: a line must not end between a number and its unit.
     return " ".join(sentences).replace(" %", "\u00a0%")
-
-
-def _scenes(data: ReportData, agent: str) -> int:
-    return len(
-        {
-            run.scene
-            for run in data.runs
-            if run.agent == agent and run.outcome is not None and run.outcome.counts and not run.after_stop
-        }
-    )
-
-
-def _difficulties(tallies: Sequence[Tally]) -> str:
-    lows = [tally.difficulty_low for tally in tallies if tally.difficulty_low is not None]
-    highs = [tally.difficulty_high for tally in tallies if tally.difficulty_high is not None]
-    return span(min(lows, default=None), max(highs, default=None))
 
 
 def _limits(considered: Sequence[Tally]) -> list[str]:
@@ -82,11 +67,9 @@ def _limit(tallies: Sequence[Tally], rate: str, subject: str) -> str:
     if competence.value <= 0.0:
         return f"At no difficulty do {RATE_WORDS[rate]} of such runs pass {subject}."
     end = f" (the hardest flown of {lowest.node})" if competence.at_least else f" (where {lowest.node} ends)"
-    sure = (
-        f"with 95 % confidence they do up to {number(bound)}"
-        if bound > 0.0
-        else "with 95 % confidence, these runs support no difficulty above 0"
-    )
+    sure = "with 95 % confidence, these runs support no difficulty above 0"
+    if bound > 0.0:
+        sure = f"with 95 % confidence they do up to {number(bound)}"
     words = RATE_WORDS[rate].capitalize()
     return f"{words} of such runs pass {subject} up to difficulty {number(competence.value)}{end}; {sure}."
 

@@ -184,23 +184,18 @@ def factor_rows(data: ReportData) -> list[dict[str, str]]:
     """The factors of the design, as the campaign states them."""
     design = data.campaign.get("design")
     stated = design.get("factors") if isinstance(design, Mapping) else None
-    return (
-        [_factor(factor) for factor in stated if isinstance(factor, Mapping)]
-        if isinstance(stated, list)
-        else []
-    )
+    factors = stated if isinstance(stated, list) else []
+    return [_factor(factor) for factor in factors if isinstance(factor, Mapping)]
 
 
 def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
     levels, span, sets = stated.get("levels"), stated.get("range"), stated.get("sets")
     if isinstance(levels, list) and levels:
         text = ", ".join(str(level) for level in levels)
+    elif isinstance(span, Mapping):
+        text = f"{span.get('low')} to {span.get('high')}"
     else:
-        text = (
-            f"{span.get('low')} to {span.get('high')}"
-            if isinstance(span, Mapping)
-            else str(stated.get("formula") or "–")
-        )
+        text = str(stated.get("formula") or "–")
     text += f" when {stated['when']}" if stated.get("when") else ""
     unit = f" {stated['unit']}" if stated.get("unit") else ""
     paths = list(map(str, sets)) if isinstance(sets, list) else []
@@ -245,17 +240,13 @@ def provenance_of(data: ReportData) -> list[Fact]:
     design = data.campaign.get("design")
     seed = design.get("seed") if isinstance(design, Mapping) else None
     versions = data.manifest.get("versions")
-    stated = (
-        ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
-        if isinstance(versions, Mapping)
-        else ""
-    )
+    stated = sorted(versions.items()) if isinstance(versions, Mapping) else []
     # Of the content as CSV: Parquet files with equal rows may differ in their bytes.
     digest = _digest_of(data.scores)
     return [
         Fact("Decomposition", data.decomposition or "not stated"),
         Fact("SHA-256 of the decomposition", data.decomposition_sha256 or "not known"),
-        Fact("Versions", stated or "not on record"),
+        Fact("Versions", ", ".join(f"{name} {version}" for name, version in stated) or "not on record"),
         Fact("Seed of the design", "not stated" if seed is None else str(seed)),
         Fact("Rows of the score table", str(data.scores.height)),
         Fact("SHA-256 of the score table as CSV", digest),

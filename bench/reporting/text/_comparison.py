@@ -2,59 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from bench.statistics import NodeComparison, UnpairedNodeComparison
+from bench.statistics import Divergence, NodeComparison, UnpairedNodeComparison
 
 from ._format import number
 
 NOTHING = "–"
 
 
-@dataclass(frozen=True, slots=True)
-class ComparisonCells:
-    """One node compared. Rates are per cent, differences points of per cent, second minus first."""
+def rate_cells(node: NodeComparison) -> list[str]:
+    """Node, pairs, rates of both sides in per cent, their difference in points (second minus first) with its interval, p and
+    adjusted p; a dash where there is none.
+    """
+    rates, difference = node.counts.rates, node.difference
+    return [
+        node.node,
+        str(node.counts.pairs),
+        *([number(100 * rate) for rate in rates] if rates else [NOTHING] * 2),
+        _signed(difference.estimate) if difference else NOTHING,
+        f"{_signed(difference.low)} to {_signed(difference.high)}" if difference else NOTHING,
+        _p(node.mcnemar_p),
+        _p(node.p_adjusted),
+    ]
 
-    node: str
-    pairs: str
-    first: str
-    second: str
-    difference: str
-    interval: str
-    mcnemar_p: str
-    p_adjusted: str
-    divergence: str
-    divergence_by_chance: str
-    divergence_p: str
 
-
-def comparison_cells(node: NodeComparison) -> ComparisonCells:
-    """The numbers of a node as text, with a dash where there is none."""
-    rates, difference, divergence = node.counts.rates, node.difference, node.divergence
-    return ComparisonCells(
-        node=node.node,
-        pairs=str(node.counts.pairs),
-        first=number(100 * rates[0]) if rates else NOTHING,
-        second=number(100 * rates[1]) if rates else NOTHING,
-        difference=_signed(difference.estimate) if difference else NOTHING,
-        interval=f"{_signed(difference.low)} to {_signed(difference.high)}" if difference else NOTHING,
-        mcnemar_p=_p(node.mcnemar_p),
-        p_adjusted=_p(node.p_adjusted),
-        divergence=number(divergence.value, 2) if divergence else NOTHING,
-        divergence_by_chance=number(divergence.by_chance, 2) if divergence else NOTHING,
-        divergence_p=_p(divergence.p) if divergence else NOTHING,
-    )
+def divergence_cells(divergence: Divergence | None) -> list[str]:
+    """The divergence, what chance makes of it, and its p; dashes where there is none."""
+    if divergence is None:
+        return [NOTHING] * 3
+    return [number(divergence.value, 2), number(divergence.by_chance, 2), _p(divergence.p)]
 
 
 def unpaired_cells(node: UnpairedNodeComparison) -> tuple[str, ...]:
     """A node of other scenes: what both sides passed, divergence, by chance, p, adjusted p."""
-    divergence = node.divergence
     return (
         node.node,
         *(f"{passed} of {runs}" for passed, runs in zip(node.passed, node.considered, strict=True)),
-        number(divergence.value, 2) if divergence else NOTHING,
-        number(divergence.by_chance, 2) if divergence else NOTHING,
-        _p(divergence.p) if divergence else NOTHING,
+        *divergence_cells(node.divergence),
         _p(node.p_adjusted),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from .._campaign_data import Tally
 
@@ -56,6 +56,13 @@ def span(low: float | None, high: float | None) -> str:
         return "–"
     # Difficulties are compared to six decimals (docs/rulings.md 14).
     return number(low) if abs(high - low) < 5e-7 else f"{number(low)} to {number(high)}"
+
+
+def difficulties(tallies: Iterable[Tally]) -> str:
+    """The range of difficulty over several tallies."""
+    rated = [tally for tally in tallies if tally.difficulty_low is not None]
+    lows, highs = ([getattr(tally, f"difficulty_{end}") for tally in rated] for end in ("low", "high"))
+    return span(min(lows, default=None), max(highs, default=None))
 
 
 def p_value(value: float | None) -> str:

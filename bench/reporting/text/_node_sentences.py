@@ -68,16 +68,11 @@ def _competence(tally: Tally, rate: str) -> str:
     competence = tally.competence[rate]
     if competence.value <= 0.0:
         return f"Competence {rate}: 0. The pass rate, fitted so that it never rises with difficulty, never reaches {PASS_SHARES[rate]}."
-    value = (
-        f"at least {number(competence.value)}, the highest difficulty flown"
-        if competence.at_least
-        else number(competence.value)
-    )
-    low = (
-        f"with 95 % confidence it is {number(competence.low)} or more"
-        if competence.low > 0
-        else "these runs give no lower bound above 0"
-    )
+    value, low = number(competence.value), "these runs give no lower bound above 0"
+    if competence.at_least:
+        value = f"at least {value}, the highest difficulty flown"
+    if competence.low > 0:
+        low = f"with 95 % confidence it is {number(competence.low)} or more"
     return f"Competence {rate}: {value}. Up to this difficulty the pass rate, fitted so that it never rises, is {PASS_SHARES[rate]} or more; {low}."
 
 

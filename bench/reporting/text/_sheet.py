@@ -13,7 +13,7 @@ from bench.simspec import agent_name
 from .._campaign_data import ReportData, stopped_early
 from ._campaign_sentences import missing_sentence
 from ._fidelity import fidelity_note
-from ._format import listed, number, passed_interval, plural, span
+from ._format import difficulties, listed, number, passed_interval, plural
 from ._isolation import UNCONFINED, isolation_cell
 
 # Chosen: a sheet has room for some names, and the appendix has all of them.
@@ -55,17 +55,18 @@ def sheets(data: ReportData) -> list[Sheet]:
 
 def _sheet(data: ReportData, agent: str) -> Sheet:
     runs = [run for run in data.runs if run.agent == agent]
-    counted = [run for run in runs if run.outcome and run.outcome.counts and not run.after_stop]
+    counted = [run for run in runs if run.counts]
     ways = Counter(isolation_cell(run) for run in counted)
     evidence = data.manifest.get("evidence")
     head = evidence.get("head") if isinstance(evidence, Mapping) else None
     scenes = len({run.scene for run in counted})
+    tallies = (tally for node in data.study if (tally := data.tally(agent, node)) is not None)
     return Sheet(
         agent=agent,
         version=_version(data, agent),
         warnings=tuple(_warnings(data, agent)),
         flown=f"{plural(len(counted), 'run')} {'counts' if len(counted) == 1 else 'count'} of {len(runs)}, on {plural(scenes, 'scene')} "
-        f"of campaign {data.name}, all simulated; difficulty {_difficulties(data, agent)} of 100.",
+        f"of campaign {data.name}, all simulated; difficulty {difficulties(tallies)} of 100.",
         rows=tuple(_rows(data, agent)),
         not_shown=tuple(_not_shown(data, agent)),
         confinement=_confinement(ways),
@@ -124,16 +125,6 @@ def _warnings(data: ReportData, agent: str) -> Iterator[str]:
         yield f"The bench failed in {plural(suspect, 'run')} while it was there."
     if data.notes:
         yield f"{plural(len(data.notes), 'remark')}: see the appendix."
-
-
-def _difficulties(data: ReportData, agent: str) -> str:
-    tallies = [
-        tally
-        for node in data.study
-        if (tally := data.tally(agent, node)) is not None and tally.difficulty_low is not None
-    ]
-    lows, highs = ([getattr(t, f"difficulty_{end}") for t in tallies] for end in ("low", "high"))
-    return span(min(lows, default=None), max(highs, default=None))
 
 
 def _rows(data: ReportData, agent: str) -> Iterator[SheetRow]:

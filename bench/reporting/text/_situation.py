@@ -24,11 +24,9 @@ from bench.simspec import (
 def group_text(group: ActorGroup, area_m2: float) -> str:
     """A group in words: how many members, of what kind, where, and how they move."""
     density = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
-    count = (
-        f"{group.count.low} to {group.count.high}"
-        if isinstance(group.count, CountRange)
-        else f"{group.member_count(area_m2)}"
-    )
+    count = str(group.member_count(area_m2))
+    if isinstance(group.count, CountRange):
+        count = f"{group.count.low} to {group.count.high}"
     parts = [
         f"{count} {group.asset}{density}",
         group.role.value,

@@ -69,11 +69,9 @@ class BetweenRelation:
         # Two points: the exact strip. Larger grounds: the hull of all possible lines.
         if shapely.get_num_coordinates(start) == 1 and shapely.get_num_coordinates(end) == 1:
             line = shapely.LineString([start, end])
-            return (
-                shapely.buffer(line, self.within_m + 1e-6, cap_style="flat")
-                if line.length > 0.0
-                else shapely.Polygon()
-            )
+            if line.length == 0.0:
+                return shapely.Polygon()
+            return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat")
         return grown_at_least(shapely.convex_hull(shapely.union_all([start, end])), self.within_m)
 
 

@@ -58,14 +58,8 @@ def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
         starts = [bool(shapely.contains_xy(area, at.east_m, at.north_m))]
     else:
         region = polygon_ground(region_of(simspec, walker))
-        starts = [
-            inside
-            for inside, may in (
-                (True, area.intersects(region)),
-                (False, not area.buffer(ROUNDING_MARGIN_M).covers(region)),
-            )
-            if may
-        ]
+        starts = [True] if area.intersects(region) else []
+        starts += [] if area.buffer(ROUNDING_MARGIN_M).covers(region) else [False]
     points = np.array([(point.east_m, point.north_m) for point in walker.motion.route])
     return {inside: _moved_inside(area, points) if inside else points for inside in starts}
 
@@ -324,11 +318,7 @@ def _blocking_groups(
     """The fewest fixed obstacles that block the route from every start; none when one is open."""
 
     def fails(subset: Sequence[ActorGroup]) -> bool:
-        return all(
-            which.any()
-            for which in blocked_routes(
-                simspec, walker, joined([placed[group.id] for group in subset])
-            ).values()
-        )
+        standing = joined([placed[group.id] for group in subset])
+        return all(which.any() for which in blocked_routes(simspec, walker, standing).values())
 
     return smallest_failing(walls, fails) if walls and fails(walls) else []

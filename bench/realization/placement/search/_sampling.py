@@ -28,7 +28,7 @@ from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
 from ..relations._patrol_routes import access_relations, route_clearances
 from ..relations._relation import GroupRelation, Relation, common_ground, kept_places
-from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
+from ._selection import ChosenMembers, members_at_mean, reachable_means_m
 
 MAX_POOLS = 5
 
@@ -163,11 +163,8 @@ class Sampler:
         region = polygon_ground(region_of(simspec, group))
         where = group.placement
         relations = [*kept_relations(simspec, group, placed), clearance(simspec, group, placed)]
-        target = (
-            target_footprints(simspec, where.mean_distance.of, placed).centre_m[0]
-            if where.mean_distance
-            else None
-        )
+        mean = where.mean_distance
+        target = target_footprints(simspec, mean.of, placed).centre_m[0] if mean else None
         rings = [
             _Ring(relation, target_footprints(simspec, relation.of, placed).centre_m)
             for relation in (where.near, where.away)
@@ -183,11 +180,8 @@ class Sampler:
         narrow = any((*grounds, where.avoid, where.counts, where.extent_m))
         room = common_ground(relations) if narrow or remaining is not None else None
         if room is not None and remaining is not None:
-            room = areal_parts(
-                shapely.intersection_all(
-                    [room, remaining[group.id], lone_member_ground(simspec, group, placed)]
-                )
-            )
+            lone = lone_member_ground(simspec, group, placed)
+            room = areal_parts(shapely.intersection_all([room, remaining[group.id], lone]))
         facing = facing_target(simspec, group, placed)
         return cls(
             simspec,
@@ -208,9 +202,9 @@ class Sampler:
         sampler = self._gathered() if self.group.placement.extent_m else self
         if self.group.placement.counts:
             return sampler._in_parts()
-        return (
-            sampler._anywhere(anchors) if self.target_m is None else sampler._at_mean_distance(self.target_m)
-        )
+        if self.target_m is not None:
+            return sampler._at_mean_distance(self.target_m)
+        return sampler._anywhere(anchors)
 
     def _gathered(self) -> Sampler:
         """The sampler on ground within reach of a place that keeps the group's relations."""
@@ -296,10 +290,9 @@ class Sampler:
                 continue
             # Within half the tolerance, so that rounding never decides whether the mean is kept.
             crowd = ChosenMembers.of(self.count, self.group.placement)
-            choice = MeanDistanceChoice(
+            members = members_at_mean(
                 candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng
             )
-            members = choice.members()
             if members is not None:
                 return members
             # Whether the places crowd each other or were drawn thinly is not known, so neither is stated.

@@ -119,68 +119,49 @@ def reachable_means_m(distance_m: Floats, count: int) -> tuple[float, float]:
     return float(ordered[:count].mean()), float(ordered[-count:].mean())
 
 
-class MeanDistanceChoice:
-    """Members from a pool of places with a required mean distance.
+def members_at_mean(
+    pool: Footprints,
+    distance_m: Floats,
+    crowd: ChosenMembers,
+    count: int,
+    mean_m: float,
+    tolerance: float,
+    rng: np.random.Generator,
+) -> Footprints | None:
+    """Members from a pool of places with a required mean distance; None when crowding keeps it from being reached.
 
     Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one
     (the least change of the uniform distribution that has this mean); what is left of the error goes by
     exchanging members.
     """
-
-    def __init__(
-        self,
-        pool: Footprints,
-        distance_m: Floats,
-        crowd: ChosenMembers,
-        count: int,
-        mean_m: float,
-        tolerance: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self._pool, self._distance_m, self._crowd, self._count = pool, distance_m, crowd, count
-        self._mean_m, self._tolerance, self._rng = mean_m, tolerance, rng
-
-    def members(self) -> Footprints | None:
-        """The members, None when crowding keeps the mean from being reached."""
-        crowd = self._crowd
-        chosen = crowd.admit(self._pool, self._lots(), self._count)
-        return crowd.members() if chosen and self._exchange(crowd, chosen) else None
-
-    def _lots(self) -> NDArray[np.intp]:
-        """All indices in the order of a weighted draw without replacement (Efraimidis and Spirakis 2006)."""
-        weight = _tilted_weights(self._distance_m, self._mean_m)
-        # Weights that underflow to 0 would divide by zero; their places come last either way.
-        return np.argsort(self._rng.exponential(size=len(weight)) / np.maximum(weight, 1e-300), kind="stable")
-
-    def _exchange(self, crowd: ChosenMembers, chosen: list[int]) -> bool:
-        distance = self._distance_m
-        by_distance = np.argsort(distance, kind="stable")
-        ordered = distance[by_distance]
-        # Members move by at most a quarter of the range at a time, so that corrections are shared.
-        stride = (ordered[-1] - ordered[0]) / 4.0
-        taken = set(chosen)
-        for _ in range(60 + 12 * self._count):
-            short = self._mean_m * self._count - float(distance[chosen].sum())
-            if abs(short) <= self._tolerance * self._mean_m * self._count:
-                return True
-            member = int(self._rng.integers(self._count))
-            wanted = distance[chosen[member]] + np.clip(short, -stride, stride)
-            if not ordered[0] <= wanted <= ordered[-1]:
-                # The last steps of an extreme mean: move this member by as much as there is.
-                wanted = np.clip(wanted, ordered[0], ordered[-1])
-            start = int(np.searchsorted(ordered, wanted))
-            for index in by_distance[max(start - 3, 0) : start + 3]:
-                closer = abs(short - (distance[index] - distance[chosen[member]])) < abs(short)
-                if (
-                    closer
-                    and int(index) not in taken
-                    and crowd.fits(self._pool[np.array([index])], but=member)
-                ):
-                    taken.symmetric_difference_update({chosen[member], int(index)})
-                    crowd.put(member, self._pool[np.array([index])])
-                    chosen[member] = int(index)
-                    break
-        return False
+    # A weighted draw without replacement (Efraimidis and Spirakis 2006). Weights that underflow to 0 would divide by
+    # zero; their places come last either way.
+    weight = np.maximum(_tilted_weights(distance_m, mean_m), 1e-300)
+    lots = np.argsort(rng.exponential(size=len(weight)) / weight, kind="stable")
+    chosen = crowd.admit(pool, lots, count)
+    if not chosen:
+        return None
+    by_distance = np.argsort(distance_m, kind="stable")
+    ordered = distance_m[by_distance]
+    # Members move by at most a quarter of the range at a time, so that corrections are shared.
+    stride = (ordered[-1] - ordered[0]) / 4.0
+    taken = set(chosen)
+    for _ in range(60 + 12 * count):
+        short = mean_m * count - float(distance_m[chosen].sum())
+        if abs(short) <= tolerance * mean_m * count:
+            return crowd.members()
+        member = int(rng.integers(count))
+        # Clipped for the last steps of an extreme mean: they move this member by as much as there is.
+        wanted = distance_m[chosen[member]] + np.clip(short, -stride, stride)
+        start = int(np.searchsorted(ordered, np.clip(wanted, ordered[0], ordered[-1])))
+        for index in by_distance[max(start - 3, 0) : start + 3].tolist():
+            closer = abs(short - (distance_m[index] - distance_m[chosen[member]])) < abs(short)
+            if closer and index not in taken and crowd.fits(pool[np.array([index])], but=member):
+                taken.symmetric_difference_update({chosen[member], index})
+                crowd.put(member, pool[np.array([index])])
+                chosen[member] = index
+                break
+    return None
 
 
 def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:

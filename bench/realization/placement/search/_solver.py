@@ -179,14 +179,9 @@ class _Phase:
         """The chosen places in a drawn order, behind the one that stands for the first member."""
         if group.id not in self.pools:
             return empty_footprints()
-        chosen = np.array(
-            [index for index, literal in enumerate(self.taken[group.id]) if solver.boolean_value(literal)]
-        )
-        chosen = self.rng.permutation(chosen)
+        chosen = self.rng.permutation(np.flatnonzero(list(map(solver.boolean_value, self.taken[group.id]))))
         if group.id in self.first:
-            leader = next(
-                index for index, literal in enumerate(self.first[group.id]) if solver.boolean_value(literal)
-            )
+            leader = list(map(solver.boolean_value, self.first[group.id])).index(True)
             chosen = np.array([leader, *chosen[chosen != leader]])
         return self.pools[group.id][chosen]
 
@@ -197,11 +192,8 @@ class _Phase:
         phase = [member.id for member in self.groups]
         relations = kept_relations(self.simspec, group, self.standing, phase)
         relations.append(clearance(self.simspec, group, self.standing))
-        room = areal_parts(
-            shapely.intersection(
-                self.remaining[group.id], lone_member_ground(self.simspec, group, self.standing)
-            )
-        )
+        lone = lone_member_ground(self.simspec, group, self.standing)
+        room = areal_parts(shapely.intersection(self.remaining[group.id], lone))
         if _is_dependent(group):
             room = shapely.intersection(room, common_ground(relations))
         pool = empty_footprints()
@@ -256,11 +248,8 @@ class _Phase:
             return [item for outline in outlines[:MAX_LATTICE_HOSTS] for item in lattices(group, outline)]
         inside = group.placement.inside
         areas = [named_area(self.simspec, count.area) for count in group.placement.counts if count.low]
-        areas.append(
-            named_area(self.simspec, inside.area)
-            if inside and inside.area
-            else polygon_ground(region_of(self.simspec, group))
-        )
+        region = polygon_ground(region_of(self.simspec, group))
+        areas.append(named_area(self.simspec, inside.area) if inside and inside.area else region)
         return [item for area in areas for item in lattices(group, area)]
 
     def _random(self, group: ActorGroup, room: Geometry, count: int) -> Footprints:
