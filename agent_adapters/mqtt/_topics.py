@@ -5,42 +5,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from agent_adapters.client import Wanted
 from bench.contracts import CLOCK, TF, TF_STATIC, VehicleTopics
-from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, String, TFMessage
 
 TICK, READY, ACK, END = "bridge/tick", "bridge/ready", "bridge/ack", "bridge/end"
 
 
 @dataclass(frozen=True, slots=True)
 class MirroredTopics:
-    """What one vehicle's agent may see and say. The router refuses everything else, whatever stands here."""
+    """What one vehicle's agent may see and say. The bench refuses everything else, whatever stands here."""
 
     vehicle: str
     cameras: Sequence[str] = ("front",)
     pictures: bool = False
 
-    def wanted(self) -> list[Wanted]:
-        """The subscriptions to the air network; of pictures the compressed ones alone."""
+    def streams(self) -> dict[str, int]:
+        """Topics to the agent of which only what is new counts, each with how many messages may wait in real time. Of
+        pictures the compressed ones alone.
+        """
         topics = VehicleTopics(self.vehicle)
-        return [
-            Wanted(CLOCK, Clock),
-            Wanted(TF, TFMessage, depth=100),
-            Wanted(TF_STATIC, TFMessage, latched=True, depth=1),
-            Wanted(topics.mission, String, latched=True, depth=1),
-            Wanted(topics.intelligence, String, latched=True, depth=32),
-            Wanted(topics.orders, String, latched=True, depth=32),
-            Wanted(topics.consents, String, latched=True, depth=32),
-            Wanted(topics.operator_link, String, latched=True, depth=1),
-            Wanted(topics.detections, Detection2DArray),
-            *(Wanted(topics.camera_info(camera), CameraInfo) for camera in self.cameras),
-            # Those of a further camera; the main one's are above.
-            *(Wanted(topics.camera_detections(camera), Detection2DArray) for camera in self.cameras),
-            *(
-                Wanted(topics.image_compressed(camera), CompressedImage)
-                for camera in (self.cameras if self.pictures else ())
-            ),
-        ]
+        pictured = self.cameras if self.pictures else ()
+        of_cameras = (
+            *map(topics.camera_info, self.cameras),
+            # Those of a further camera; the main one's are the vehicle's.
+            *map(topics.camera_detections, self.cameras),
+            *map(topics.image_compressed, pictured),
+        )
+        return {TF: 100, **dict.fromkeys((CLOCK, topics.detections, *of_cameras), 10)}
+
+    def to_agent(self) -> list[str]:
+        """All topics to the agent: what it is told, and the streams."""
+        topics = VehicleTopics(self.vehicle)
+        told = topics.mission, topics.intelligence, topics.orders, topics.consents, topics.operator_link
+        return [TF_STATIC, *told, *self.streams()]
 
     def from_agent(self) -> dict[str, str]:
         """The topics of the air network on which the agent may publish, by MQTT topic."""

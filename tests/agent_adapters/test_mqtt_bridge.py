@@ -81,6 +81,7 @@ def flown(
             *command,
             *manner,
         ),
+        air="tick",
         pace=("lockstep",),
     )
     # A network of the session's own: the bridge reaches itself over TCP.
