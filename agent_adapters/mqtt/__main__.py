@@ -18,9 +18,9 @@ from bench.errors import LinkLost, SetupError
 from ._bridge import AgentEnded, AgentSide, Bridge
 from ._broker import BrokerAddress, broker_address, open_own_broker
 from ._connection import BrokerConnection, open_connection
-from ._topics import ACK, READY, TICK, MirroredTopics, mavlink_from_agent
+from ._topics import ACK, LINK, MAVLINK_FROM_AGENT, READY, TICK, topics_from_agent, topics_to_agent
 
-LINK, LINK_VARIABLE = "onboard", "REBAR_MAVLINK"
+LINK_VARIABLE = "REBAR_MAVLINK"
 # What the bridge uses itself. The agent that it starts could only disturb it with these.
 _OWN_VARIABLES = ("REBAR_TICK", "REBAR_TICK_SECRET")
 # More often than the bench has anything new: everything goes on at once.
@@ -82,8 +82,9 @@ def _run(arguments: argparse.Namespace) -> int:
         raise SetupError(
             "air", "is not tick, and the bridge has the air network from the tick socket", remedy
         )
-    topics = MirroredTopics(environment.vehicle, tuple(arguments.camera or ("front",)), arguments.pictures)
-    accepted = (*topics.from_agent(), *map(mavlink_from_agent, connections))
+    allowed = topics_from_agent(environment.vehicle)
+    wanted = topics_to_agent(environment.vehicle, arguments.camera or ["front"], pictures=arguments.pictures)
+    accepted = (*allowed, *([MAVLINK_FROM_AGENT] if connections else []))
     with ExitStack() as stack:
         address = stack.enter_context(_open_broker(arguments))
         subscriptions = (*accepted, READY, ACK, TICK)
@@ -93,18 +94,16 @@ def _run(arguments: argparse.Namespace) -> int:
         while not agent.name:
             agent.look()
         # Before the hello, after which the vehicle sends.
-        links = {
-            name: stack.enter_context(open_link(name, text)) for name, text in environment.mavlink.items()
-        }
+        link = stack.enter_context(open_link(LINK, environment.mavlink[LINK])) if connections else None
         ticks = stack.enter_context(open_tick_line(environment.tick))
-        ticks.hello(agent.name, topics.to_agent(), environment.tick_secret, _INTERVAL_S)
+        ticks.hello(agent.name, wanted, environment.tick_secret, _INTERVAL_S)
         first = ticks.next()
         # Lockstep names every topic in `topics`. The other paces count nothing, because nobody waits for it.
         agent.in_lockstep = isinstance(first, Tick) and bool(first.topics)
         if arguments.no_mavlink and agent.in_lockstep:
             remedy = "leave it out, or fly in real time"
             raise SetupError("--no-mavlink", "lockstep counts the messages of all links", remedy)
-        bridge = Bridge(ticks, links, connection, agent, topics)
+        bridge = Bridge(ticks, link, connection, agent, allowed)
         try:
             sys.stderr.write(f"{bridge.run(first)}\n")
         finally:

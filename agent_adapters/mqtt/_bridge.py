@@ -25,20 +25,19 @@ from bench.errors import LinkLost
 
 from ._connection import Arrival, BrokerConnection
 from ._mavlink import MavlinkTranslator
-from ._topics import ACK, END, READY, TICK, MirroredTopics, mavlink_from_agent, mavlink_to_agent
+from ._topics import ACK, END, LINK, MAVLINK_TO_AGENT, READY, TICK
 
 # Host time between two looks at agent and broker while the bridge waits. Chosen.
 _LOOK_S = 0.2
 # In real time: host time between two looks at MAVLink and the agent, the most that the bridge itself adds. Chosen.
 REALTIME_LOOK_S = 0.005
-# In real time: how long the bridge keeps the answer to a tick. The bench has one every 20 ms, and takes in at the next what the
-# agent says in the first half of them.
-_ANSWER_AFTER_S = 0.01
 # Simulated time between two ticks of the agent's where the session does not wait; as long as pace.tick_s by default.
 _TICK_NS = 100_000_000
 MAX_PAYLOAD_BYTES = 256 * 1024 - 16
 # What an acknowledgement may hold: bench.contracts.Ack. The counts have a line's length for themselves.
 MAX_ACK_BYTES, MAX_ACK_MESSAGES = MAX_AIR_LINE_BYTES - MAX_LINE_BYTES, 1024
+# In real time: what of one topic goes on after a pause, so that a broker that comes back brings no long past.
+NEWEST = 100
 _REFUSALS_SHOWN = 5
 
 
@@ -108,10 +107,6 @@ class AgentSide:
                 arrivals.append(Arrival(topic, self._pending[topic].popleft()))
         return arrivals
 
-    def take_all(self) -> list[Arrival]:
-        """What has come since the last call."""
-        return self.take_stated(self.received) or []
-
     def refuse(self, topic: str, reason: str) -> None:
         """Count a message that goes no further, and say so of the first."""
         self.refused += 1
@@ -140,20 +135,20 @@ class AgentSide:
 
 
 class Bridge:
-    """Carries one session between the tick socket, the MAVLink links and the agent's side."""
+    """Carries one session between the tick socket, the MAVLink link and the agent's side; `allowed` has the topics of the
+    air network by MQTT topic. `link` is None where the agent has it for itself.
+    """
 
     def __init__(
         self,
         ticks: TickLine,
-        links: Mapping[str, MavlinkLink],
+        link: MavlinkLink | None,
         connection: BrokerConnection,
         agent: AgentSide,
-        topics: MirroredTopics,
+        allowed: Mapping[str, str],
     ) -> None:
-        self._ticks, self._links, self._connection, self._agent = ticks, links, connection, agent
-        self._streams, self._allowed = topics.streams(), topics.from_agent()
-        self._links_from_agent = {mavlink_from_agent(name): link for name, link in links.items()}
-        self._translators = {name: MavlinkTranslator() for name in links}
+        self._ticks, self._link, self._connection, self._agent = ticks, link, connection, agent
+        self._allowed, self._translator = allowed, MavlinkTranslator()
         # For the next acknowledgements, each with its bytes there.
         self._outbox: deque[tuple[dict[str, str], int]] = deque()
         self._sent: Counter[str] = Counter()
@@ -175,7 +170,7 @@ class Bridge:
             "from_agent": sum(self._agent.received.values()),
             "refused": self._agent.refused,
             "unsent": self._connection.unsent,
-            "unknown_mavlink": sum(translator.unknown for translator in self._translators.values()),
+            "unknown_mavlink": self._translator.unknown,
             "broker": latency_summary(self._agent.broker_latencies_s),
             "answer": latency_summary(self._answers_s),
         }
@@ -183,8 +178,8 @@ class Bridge:
     def _keep_step(self, message: Tick | End) -> End:
         """Time waits for the agent's acknowledgement."""
         while isinstance(message, Tick):
-            for name, link in self._links.items():
-                link.wait(message.links.get(name, 0))
+            if self._link is not None:
+                self._link.wait(message.links.get(LINK, 0))
             self._mirror(message.air)
             self._send_tick(message)
             self._forward(self._await_ack())
@@ -195,40 +190,30 @@ class Bridge:
 
     def _keep_time(self, message: Tick | End | None) -> End:
         """Messages go on as they come."""
-        unanswered, answer_due_s = None, 0.0
+        unanswered = None
         while not isinstance(message, End):
-            for link in self._links.values():
-                link.poll()
-            self._mirror(self._newest(message.air) if message is not None else ())
-            if message is not None:
-                unanswered, answer_due_s = message, time.monotonic() + _ANSWER_AFTER_S
-                if message.time_ns >= self._due_ns:
-                    self._due_ns = message.time_ns + _TICK_NS
-                    self._send_tick(message)
-                    self._number += 1
+            if self._link is not None:
+                self._link.poll()
+            self._mirror(_newest(message.air) if message is not None else ())
+            if message is not None and message.time_ns >= self._due_ns:
+                self._due_ns = message.time_ns + _TICK_NS
+                self._send_tick(message)
+                self._number += 1
             self._agent.look(0.0)
-            self._forward(self._agent.take_all())
-            if unanswered is not None and time.monotonic() >= answer_due_s:
+            self._forward(self._agent.take_stated(self._agent.received) or ())
+            # One look later: the bench takes in at its next step, in 20 ms, what an agent says at once.
+            if message is None and unanswered is not None:
                 self._acknowledge(unanswered)
-                unanswered = None
+            unanswered = message
             message = self._ticks.poll(REALTIME_LOOK_S)
         return message
-
-    def _newest(self, air: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-        """Without what is old of a stream, so that a broker that comes back brings no burst of the past."""
-        room, kept = Counter(self._streams), []
-        for message in reversed(air):
-            if message["topic"] not in self._streams or room[message["topic"]] > 0:
-                kept.append(message)
-            room[message["topic"]] -= 1
-        return kept[::-1]
 
     def _mirror(self, air: Sequence[Mapping[str, Any]]) -> None:
         for message in sorted(air, key=itemgetter("topic")):
             self._send(message["topic"].lstrip("/"), message["message"])
-        for name, link in self._links.items():
-            for document in filter(None, map(self._translators[name].to_json, link.take())):
-                self._send(mavlink_to_agent(name), document)
+        frames = self._link.take() if self._link is not None else ()
+        for document in filter(None, map(self._translator.to_json, frames)):
+            self._send(MAVLINK_TO_AGENT, document)
 
     def _send(self, topic: str, document: Mapping[str, Any]) -> None:
         self._sent[topic] += self._connection.publish(topic, json.dumps(document))
@@ -270,15 +255,15 @@ class Bridge:
             # As a text: the bench records it to the letter, and judges whether it is a document.
             message = {"topic": self._allowed[topic], "message": text}
             size = len(json.dumps(message, ensure_ascii=False).encode()) + 1
-            if size > MAX_ACK_BYTES:
-                return f"it is no JSON: with its control characters in words it has {size} bytes"
+            if size > MAX_ACK_BYTES:  # no JSON, which has no such number of control characters
+                return f"{size} bytes with its control characters are more than {MAX_ACK_BYTES}"
             self._outbox.append((message, size))
             return ""
-        link = self._links_from_agent[topic]
-        frame = self._translators[link.name].frame_of(text)
+        frame = self._translator.frame_of(text)
         if isinstance(frame, str):
             return frame
-        link.send(frame)
+        assert self._link is not None  # without it, the topic is none of the accepted ones
+        self._link.send(frame)
         return ""
 
     def _acknowledge(self, tick: Tick) -> None:
@@ -289,4 +274,15 @@ class Bridge:
             message, size = self._outbox.popleft()
             air.append(message)
             room -= size
-        self._ticks.ack(tick, {}, {name: link.sent for name, link in self._links.items()}, air)
+        self._ticks.ack(tick, {}, {} if self._link is None else {LINK: self._link.sent}, air)
+
+
+def _newest(air: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """At most `NEWEST` messages of each topic."""
+    counts: Counter[str] = Counter()
+    kept = []
+    for message in reversed(air):
+        counts[message["topic"]] += 1
+        if counts[message["topic"]] <= NEWEST:
+            kept.append(message)
+    return kept[::-1]

@@ -27,15 +27,15 @@ from own_network import call_in_own_network
 from agent_adapters.mqtt.__main__ import _open_agent
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
 from agent_adapters.mqtt._connection import open_connection
-from agent_adapters.mqtt._topics import MirroredTopics
+from agent_adapters.mqtt._topics import topics_from_agent, topics_to_agent
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
 from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, SessionResult, VehicleTopics
 from bench.errors import LinkLost, SetupError
 from bench.simspec import OutsideService
-from bench.simulation import SessionPlan, run_session
-from bench.streams import String
+from bench.simulation import SessionPlan, air_topics, run_session
+from bench.streams import Detection2DArray, String
 
 # amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
 pytestmark = [
@@ -442,11 +442,12 @@ def test_the_page_has_every_topic_with_its_type() -> None:
     table = page.partition("<!-- topics -->")[2].partition("<!-- end -->")[0]
     rows = [re.findall(r"`([^`]+)`", line) for line in table.splitlines()[3:]]
     stated = {topic: names[-1] for names in rows for topic in names if "/msg/" not in topic}
-    topics = MirroredTopics("{v}", ("{c}",), pictures=True)
-    for wanted in topics.wanted():
-        name = stated.pop(wanted.topic.lstrip("/"))
-        assert name == wanted.kind.TYPE or (wanted.kind is String and "/msg/" not in name)
+    kinds = {topic.name: topic.kind for topic in air_topics(simspec(vehicle={"model": "still"}))}
+    for topic in topics_to_agent("{v}", ("{c}",), pictures=True):
+        name = stated.pop(topic.lstrip("/"))
+        kind = kinds.get(topic.replace("{v}", "vehicle_1").replace("{c}", "front"), Detection2DArray)
+        assert name == kind.TYPE or (kind is String and "/msg/" not in name)
     mirrored = {topic for topic in stated if topic.startswith("{v}")}
-    assert mirrored - {"{v}"} == topics.from_agent().keys()
+    assert mirrored - {"{v}"} == topics_from_agent("{v}").keys()
     for name in {names[-1] for names in rows}:
         assert run(["schema", name]) == 0
