@@ -67,7 +67,7 @@ class Hello(Document):
 
 class Tick(Document):
     """Bench to agent: time is now `time_ns`; `topics` and `links` count what was sent to the agent since the
-    start.
+    start. In lockstep `topics` names every topic of the hello; where time does not wait, it is empty.
     """
 
     kind: Literal["tick"] = "tick"
