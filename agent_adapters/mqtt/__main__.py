@@ -41,13 +41,11 @@ def main() -> int:
     arguments = _parser().parse_args()
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        return _run(arguments)
-    except SetupError as error:
+        _run(arguments)
+        return 0
+    except (SetupError, LinkLost) as error:
         sys.stderr.write(f"mqtt bridge: {error}\n")
-        return 2
-    except LinkLost as error:
-        sys.stderr.write(f"mqtt bridge: {error}\n")
-        return 1
+        return 2 if isinstance(error, SetupError) else 1
     except AgentEnded as error:
         if error.code:
             sys.stderr.write(f"mqtt bridge: the agent ended with exit code {error.code}\n")
@@ -74,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     connections = {} if arguments.no_mavlink or LINK_VARIABLE not in os.environ else {LINK: LINK_VARIABLE}
     environment = read_environment(os.environ, connections)
     if environment.tick is None or environment.zenoh is not None:
@@ -108,7 +106,6 @@ def _run(arguments: argparse.Namespace) -> int:
             sys.stderr.write(f"{bridge.run(first)}\n")
         finally:
             sys.stderr.write(f"mqtt bridge: {json.dumps(bridge.use())}\n")
-    return 0
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import json
 import subprocess
 import sys
 from functools import cache
+from typing import Any
 
 import pytest
 
@@ -97,7 +98,10 @@ def test_both_halves_of_the_protocol_agree() -> None:
 
 def test_both_halves_agree_on_lines_with_the_air_network() -> None:
     """Objects and texts, and how often ticks are wanted."""
-    air = [{"topic": "/ü", "message": {"b": 1, "a": [None, 0.5]}}, {"topic": "/clock", "message": {}}]
+    air: list[dict[str, Any]] = [
+        {"topic": "/ü", "message": {"b": 1, "a": [None, 0.5]}},
+        {"topic": "/clock", "message": {}},
+    ]
     texts = [{"topic": "/ü", "message": 'no "JSON"\n\u0000'}, air[0]]
     messages = [contracts.AirMessage.model_validate(message) for message in air]
     tick = contracts.Tick(number=3, time_ns=5, air=tuple(messages))

@@ -302,7 +302,7 @@ def test_an_outbox_drops_the_oldest_that_is_not_latched() -> None:
     assert outbox.dropped == 1
     outbox.add("/tf", {"n": MAX_MESSAGES}, MAX_BYTES - 40, latched=False)
     outbox.shrink()
-    assert [message.message["n"] for message in outbox.take()] == [
+    assert [message.model_dump()["message"]["n"] for message in outbox.take()] == [
         -1,
         *range(MAX_MESSAGES - 3, MAX_MESSAGES + 1),
     ]
