@@ -11,11 +11,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import field
+from typing import Any
 
 from bench.values import value_class
-
-MAX_LINE_BYTES = 64 * 1024
-"""The longest line that the protocol allows."""
 
 # `json.dumps` makes an encoder for every call that is not all defaults, which takes longer than an ack.
 _encode = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False).encode
@@ -27,13 +25,14 @@ MAX_COUNT = 2**53
 @value_class(frozen=True, slots=True)
 class Tick:
     """Time is now `time_ns`; `topics` and `links` count what the bench has sent to the agent since the
-    start.
+    start. `air` has the messages themselves, with `air: tick` in the manifest: objects with `topic` and `message`.
     """
 
     number: int
     time_ns: int
     topics: Mapping[str, int] = field(default_factory=dict)
     links: Mapping[str, int] = field(default_factory=dict)
+    air: Sequence[Mapping[str, Any]] = ()
 
 
 @value_class(frozen=True, slots=True)
@@ -59,24 +58,37 @@ def read_line(line: bytes) -> Tick | End | None:
     return None
 
 
-def hello_line(agent: str, subscribes: Sequence[str], secret: str) -> bytes:
-    """The first line of an agent: its name, the topics that it subscribes to, and the session's secret."""
+def hello_line(agent: str, subscribes: Sequence[str], secret: str, interval_s: float | None = None) -> bytes:
+    """The first line of an agent: its name, the topics that it subscribes to, the session's secret, and with `air: tick` the
+    least simulated time between ticks where time does not wait.
+    """
     hello = {"kind": "hello", "protocol": 1, "agent": agent, "subscribes": list(subscribes)}
-    return _line({**hello, "secret": secret})
+    interval = {} if interval_s is None else {"interval_s": interval_s}
+    return _line({**hello, "secret": secret, **interval})
 
 
-def ack_line(number: int, topics: Mapping[str, int], links: Mapping[str, int]) -> bytes:
-    """Tick `number` is dealt with; `topics` and `links` count what the agent has sent since the start."""
-    return _line({"kind": "ack", "number": number, "topics": dict(topics), "links": dict(links)})
+def ack_line(
+    number: int,
+    topics: Mapping[str, int],
+    links: Mapping[str, int],
+    air: Sequence[Mapping[str, Any]] = (),
+) -> bytes:
+    """Tick `number` is dealt with; `topics` and `links` count what the agent has sent since the start, `air` has what it
+    publishes with `air: tick`.
+    """
+    ack = {"kind": "ack", "number": number, "topics": dict(topics), "links": dict(links)}
+    return _line({**ack, "air": list(air)} if air else ack)
 
 
 def _tick(fields: Mapping[str, object]) -> Tick | None:
     number, time_ns = fields.get("number"), fields.get("time_ns")
-    topics, links = fields.get("topics", {}), fields.get("links", {})
+    topics, links, air = fields.get("topics", {}), fields.get("links", {}), fields.get("air", [])
     if (
-        not fields.keys() <= {"number", "time_ns", "topics", "links"}
+        not fields.keys() <= {"number", "time_ns", "topics", "links", "air"}
         or not isinstance(topics, dict)
         or not isinstance(links, dict)
+        or not isinstance(air, list)
+        or not all(map(_is_air_message, air))
     ):
         return None
     if (
@@ -87,7 +99,13 @@ def _tick(fields: Mapping[str, object]) -> Tick | None:
         return None
     assert isinstance(number, int)
     assert isinstance(time_ns, int)
-    return Tick(number, time_ns, topics, links)
+    return Tick(number, time_ns, topics, links, tuple(air))
+
+
+def _is_air_message(value: object) -> bool:
+    return (
+        isinstance(value, dict) and value.keys() == {"topic", "message"} and isinstance(value["topic"], str)
+    )
 
 
 def _is_count(value: object) -> bool:

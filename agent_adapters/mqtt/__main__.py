@@ -12,23 +12,19 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from agent_adapters.client import AgentEnvironment, open_bench, read_environment
+from agent_adapters.client import Tick, open_link, open_tick_line, read_environment
 from bench.errors import LinkLost, SetupError
 
 from ._bridge import AgentEnded, AgentSide, Bridge
 from ._broker import BrokerAddress, broker_address, open_own_broker
 from ._connection import BrokerConnection, open_connection
-from ._topics import ACK, READY, TICK, MirroredTopics, mavlink_from_agent
+from ._topics import ACK, LINK, MAVLINK_FROM_AGENT, READY, TICK, topics_from_agent, topics_to_agent
 
-LINK, LINK_VARIABLE = "onboard", "REBAR_MAVLINK"
+LINK_VARIABLE = "REBAR_MAVLINK"
 # What the bridge uses itself. The agent that it starts could only disturb it with these.
-_OWN_VARIABLES = (
-    "REBAR_ZENOH",
-    "REBAR_ZENOH_USER",
-    "REBAR_ZENOH_PASSWORD",
-    "REBAR_TICK",
-    "REBAR_TICK_SECRET",
-)
+_OWN_VARIABLES = ("REBAR_TICK", "REBAR_TICK_SECRET")
+# More often than the bench has anything new: everything goes on at once.
+_INTERVAL_S = 0.005
 # Host seconds for the agent to exit by itself after the end: less than what the bench gives the bridge (0.25 s).
 _LEAVE_S = 0.15
 _KILL_AFTER_S = 1.0
@@ -45,14 +41,11 @@ def main() -> int:
     arguments = _parser().parse_args()
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        environment = _environment(arguments)
-        return _run(environment, arguments)
-    except SetupError as error:
+        _run(arguments)
+        return 0
+    except (SetupError, LinkLost) as error:
         sys.stderr.write(f"mqtt bridge: {error}\n")
-        return 2
-    except LinkLost as error:
-        sys.stderr.write(f"mqtt bridge: {error}\n")
-        return 1
+        return 2 if isinstance(error, SetupError) else 1
     except AgentEnded as error:
         if error.code:
             sys.stderr.write(f"mqtt bridge: the agent ended with exit code {error.code}\n")
@@ -79,37 +72,40 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _environment(arguments: argparse.Namespace) -> AgentEnvironment:
-    links = {} if arguments.no_mavlink or LINK_VARIABLE not in os.environ else {LINK: LINK_VARIABLE}
-    environment = read_environment(os.environ, links)
-    if environment.zenoh is None:
-        remedy = "set zenoh: true in the manifest"
-        raise SetupError("REBAR_ZENOH", "is not set, and the bridge mirrors the air network", remedy)
-    if arguments.no_mavlink and environment.tick is not None:
-        remedy = "leave it out, or fly in real time"
-        raise SetupError("--no-mavlink", "lockstep counts the messages of all links", remedy)
-    return environment
-
-
-def _run(environment: AgentEnvironment, arguments: argparse.Namespace) -> int:
-    topics = MirroredTopics(environment.vehicle, tuple(arguments.camera or ("front",)), arguments.pictures)
-    allowed, lockstep = topics.from_agent(), environment.tick is not None
-    links = tuple(environment.mavlink)
-    subscriptions = (*allowed, *map(mavlink_from_agent, links), READY, ACK, TICK)
+def _run(arguments: argparse.Namespace) -> None:
+    connections = {} if arguments.no_mavlink or LINK_VARIABLE not in os.environ else {LINK: LINK_VARIABLE}
+    environment = read_environment(os.environ, connections)
+    if environment.tick is None or environment.zenoh is not None:
+        remedy = "write air: tick into the manifest"
+        raise SetupError(
+            "air", "is not tick, and the bridge has the air network from the tick socket", remedy
+        )
+    allowed = topics_from_agent(environment.vehicle)
+    wanted = topics_to_agent(environment.vehicle, arguments.camera or ["front"], pictures=arguments.pictures)
+    accepted = (*allowed, *([MAVLINK_FROM_AGENT] if connections else []))
     with ExitStack() as stack:
         address = stack.enter_context(_open_broker(arguments))
+        subscriptions = (*accepted, READY, ACK, TICK)
         connection: BrokerConnection = stack.enter_context(open_connection(address, subscriptions))
         process = stack.enter_context(_open_agent(address, arguments.command))
-        agent = AgentSide(connection, allowed, links, process, lockstep=lockstep)
+        agent = AgentSide(connection, accepted, process)
         while not agent.name:
             agent.look()
-        with open_bench("mqtt_bridge", environment, topics.wanted()) as bench:
-            bridge = Bridge(bench, connection, agent, allowed, lockstep=lockstep)
-            try:
-                sys.stderr.write(f"{bridge.run()}\n")
-            finally:
-                sys.stderr.write(f"mqtt bridge: {json.dumps(bridge.use())}\n")
-    return 0
+        # Before the hello, after which the vehicle sends.
+        link = stack.enter_context(open_link(LINK, environment.mavlink[LINK])) if connections else None
+        ticks = stack.enter_context(open_tick_line(environment.tick))
+        ticks.hello(agent.name, wanted, environment.tick_secret, _INTERVAL_S)
+        first = ticks.next()
+        # Lockstep names every topic in `topics`. The other paces count nothing, because nobody waits for it.
+        agent.in_lockstep = isinstance(first, Tick) and bool(first.topics)
+        if arguments.no_mavlink and agent.in_lockstep:
+            remedy = "leave it out, or fly in real time"
+            raise SetupError("--no-mavlink", "lockstep counts the messages of all links", remedy)
+        bridge = Bridge(ticks, link, connection, agent, allowed)
+        try:
+            sys.stderr.write(f"{bridge.run(first)}\n")
+        finally:
+            sys.stderr.write(f"mqtt bridge: {json.dumps(bridge.use())}\n")
 
 
 @contextmanager

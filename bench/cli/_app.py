@@ -20,6 +20,7 @@ from . import (
     _camera,
     _compare,
     _decomposition,
+    _docs,
     _draw,
     _examples,
     _explain,
@@ -92,7 +93,14 @@ for command in (
     app.command()(command)
 for command in (
     *(_prose.prose, _tension.tension, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
-    *(_examples.examples, _reference.measures, _reference.tables, _export.export, _machine.doctor),
+    *(
+        _docs.docs,
+        _examples.examples,
+        _reference.measures,
+        _reference.tables,
+        _export.export,
+        _machine.doctor,
+    ),
 ):
     app.command("next" if command is _next.propose else None)(command)
 _GROUPS: tuple[tuple[str, str, tuple[Callable[..., None], ...]], ...] = (

@@ -40,25 +40,34 @@ MAX_AIR_LINE_BYTES = 1024 * 1024
 
 
 class AirMessage(Document):
-    """A message of the air network as JSON: what std_msgs/msg/String would hold, or the fields of another type."""
+    """A message of the air network as JSON: what std_msgs/msg/String would hold, or the fields of another type.
+
+    From the agent it may be a text: the document as a String holds it. It is recorded to the letter, and whether it is JSON at
+    all is judged as over Zenoh.
+    """
 
     topic: Annotated[str, Field(max_length=256)]
-    message: dict[str, Any]
+    message: dict[str, Any] | str
 
 
 class Hello(Document):
-    """Agent to bench, first line."""
+    """Agent to bench, first line.
+
+    `interval_s` is for `air: tick` in real time and warp: the least simulated time from tick to tick, in place of
+    `pace.tick_s`. Where time goes on, a program that passes messages on needs them sooner than one that acts on them.
+    """
 
     kind: Literal["hello"] = "hello"
     protocol: Literal[1] = 1
     agent: Label
     subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
     secret: Annotated[str, Field(max_length=256, repr=False)] = ""
+    interval_s: float | None = added_field(None, ge=0.001, le=60.0)
 
 
 class Tick(Document):
     """Bench to agent: time is now `time_ns`; `topics` and `links` count what was sent to the agent since the
-    start.
+    start. In lockstep `topics` names every topic of the hello; where time does not wait, it is empty.
     """
 
     kind: Literal["tick"] = "tick"

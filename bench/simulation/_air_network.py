@@ -248,7 +248,8 @@ class AirNetwork:
         dropped = False
         # As over Zenoh: by topic, and in the order of each.
         for message in sorted(messages, key=lambda message: message.topic):
-            topic, text = message.topic, json.dumps(message.message)
+            topic, content = message.topic, message.message
+            text = content if isinstance(content, str) else json.dumps(content)
             if topic not in self._allowances:
                 self._refuse_topic(
                     topic, sorted(self._allowances), "the agent publishes on", "it may not write"

@@ -51,8 +51,8 @@ class UnpacedAir:
 class TickedAir(UnpacedAir):
     """In the lines of the tick socket, as in lockstep, but simulated time goes on meanwhile.
 
-    Every `pace.tick_s` there is a tick with what was published since the one before; while one is not acknowledged, there is
-    no further one. Counts of messages are left out, because nobody waits for them.
+    Every `pace.tick_s`, or `interval_s` of the hello, there is a tick with what was published since the one before; while one
+    is not acknowledged, there is no further one. Counts of messages are left out, because nobody waits for them.
     """
 
     def __init__(self, parts: SessionParts, watch: SessionWatch, ticks: TickServer) -> None:
@@ -77,6 +77,8 @@ class TickedAir(UnpacedAir):
 
     def _admit(self, hello: Hello) -> None:
         self._has_said_hello = True
+        if hello.interval_s is not None:
+            self._tick_ns = round(hello.interval_s * 1e9)
         self._parts.truth.write_event(self._parts.progress.now, "agent connected", hello.agent)
         self._parts.air.open_for(hello.subscribes)
 

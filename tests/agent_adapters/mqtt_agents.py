@@ -20,7 +20,7 @@ MANNER = sys.argv[1] if len(sys.argv) > 1 else ""
 URL, VEHICLE = urlsplit(os.environ["REBAR_MQTT"]), os.environ["REBAR_VEHICLE"]
 PREFIX = URL.path.strip("/")
 # What the bridge keeps for itself must not be here: an agent that has it could speak past the bridge.
-assert not {"REBAR_ZENOH_PASSWORD", "REBAR_TICK_SECRET"} & os.environ.keys()
+assert not {"REBAR_ZENOH_PASSWORD", "REBAR_TICK", "REBAR_TICK_SECRET"} & os.environ.keys()
 
 
 def main() -> None:

@@ -9,10 +9,11 @@ import json
 import subprocess
 import sys
 from functools import cache
+from typing import Any
 
 import pytest
 
-from agent_adapters.client._protocol import MAX_LINE_BYTES, End, Tick, ack_line, hello_line, read_line
+from agent_adapters.client._protocol import End, Tick, ack_line, hello_line, read_line
 from bench import contracts
 
 MAX_CPU_S = 0.3
@@ -93,7 +94,22 @@ def test_both_halves_of_the_protocol_agree() -> None:
     ack = contracts.Ack(number=3, topics={"/ü": 1}, links={"onboard": 2})
     assert hello_line("mine", ("/clock", "/ü"), "s") == contracts.write_line(hello)
     assert ack_line(3, {"/ü": 1}, {"onboard": 2}) == contracts.write_line(ack)
-    assert contracts.MAX_LINE_BYTES == MAX_LINE_BYTES
+
+
+def test_both_halves_agree_on_lines_with_the_air_network() -> None:
+    """Objects and texts, and how often ticks are wanted."""
+    air: list[dict[str, Any]] = [
+        {"topic": "/ü", "message": {"b": 1, "a": [None, 0.5]}},
+        {"topic": "/clock", "message": {}},
+    ]
+    texts = [{"topic": "/ü", "message": 'no "JSON"\n\u0000'}, air[0]]
+    messages = [contracts.AirMessage.model_validate(message) for message in air]
+    tick = contracts.Tick(number=3, time_ns=5, air=tuple(messages))
+    assert read_line(contracts.write_line(tick)) == Tick(3, 5, {}, {}, tuple(air))
+    ack = contracts.Ack(number=3, air=tuple(map(contracts.AirMessage.model_validate, texts)))
+    assert contracts.read_line(ack_line(3, {}, {}, texts)) == ack
+    hello = contracts.Hello(agent="mine", secret="s", interval_s=0.02)
+    assert hello_line("mine", (), "s", 0.02) == contracts.write_line(hello)
 
 
 @pytest.mark.parametrize(
@@ -108,6 +124,9 @@ def test_both_halves_of_the_protocol_agree() -> None:
         b'{"kind":"tick","number":1,"time_ns":0,"links":{"onboard":-1}}',
         b'{"kind":"tick","number":1,"time_ns":0,"colour":"red"}',
         b'{"kind":"tick","number":1.5,"time_ns":0}',
+        b'{"kind":"tick","number":1,"time_ns":0,"air":{}}',
+        b'{"kind":"tick","number":1,"time_ns":0,"air":[{"topic":1,"message":{}}]}',
+        b'{"kind":"tick","number":1,"time_ns":0,"air":[{"topic":"/clock"}]}',
         b'{"kind":"end","reason":5}',
         b'{"kind":"end","because":"x"}',
         b'{"kind":["end"]}',

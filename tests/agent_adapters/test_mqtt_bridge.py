@@ -13,8 +13,10 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from random import Random
+from typing import Any, Literal, cast
 
 import pytest
 from air_documents import valid
@@ -24,18 +26,31 @@ from made_run import simspec
 from mosquitto import certificate, needs_mosquitto, open_mosquitto
 from own_network import call_in_own_network
 
+from agent_adapters.client import Tick
+from agent_adapters.client._protocol import ack_line
 from agent_adapters.mqtt.__main__ import _open_agent
+from agent_adapters.mqtt._bridge import MAX_ACK_BYTES, MAX_PAYLOAD_BYTES, AgentSide, Bridge, _newest
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
-from agent_adapters.mqtt._connection import open_connection
-from agent_adapters.mqtt._topics import MirroredTopics
+from agent_adapters.mqtt._connection import Arrival, open_connection
+from agent_adapters.mqtt._topics import topics_from_agent, topics_to_agent
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
-from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, SessionResult, VehicleTopics
+from bench.contracts import (
+    MAX_AIR_LINE_BYTES,
+    Ack,
+    AgentManifest,
+    MissionOrder,
+    Outcome,
+    Record,
+    SessionResult,
+    VehicleTopics,
+    read_line,
+)
 from bench.errors import LinkLost, SetupError
-from bench.simspec import OutsideService
-from bench.simulation import SessionPlan, run_session
-from bench.streams import String
+from bench.simspec import OutsideService, PaceMode
+from bench.simulation import SessionPlan, air_topics, run_session
+from bench.streams import Detection2DArray, String, decode
 
 # amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
 pytestmark = [
@@ -60,12 +75,14 @@ def flown(
     options: tuple[str, ...] = (),
     command: tuple[str, ...] = ("{python}", str(AGENT)),
     home: Path | None = None,
+    pace: PaceMode = "lockstep",
+    air: Literal["tick", "zenoh"] = "tick",
     **changes: Any,
 ) -> tuple[SessionResult, list[Record], str]:
     """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
 
     `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge. `command`: of
-    the agent, whose manifest lies in `home`.
+    the agent, whose manifest lies in `home`, has `air` and flies at `pace`.
     """
     broker = [] if port is None else ["--broker", "service:bus"]
     services = () if port is None else (OutsideService(name="bus", host="127.0.0.1", port=port),)
@@ -81,8 +98,11 @@ def flown(
             *command,
             *manner,
         ),
-        pace=("lockstep",),
+        air=air,
+        pace=(pace,),
     )
+    # A host may be as slow as it likes.
+    changes.setdefault("pace", {"mode": pace, "max_late_share": 1.0})
     # A network of the session's own: the bridge reaches itself over TCP.
     return call_in_own_network(
         folder, fly_manifest, manifest, services, home or folder, folder / "scratch", changes
@@ -184,6 +204,96 @@ def test_an_agent_may_no_more_than_over_zenoh(tmp_path: Path) -> None:
     assert use_of(output)["refused"] == 30
     for words in ("it is no UTF-8", "300000 bytes are more than", "the dialect common has no message"):
         assert words in output
+
+
+class FakeTicks:
+    """Keeps the acknowledgements as the bench gets them."""
+
+    def __init__(self) -> None:
+        self.lines: list[bytes] = []
+
+    def ack(self, tick: Tick, topics: Any, links: Any, air: Any) -> None:
+        self.lines.append(ack_line(tick.number, topics, links, air))
+
+
+def test_what_does_not_fit_into_one_acknowledgement_goes_with_the_next() -> None:
+    """Texts at random, long and with much to write out, then many short ones: every line is one that the bench takes."""
+    random = Random(7)
+    signs = ('"', "ü", "x", "\n", "\x01", "😀")
+    texts = ["".join(random.choices(signs, k=random.choice((10, 30_000, 60_000)))) for _ in range(60)]
+    texts += [str(number) for number in range(2500)]
+    topic = "vehicle_1/agent/reports"
+    agent, ticks = AgentSide(cast(Any, None), [topic], None), FakeTicks()
+    bridge = Bridge(cast(Any, ticks), None, cast(Any, None), agent, {topic: f"/{topic}"})
+    bridge._forward([Arrival(topic, text.encode()) for text in texts])
+    # A text that no line takes is no JSON.
+    assert bridge._forward_message(Arrival(topic, b"\1" * MAX_PAYLOAD_BYTES)).endswith(f"{MAX_ACK_BYTES}")
+    assert bridge._forward_message(Arrival(topic, b'"' * MAX_PAYLOAD_BYTES)) == ""
+    assert "bytes are more than" in bridge._forward_message(Arrival(topic, b"x" * (MAX_PAYLOAD_BYTES + 1)))
+    for number in range(40):
+        bridge._acknowledge(Tick(number, 0))
+    assert max(map(len, ticks.lines)) <= MAX_AIR_LINE_BYTES
+    acks = [read_line(line) for line in ticks.lines]
+    messages = [message for ack in acks if isinstance(ack, Ack) for message in ack.air]
+    assert [message.message for message in messages] == [*texts, '"' * MAX_PAYLOAD_BYTES]
+    assert agent.refused == 0
+    # As much as fits: two of these lines are more than one.
+    full = [len(line) for line in ticks.lines[:3]]
+    assert all(one + other > MAX_ACK_BYTES for one, other in pairwise(full))
+
+
+@pytest.mark.flight
+def test_in_real_time_messages_go_on_as_they_come(tmp_path: Path) -> None:
+    """The agent has what is recorded, in ticks that wait for nobody, and learns of the end; its words are recorded."""
+    with open_laboratory() as laboratory:
+        laboratory.listen()
+        end, records, output = flown(tmp_path, laboratory.port, pace="realtime")
+        until(lambda: any(topic.endswith("/bridge/end") for topic in laboratory.topics()))
+        heard = laboratory.heard
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    assert {"phase": "searching"}.items() <= json.loads(
+        texts_of(records, "/vehicle_1/agent/status")[0]
+    ).items()
+    ticks = [message.payload for message in heard if message.topic.endswith("/bridge/tick")]
+    assert [tick["number"] for tick in ticks] == list(range(len(ticks)))
+    assert not any(tick["lockstep"] for tick in ticks)
+    assert all(later["time_ns"] - tick["time_ns"] >= 100_000_000 for tick, later in pairwise(ticks))
+    clocks = [message.payload["clock"] for message in heard if message.topic.endswith("/clock")]
+    moments_ns = [clock["sec"] * 1_000_000_000 + clock["nanosec"] for clock in clocks]
+    # Every step of 20 ms from the first: nothing is left out, whatever the host does.
+    assert moments_ns == [number * 20_000_000 for number in range(len(moments_ns))]
+    assert use_of(output)["ticks"] == len(ticks) > 0
+    assert len(texts_of(records, "/vehicle_1/mission")) == 1
+
+
+def texts_of(records: list[Record], topic: str) -> list[str]:
+    return [decode(record.type_name, record.data).data for record in records if record.topic == topic]
+
+
+@pytest.mark.parametrize(
+    ("options", "air", "words"),
+    [
+        ((), "zenoh", "air: is not tick.*write air: tick into the manifest"),
+        (("--no-mavlink",), "tick", "--no-mavlink: lockstep counts the messages of all links"),
+    ],
+)
+@pytest.mark.flight
+def test_what_the_bridge_cannot_fly_with_is_said(
+    options: tuple[str, ...], air: Literal["tick", "zenoh"], words: str, tmp_path: Path
+) -> None:
+    with open_laboratory() as laboratory:
+        end, _, output = flown(tmp_path, laboratory.port, options=options, air=air)
+    assert end.outcome is Outcome.AGENT_CRASHED
+    assert re.search(words, output)
+
+
+def test_after_a_pause_the_newest_of_each_topic_go_on() -> None:
+    """A hundred of each; what is rare is not pushed out by what is not."""
+    air = [{"topic": f"/{number % 3}", "message": {"number": number}} for number in range(400)]
+    rare = {"topic": "/rare", "message": {}}
+    assert _newest([rare, *air]) == [rare, *air[100:]]
+    assert _newest(air[:300]) == air[:300]
+    assert _newest([]) == []
 
 
 @pytest.mark.parametrize(
@@ -441,11 +551,12 @@ def test_the_page_has_every_topic_with_its_type() -> None:
     table = page.partition("<!-- topics -->")[2].partition("<!-- end -->")[0]
     rows = [re.findall(r"`([^`]+)`", line) for line in table.splitlines()[3:]]
     stated = {topic: names[-1] for names in rows for topic in names if "/msg/" not in topic}
-    topics = MirroredTopics("{v}", ("{c}",), pictures=True)
-    for wanted in topics.wanted():
-        name = stated.pop(wanted.topic.lstrip("/"))
-        assert name == wanted.kind.TYPE or (wanted.kind is String and "/msg/" not in name)
+    kinds = {topic.name: topic.kind for topic in air_topics(simspec(vehicle={"model": "still"}))}
+    for topic in topics_to_agent("{v}", ("{c}",), pictures=True):
+        name = stated.pop(topic.lstrip("/"))
+        kind = kinds.get(topic.replace("{v}", "vehicle_1").replace("{c}", "front"), Detection2DArray)
+        assert name == kind.TYPE or (kind is String and "/msg/" not in name)
     mirrored = {topic for topic in stated if topic.startswith("{v}")}
-    assert mirrored - {"{v}"} == topics.from_agent().keys()
+    assert mirrored - {"{v}"} == topics_from_agent("{v}").keys()
     for name in {names[-1] for names in rows}:
         assert run(["schema", name]) == 0

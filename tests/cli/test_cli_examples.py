@@ -91,6 +91,7 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
 
     def rebar(*arguments: str) -> str:
         environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+        environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
         command = [str(home / "bin" / "rebar"), *arguments]
         ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert ended.returncode == 0, ended.stderr
@@ -101,6 +102,11 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
     )
     assert str(packages).encode() in where.stdout
     assert rebar("--version").startswith("rebar ")
+    pages = {f"bench/cli/shipped/docs/{path.name}" for path in (ROOT / "docs").glob("*.md")}
+    assert pages | {"bench/cli/shipped/README.md", "bench/cli/shipped/CONTRIBUTING.md"} <= set(names)
+    written = Path(rebar("docs", "mqtt-agents", "--path").strip())
+    assert "<h1" in written.read_text(encoding="utf-8")
+    assert written.with_name("simspec.html").is_file()
     rebar("examples", "--copy", "mine")
     file = tmp_path / "mine" / "campaigns" / "demo.yaml"
     campaign = yaml.safe_load(file.read_text(encoding="utf-8"))

@@ -11,6 +11,7 @@ from bench.contracts import Ack, End, Hello, SimTime, Tick, read_line, write_lin
     "message",
     [
         Hello(agent="a", subscribes=("/clock",)),
+        Hello(agent="a", interval_s=0.02),
         Tick(number=3, time_ns=300_000_000, topics={"/clock": 4}, links={"onboard": 17}),
         Ack(number=3, links={"onboard": 2}),
         End(reason="over"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ host, port = os.environ["REBAR_TICK"].split(":")
 lines = socket.create_connection((host, int(port))).makefile("rw")
 def say(**document):
     print(json.dumps(document), file=lines, flush=True)
-say(kind="hello", protocol=1, agent="speaker", subscribes=plan["reads"], secret=os.environ["REBAR_TICK_SECRET"])
+say(kind="hello", protocol=1, agent="speaker", subscribes=plan["reads"], secret=os.environ["REBAR_TICK_SECRET"], **plan.get("hello", {}))
 print(json.dumps({"zenoh": "REBAR_ZENOH" in os.environ}))
 for line in lines:
     print(line, end="", flush=True)
@@ -56,7 +58,11 @@ def flown(
 ) -> tuple[SessionResult, list[Record], list[dict[str, Any]]]:
     """The result, the records, and what the agent read: what it was given first, then the ticks."""
     # In a file: on its command line a text may not be as long as the longest document.
-    plan = {"reads": reads, "acks": {str(number): ack for number, ack in (acks or {}).items()}}
+    plan: dict[str, Any] = {
+        "reads": reads,
+        "acks": {str(number): ack for number, ack in (acks or {}).items()},
+    }
+    plan["hello"] = changes.pop("hello", {})
     (folder / "plan.json").write_text(json.dumps(plan))
     spec = session_simspec(
         intelligence=(Intelligence(id="told", about="target", priority=1, uncertainty_m=20.0),)
@@ -86,6 +92,8 @@ def test_an_agent_reads_in_its_ticks_what_is_recorded_of_the_topics_that_it_name
     assert {topic for topic, _ in read} == set(reads)
     # As JSON, which has one kind of list.
     assert json.loads(json.dumps(recorded)) == read
+    # By this a program that flies at every pace tells lockstep.
+    assert all(tick["topics"].keys() == set(reads) for tick in ticks if tick["kind"] == "tick")
     # A message comes with the tick of its own moment.
     clocks = [
         (tick["time_ns"], message["message"]["clock"])
@@ -136,6 +144,22 @@ def test_a_document_of_just_the_greatest_size_is_taken(tmp_path: Path) -> None:
         long = {"topic": REPORTS, "message": {"reason": "x" * (longest + extra)}}
         end, _, _ = flown(folder, [], {2: {"air": [long]}})
         assert end.outcome is outcome, end.reason
+
+
+def test_a_text_is_recorded_to_the_letter(tmp_path: Path) -> None:
+    """With blanks of its own, and whether it is a document or not; what is too long ends the session."""
+    texts = ['{ "phase" :"transit","time_s":0}', 'no JSON: "\u0000\u00fc', "", "x" * (256 * 1024)]
+    (tmp_path / "taken").mkdir()
+    acks = {2: {"air": [{"topic": REPORTS, "message": text} for text in texts]}}
+    end, records, _ = flown(tmp_path / "taken", [], acks)
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    recorded = [decode(record.type_name, record.data) for record in records if record.topic == REPORTS]
+    assert recorded == [String(text) for text in texts]
+    (tmp_path / "refused").mkdir()
+    longer = {"topic": REPORTS, "message": texts[-1] + "x"}
+    end, _, _ = flown(tmp_path / "refused", [], {2: {"air": [longer]}})
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert "at most 262144 are taken" in end.reason
 
 
 def test_messages_of_an_agent_on_zenoh_are_refused_in_its_acks(tmp_path: Path) -> None:
@@ -190,6 +214,25 @@ def test_in_warp_ticks_come_at_their_interval_and_sessions_are_alike(tmp_path: P
         assert times_ns == [number * 100_000_000 for number in range(30)]
         sessions.append([(record.time, record.topic, record.data) for record in records])
     assert sessions[0] == sessions[1]
+
+
+@pytest.mark.parametrize("interval_s", [0.001, 0.02, 0.05, 0.5])
+def test_a_hello_may_ask_for_other_ticks(interval_s: float, tmp_path: Path) -> None:
+    """At the first step of 20 ms at or after each multiple, with all that was published by then."""
+    hello = {"interval_s": interval_s}
+    end, _, (_, *lines) = flown(tmp_path, ["/clock"], hello=hello, **at_pace("warp"))
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    multiples = range(math.ceil(3.0 / interval_s))
+    steps = sorted({math.ceil(Fraction(str(interval_s)) * number / Fraction("0.02")) for number in multiples})
+    assert [line["time_ns"] for line in lines[:-1]] == [step * 20_000_000 for step in steps if step < 150]
+    assert sum(len(line["air"]) for line in lines[:-1]) == steps[-1 if steps[-1] < 150 else -2] + 1
+
+
+@pytest.mark.parametrize("interval_s", [0.0, 0.0009, 60.1])
+def test_a_hello_with_an_interval_out_of_bounds_is_refused(interval_s: float, tmp_path: Path) -> None:
+    end, _, _ = flown(tmp_path, [], hello={"interval_s": interval_s}, **at_pace("warp"))
+    assert end.outcome is not Outcome.TIME_LIMIT
+    assert "interval_s" in end.reason
 
 
 LATE = """
@@ -259,7 +302,7 @@ def test_an_outbox_drops_the_oldest_that_is_not_latched() -> None:
     assert outbox.dropped == 1
     outbox.add("/tf", {"n": MAX_MESSAGES}, MAX_BYTES - 40, latched=False)
     outbox.shrink()
-    assert [message.message["n"] for message in outbox.take()] == [
+    assert [message.model_dump()["message"]["n"] for message in outbox.take()] == [
         -1,
         *range(MAX_MESSAGES - 3, MAX_MESSAGES + 1),
     ]
