@@ -280,7 +280,9 @@ class OraclePilot(Pilot):
     def _sink_aside(self, unless: Callable[[], bool]) -> Steps[None]:
         """The first part of the way down beside home, where somebody would be under it over home."""
         high_m, now_s = self.pose.height_m, self._vehicle.now_s
-        spans_s = np.arange(0.0, max(high_m - ASIDE_TO_M, 0.0) / SINK_MPS, 0.5)
+        if high_m <= ASIDE_TO_M:
+            return  # it is that low already
+        spans_s = np.arange(0.0, (high_m - ASIDE_TO_M) / SINK_MPS, 0.5)
         places = [self.home, *ring(self.home, ASIDE_M, 0.0, corners=12)[:-1]]
         people = np.array([self._truth.people_m(now_s + at_s) for at_s in spans_s.tolist()])
         apart_m = np.linalg.norm(people[None] - np.array(places)[:, None, None], axis=3).min(axis=2)
