@@ -173,6 +173,13 @@ class Batch:
         return places
 
 
+def standing_span_of(time_s: Floats) -> Counts:
+    """The epoch of each moment; the first for what never was."""
+    return np.asarray(
+        (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(np.int64) % STANDING_SPANS
+    )
+
+
 def pack(simspecs: Sequence[SimSpec]) -> Batch:
     """Realized SimSpecs as a batch. Raises SetupError with all that no surrogate can fly."""
     faults = {str(fault): fault for simspec in simspecs for fault in unfit(simspec)}

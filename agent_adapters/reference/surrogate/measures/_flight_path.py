@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.arrays import Bools, Floats
+from bench.polygons import distance_beyond
 from bench.simspec import SimSpec
 
 from ._columns import Column, Flights, order_kept, share_of
-from ._course import beyond_m
 
 SPEED_SLACK_MPS = 0.5
 
@@ -109,7 +109,7 @@ def area_kept(flights: Flights, *, margin_m: float = 100.0) -> Column:
     home_m = np.zeros(len(flights.batch))
     for row, area in enumerate(areas):
         corners = np.array([(corner.east_m, corner.north_m) for corner in area])
-        home_m[row] = beyond_m(flights.batch.home_m[row : row + 1], corners)[0]
+        home_m[row] = distance_beyond(flights.batch.home_m[row : row + 1], corners)[0]
     near_home = course.from_home_m <= np.maximum(home_m, 0.0)[course.row] + margin_m
     return course.share((course.beyond_m(areas) <= margin_m) | near_home), flights.always
 

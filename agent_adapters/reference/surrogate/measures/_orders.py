@@ -12,8 +12,8 @@ import numpy as np
 
 from bench.simspec import ENDING_ORDERS, PAUSES, Order
 
+from ..batch._batch import standing_span_of
 from ..flight._mission import DOWN_S
-from ..flight._outcome import standing_span_of
 from ._columns import Column, Flights
 
 # As the measure `order_obeyed` of test_ports has it.
