@@ -60,14 +60,13 @@ class FlownMissions(Missions):
         batch, tasks = self.batch, self._task_is.shape[1]
         first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
         begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
-        interrupted = batch.interrupted
-        stood_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
-        begin_s = np.where(interrupted, stood_s, begin_s)
-        self._ended = interrupted & ((batch.ends_s <= begin_s) | (begin_s >= batch.limit_s))
+        begin_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
+        self._ended = (batch.ends_s <= begin_s) | (begin_s >= batch.limit_s)
         self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
-        again = 4 if interrupted.any() or (batch.task_delivered_s > 0.0).any() else 1
-        for _ in range(again * tasks):
+        for _ in range(4 * tasks):  # a task that was broken off may be taken up again
+            if (self._dealt_with | self._ended[:, None]).all() and not np.isfinite(batch.first_s).any():
+                break
             rows, task = self._choose()
             if len(rows):
                 self._work_on(rows, task)
@@ -94,7 +93,7 @@ class FlownMissions(Missions):
         self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
         stood_s = np.minimum(first_open_s(batch.stands_s, begin_s), batch.limit_s)
-        begin_s = np.where(batch.interrupted & (begin_s > self._now_s), stood_s, begin_s)
+        begin_s = np.where(begin_s > self._now_s, stood_s, begin_s)
         ended = open_ & (begin_s >= batch.ends_s)
         self._ended |= ended
         self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)

@@ -121,10 +121,8 @@ def sub_areas_reached(flights: Flights) -> Column:
 def late_intelligence_served(flights: Flights, *, limit_s: float = 120.0) -> Column:
     batch, told_s = flights.batch, flights.batch.task_delivered_s
     due_s = np.full(told_s.shape, np.inf)
-    for row, scene in enumerate(batch.scenes):
-        delivered = {report.id for report in scene.realized.reports}
-        due = [report.delivered_s for report in scene.intelligence if report.id in delivered]
-        due_s[row, : len(delivered)] = due
+    for row, tasks in enumerate(batch.tasks):
+        due_s[row, : len(tasks)] = [report.delivered_s for report in tasks]
     considered = batch.is_task & (due_s > 0.0) & (due_s <= batch.limit_s[:, None] - limit_s)
     at_s = flights.course.reached_s(told_s)
     reached = at_s - told_s - _kept_s(flights, told_s, at_s) <= limit_s
