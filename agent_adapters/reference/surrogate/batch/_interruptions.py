@@ -96,7 +96,7 @@ def interruptions(simspec: SimSpec) -> dict[str, Any]:
         "ordered_down_s": min(down_s, default=math.inf),
         "charge_s": min((drop.at_s for drop in drops), default=math.inf),
         "charge_left": min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
-        "drifts": [_drift(failure) for failure in _of_kind(failures, "gps_drift")],
+        "drifts": [*map(_drift, _of_kind(failures, "gps_drift"))],
     }
 
 

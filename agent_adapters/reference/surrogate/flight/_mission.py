@@ -344,8 +344,8 @@ class FlownMissions(Missions):
         urgent &= told_s < found_s[:, None]
         ordered = others & (told_s <= first_s) & (first_s > begin_s[:, None])
         gives_way = news & ((self._passes[rows, task] > 1) & ~own_ordered)[:, None]
-        calls_s = np.where(urgent | gives_way, told_s, np.inf).min(axis=1)
-        calls_s = np.minimum(calls_s, np.where(ordered, first_s, np.inf).min(axis=1))
+        news_s = np.where(urgent | gives_way, told_s, np.inf).min(axis=1)
+        calls_s: Floats = np.minimum(news_s, np.where(ordered, first_s, np.inf).min(axis=1))
         here_m = batch.task_m[rows, task]
         for other in range(others.shape[1]):
             waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))

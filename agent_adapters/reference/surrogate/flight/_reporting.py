@@ -58,8 +58,8 @@ class Missions:
         self._settled = np.zeros((count, tasks), dtype=np.bool_)  # reported, or to be when that is allowed
         self._ended = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
         self.reached = np.zeros(count, dtype=np.bool_)  # some sub-area was flown to
-        self.reported_s = np.full((count, tasks), NEVER_S)
-        self.marked_s = np.full((count, tasks), NEVER_S)
+        self.reported_s: Floats = np.full((count, tasks), NEVER_S)
+        self.marked_s: Floats = np.full((count, tasks), NEVER_S)
         # As known when the target was reported.
         self.known = KnownBystanders(
             np.zeros((count, tasks), dtype=np.int64), np.full((count, tasks), np.inf)
