@@ -44,3 +44,16 @@ def are_inside(places_m: Floats, corners_m: Floats) -> Bools:
     at = corners_m[:, 0] + (across - corners_m[None, :, 1]) / rise * (following[:, 0] - corners_m[:, 0])
     inside: Bools = (crosses & (places_m[:, None, 0] < at)).sum(axis=1) % 2 == 1
     return inside
+
+
+def distance_beyond(places_m: Floats, corners_m: Floats) -> Floats:
+    """(n,) distances of places (n, 2) from the edge of a polygon with the corners (m, 2), positive outside."""
+    import numpy as np
+
+    along = np.roll(corners_m, -1, axis=0) - corners_m
+    # Two corners at one place make an edge without length; the floor keeps its division defined.
+    squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
+    offset = places_m[:, None] - corners_m[None]
+    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
+    distance: Floats = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
+    return np.where(are_inside(places_m, corners_m), -distance, distance)

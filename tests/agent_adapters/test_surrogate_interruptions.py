@@ -11,7 +11,7 @@ from test_surrogate import AWARE, NAIVE, scene
 
 from agent_adapters.reference.surrogate import Observed, observe, pack
 from agent_adapters.reference.surrogate.batch._interruptions import interruptions
-from agent_adapters.reference.surrogate.flight._mission import fly
+from agent_adapters.reference.surrogate.flight._mission import FlownMissions
 from bench.contracts import Option
 from bench.simspec import SimSpec
 
@@ -241,7 +241,7 @@ def test_an_outage_lands_where_the_descent_takes_no_longer(duration_s: float, la
     lost = {"kind": "gps_off", "at_s": 30.0, "duration_s": duration_s}
     spec = scene(NAIVE, mission={"altitude_m": 40.0}, vehicle={"failures": [lost]})
 
-    assert math.isfinite(interruptions(spec).landed_from_s) is lands
+    assert math.isfinite(interruptions(spec)["landed_from_s"]) is lands
 
 
 def test_ways_lead_round_closed_areas_and_stay_inside_the_fence() -> None:
@@ -327,7 +327,7 @@ def test_marks_wait_for_consent_and_need_it(agent: str) -> None:
     answers = (("granted", 5.0), ("refused", 5.0), ("never", 5.0), ("granted", 250.0))
     batch = pack([free, *(consenting(agent, answer, after_s) for answer, after_s in answers)])
 
-    flown = fly(batch)
+    flown = FlownMissions(batch)
 
     assert np.isfinite(flown.marked_s[0]).all()
     np.testing.assert_allclose(flown.marked_s[1], flown.reported_s[1] + 5.0)

@@ -15,7 +15,7 @@ from bench.simspec import SimSpec
 
 from .batch._batch import Batch, pack
 from .batch._unfit import unfit
-from .flight._mission import fly
+from .flight._mission import FlownMissions
 from .measures import _flight_path, _orders, _perception, _reports
 from .measures._columns import Column, Flights
 
@@ -71,9 +71,8 @@ def observe(batch: Batch, measures: Measures) -> Observed:
     end_s = np.zeros(len(batch))
     for begin in range(0, len(batch), CHUNK):
         part = batch.select(begin, begin + CHUNK)
-        flown = fly(part)
-        flights = Flights(part, flown)
-        end_s[begin : begin + CHUNK] = flown.end_s
+        flights = Flights(FlownMissions(part))
+        end_s[begin : begin + CHUNK] = flights.flown.end_s
         for index, name in enumerate(names):
             if name in computable:
                 measure, options = measures[name]

@@ -7,9 +7,7 @@ many at once; only those are routed, one by one, by the agent's own airspace.
 
 from __future__ import annotations
 
-import math
 from functools import cache, cached_property
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse.csgraph import floyd_warshall
@@ -53,29 +51,17 @@ class SurrogateAirspace:
         The first corner is where the vehicle is, and stays.
         """
         rows, count, _ = corners_m.shape
-        moved = corners_m.copy()
-        moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
-        cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
-        cut[:, 0] |= ~self._allowed(moved[:, 0])
+        begin_m, end_m = corners_m[:, :-1].reshape(-1, 2), corners_m[:, 1:].reshape(-1, 2)
+        needs_route = self._needs_route(begin_m, end_m).reshape(rows, count - 1).any(axis=1)
         routed = {
-            int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
+            row: self.airspace.path([_place(corner) for corner in corners_m[row]])
+            for row in np.flatnonzero(needs_route)
         }
         longest = max([count, *(len(path) for path in routed.values())])
-        lengthened = padded(moved, longest)
+        lengthened = padded(corners_m, longest)
         for row, path in routed.items():
             lengthened[row] = padded(np.array([path]), longest)[0]
         return lengthened
-
-    def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
-        """One path with those of its ways routed that are cut."""
-        corners = [_place(corner) for corner in corners_m]
-        path = [corners[0]]
-        for (a, b), around in zip(pairwise(corners), cut, strict=True):
-            if around and math.dist(a, b) > TOUCH_M:
-                path += self.airspace.route(a, b)[1:]
-            else:
-                path.append(b)
-        return path
 
     def _needs_route(self, begin_m: Floats, end_m: Floats) -> Bools:
         """(r,) ways that lead through a block, or end in one or outside the fence."""

@@ -12,14 +12,25 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
 from bench.contracts import NO_DISTORTION, distortion_faults, lens_of, light_of
 from bench.errors import SetupError
-from bench.simspec import ASSETS, ActorGroup, Camera, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
+from bench.simspec import (
+    ASSETS,
+    ActorGroup,
+    Camera,
+    Intelligence,
+    Motion,
+    Order,
+    Role,
+    SimSpec,
+    seed_of,
+    sun_of,
+)
 
 from ...flight._airspace import Airspaces, places_of
 from ...flight._caution import SLOW_SHARE, Caution
 from ...flight._limits import MissionLimits
 from ...mission._planner import FRESH_S
 from ._draws import uniform
-from ._interruptions import Interruptions, Span, delivered_at, interruptions, outage_spans
+from ._interruptions import Span, delivered_at, interruptions, outage_spans
 from ._unfit import BYSTANDER_AWARE, unfit
 
 HOVER_W = 178.0
@@ -114,25 +125,28 @@ class Batch:
     charge_fraction: Floats
     use_per_s: Floats
     reserve: Floats
-    charge_s: Floats  # when the charge falls, and to what
+    charge_s: Floats  # when the charge falls, and to what at most
     charge_left: Floats
-    ends_s: Floats  # when it is ordered home
-    landed_from_s: Floats  # and down where it is
-    ordered_down_s: Floats  # the same, by order alone
-    stands_s: Floats = field(metadata=_SPANS)  # (n, s, 2) and so on: spans of Interruptions
-    # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
+    ends_s: Floats  # when it flies home for good
+    landed_from_s: Floats  # when it lands where it is
+    ordered_down_s: Floats  # the same, by order alone: from then on the measures of flight count nothing
+    # (n, s, 2): stays where it is, ordered, the operator out of reach, or without a position
+    stands_s: Floats = field(metadata=_SPANS)
+    # (n, s, 4): from, until: it flies home and comes back; how long over home ends the mission, the greatest speed
     strays_s: Floats = field(metadata=_FOURS)
-    blind_s: Floats = field(metadata=_SPANS)
-    closed_s: Floats = field(metadata=_SPANS)
-    drifts: Floats = field(metadata=_FOURS)  # (n, d, 4)
+    blind_s: Floats = field(metadata=_SPANS)  # (n, s, 2): nothing is detected
+    closed_s: Floats = field(metadata=_SPANS)  # (n, s, 2): nothing may be reported
+    drifts: Floats = field(
+        metadata=_FOURS
+    )  # (n, d, 4): from, until, metres a second to the east and the north
     first_s: Floats = field(metadata=_MOMENTS)  # (n, k) when it is ordered to be next
     consent_s: Floats = field(metadata=_NUMBERS)  # (n, k) from a report to leave to mark; 0 if none is asked
     mark_s: Floats = field(metadata=_MOMENTS)  # (n, m) when it is ordered to mark the target of which task
     mark_task: Counts = field(metadata=_INDICES)
-    interrupted: Bools
     airspaces: Objects  # None where nothing is closed
     scenes: Objects  # the SimSpecs
-    interruptions: Objects
+    tasks: Objects  # the intelligence reports of each mission, in the order of its tasks
+    delivered: Objects  # every order of each mission, with the moment of its delivery
 
     def __len__(self) -> int:
         return len(self.seeds)
@@ -173,6 +187,13 @@ class Batch:
         return places
 
 
+def standing_span_of(time_s: Floats | float) -> Counts:
+    """The epoch of each moment; the first for what never was."""
+    return np.asarray(
+        (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(np.int64) % STANDING_SPANS
+    )
+
+
 def pack(simspecs: Sequence[SimSpec]) -> Batch:
     """Realized SimSpecs as a batch. Raises SetupError with all that no surrogate can fly."""
     faults = {str(fault): fault for simspec in simspecs for fault in unfit(simspec)}
@@ -183,20 +204,13 @@ def pack(simspecs: Sequence[SimSpec]) -> Batch:
     columns: dict[str, Any] = {}
     for column in fields(Batch):
         values = [row[column.name] for row in rows]
-        columns[column.name] = _stacked(values, **column.metadata) if column.metadata else _column(values)
+        if column.metadata:
+            columns[column.name] = _stacked(values, **column.metadata)
+        elif column.type == "Objects":
+            columns[column.name] = np.fromiter(values, dtype=np.object_)
+        else:
+            columns[column.name] = np.array(values)
     return Batch(**columns)
-
-
-_OBJECTS = (SimSpec, Airspaces, Interruptions, type(None))
-
-
-def _column(values: Sequence[Any]) -> np.ndarray:
-    """One value a mission."""
-    if not isinstance(values[0], _OBJECTS):
-        return np.array(values)
-    column = np.empty(len(values), dtype=object)
-    column[:] = values
-    return column
 
 
 def _stacked(values: Sequence[Sequence[Any]], fill: float, width: int) -> np.ndarray:
@@ -251,10 +265,8 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
         "use_per_s": HOVER_W / 3600.0 / simspec.vehicle.battery.capacity_wh,
         "reserve": rules.battery_reserve_fraction,
         **_actors(simspec),
-        **_tasks(simspec, events),
-        **{name: getattr(events, name) for name in _OF_EVENTS},
-        "interrupted": events.any,
-        "interruptions": events,
+        **_tasks(simspec, events["delivered"]),
+        **events,
         "airspaces": _airspaces(simspec, known),
         "scenes": simspec,
     }
@@ -263,10 +275,6 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
 _OF_MODEL = (
     *("half_height_px", "slope", "ceiling", "concealment_weight"),
     *("mislabel", "correlation_s", "jitter_px"),
-)
-_OF_EVENTS = (
-    *("charge_s", "charge_left", "ends_s", "landed_from_s", "ordered_down_s"),
-    *("stands_s", "strays_s", "blind_s", "closed_s", "drifts"),
 )
 
 
@@ -286,7 +294,7 @@ def _limits(simspec: SimSpec) -> dict[str, Any]:
     }
 
 
-def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
+def _tasks(simspec: SimSpec, delivered: Sequence[tuple[Order, float]]) -> dict[str, Any]:
     """What is told of each task, and ordered about it."""
     assert simspec.realized is not None
     places = {report.id: (report.east_m, report.north_m) for report in simspec.realized.reports}
@@ -305,15 +313,16 @@ def _tasks(simspec: SimSpec, events: Interruptions) -> dict[str, Any]:
         "task_due_s": [_due_s(simspec, task, link_down) for task in tasks],
         "task_actor": [targets.get(task.about, -1) for task in tasks],
         "consent_s": _consents_s(simspec, names),
-        **_ordered(names, events),
+        "tasks": tasks,
+        **_ordered(names, delivered),
     }
 
 
-def _ordered(names: Sequence[str], events: Interruptions) -> dict[str, Any]:
+def _ordered(names: Sequence[str], delivered: Sequence[tuple[Order, float]]) -> dict[str, Any]:
     """What is ordered about the tasks: to be next, and to mark."""
     first_s = [math.inf] * len(names)
     marks = []
-    for order, at_s in events.delivered:
+    for order, at_s in delivered:
         if order.intelligence in names:
             task = names.index(order.intelligence)
             if order.kind == "retask":

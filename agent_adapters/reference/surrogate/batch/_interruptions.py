@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 from bench.simspec import (
     ENDING_ORDERS,
@@ -40,39 +40,11 @@ POSITION_BACK_S = 0.8
 RETURN_MPS = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Interruptions:
-    """One mission's. Spans are sorted and apart; moments are inf where nothing comes."""
+def interruptions(simspec: SimSpec) -> dict[str, Any]:
+    """What interrupts the mission of a SimSpec that no fault of `unfit` speaks against, by columns of `Batch`.
 
-    stands_s: tuple[Span, ...] = ()  # stays where it is: ordered, the operator out of reach, no position
-    # from, until: it flies home so fast and comes back afterwards, unless it was there so long
-    strays_s: tuple[tuple[float, float, float, float], ...] = ()
-    blind_s: tuple[Span, ...] = ()  # nothing is detected
-    closed_s: tuple[Span, ...] = ()  # nothing may be reported
-    delivered: tuple[tuple[Order, float], ...] = ()  # every order, with the moment of its delivery
-    ends_s: float = math.inf  # flown home from then on
-    landed_from_s: float = math.inf  # landed where it is
-    charge_s: float = math.inf
-    charge_left: float = 1.0  # from then on, at most
-    # from, until, metres a second to the east and to the north
-    drifts: tuple[tuple[float, float, float, float], ...] = ()
-
-    @property
-    def ordered_down_s(self) -> float:
-        """When it is ordered to land where it is: from then on the measures of flight count nothing."""
-        return min((at_s for order, at_s in self.delivered if order.kind == "deactivate"), default=math.inf)
-
-    @property
-    def any(self) -> bool:
-        """Whether anything of this moves the vehicle or blinds it."""
-        moments = (self.ends_s, self.landed_from_s, self.charge_s)
-        return (
-            bool(self.stands_s or self.strays_s or self.blind_s or self.delivered) or min(moments) < math.inf
-        )
-
-
-def interruptions(simspec: SimSpec) -> Interruptions:
-    """What interrupts the mission of a SimSpec that no fault of `unfit` speaks against."""
+    Spans are sorted and apart; moments are inf where nothing comes.
+    """
     rules, failures = simspec.rules, simspec.vehicle.failures
     link_down = outage_spans(simspec.outages, "operator_link")
     away = merged((since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down)
@@ -95,8 +67,9 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     ]
     ended = [(order.kind, at_s) for order, at_s in orders if order.kind in ENDING_ORDERS]
     mute_s = min((at_s for kind, at_s in ended if kind in SILENCING_ORDERS), default=math.inf)
-    return Interruptions(
-        stands_s=merged(
+    down_s = [at_s for kind, at_s in ended if kind == "deactivate"]
+    return {
+        "stands_s": merged(
             [
                 # Where the operator flies the vehicle meanwhile is left out.
                 *_spans_from(orders, tuple(PAUSES), tuple(MOTION_ORDERS - PAUSES.keys())),
@@ -105,25 +78,26 @@ def interruptions(simspec: SimSpec) -> Interruptions:
                 *((since_s, until_s + POSITION_BACK_S) for since_s, until_s in lost),
             ]
         ),
-        strays_s=(
+        "strays_s": [
             *((*span, height_m / DESCENT_MPS, return_mps) for span in silent),
             *((*span, 0.0, math.inf) for span in away_by_rule.get("return", ())),
-        ),
-        blind_s=outage_spans(simspec.outages, "detections"),
-        closed_s=merged(
+        ],
+        "blind_s": outage_spans(simspec.outages, "detections"),
+        "closed_s": merged(
             [
                 *_closed_windows(simspec),
                 *_spans_from(orders, ("stop_reporting",), ("resume_reporting",)),
                 (mute_s, math.inf),
             ]
         ),
-        delivered=tuple(orders),
-        ends_s=min([at_s for _, at_s in ended] + fallen, default=math.inf),
-        landed_from_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
-        charge_s=min((drop.at_s for drop in drops), default=math.inf),
-        charge_left=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
-        drifts=tuple(map(_drift, _of_kind(failures, "gps_drift"))),
-    )
+        "delivered": orders,
+        "ends_s": min([at_s for _, at_s in ended] + fallen, default=math.inf),
+        "landed_from_s": min(down_s + fallen, default=math.inf),
+        "ordered_down_s": min(down_s, default=math.inf),
+        "charge_s": min((drop.at_s for drop in drops), default=math.inf),
+        "charge_left": min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
+        "drifts": [*map(_drift, _of_kind(failures, "gps_drift"))],
+    }
 
 
 def delivered_at(at_s: float, link_down: Sequence[Span]) -> float:

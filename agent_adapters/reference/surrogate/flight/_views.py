@@ -12,7 +12,9 @@ from bench.contracts import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
 
 from ..._settings import DEFAULTS
 from ..batch._batch import Batch
+from ..batch._draws import normal
 
+_LUCK_COUNT = 3000
 BLOCK = 24
 """Missions looked at together, so that the pairs stay in the processor's cache."""
 
@@ -223,3 +225,19 @@ def right_label_chance(views: Views, min_confidence: float = 0.0) -> Narrow:
     # The logistic curve for the normal one: within 0.01, and sooner worked out.
     sure_enough = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
     return np.where(views.detection < 1.0, sure_enough, right)  # what misses nothing doubts nothing
+
+
+def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
+    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with
+    its luck.
+
+    Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
+    """
+    actors = batch.role.shape[1]
+    flat = views.row * actors + views.actor
+    size = len(batch) * actors
+    mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
+    spread = np.bincount(
+        flat, views.frames * batch.correlated_frames[views.row] * chance * (1.0 - chance), size
+    ).reshape(-1, actors)
+    return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)

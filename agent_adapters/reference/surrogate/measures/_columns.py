@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
 
-from ..batch._batch import ASSET_INDEX, NO_ASSET, Batch
+from ...perception._drift import SHIFT_M, WINDOW_S
+from ...perception._tracks import MOST_LOOKS
+from ..batch._batch import ASSET_INDEX, NO_ASSET, standing_span_of
 from ..batch._draws import normal
-from ..flight._bystanders import frame_counts
-from ..flight._outcome import FlownMissions
-from ..flight._views import right_label_chance
+from ..flight._mission import FlownMissions
+from ..flight._views import frame_counts, right_label_chance
 from ._course import FlownCourse
 
 Column = tuple[Floats, Bools]
@@ -24,21 +26,22 @@ ROLES = {"bystander": 0, "adversary": 1, "clutter": 2, "sought": 3}
 LEAST_CONFIDENCE, LEAST_PX, FARTHEST_M = 0.35, 12.0, 100_000.0
 """Of a view that counts, where options say nothing else."""
 
-_STREAM_SHARES = 5000
+_STREAM_PLACE, _STREAM_SHARES = 4000, 5000
+Real = TypeVar("Real", Floats, Counts)
 
 
 class Flights:
     """A flown batch, and what several observables ask of it, each worked out once."""
 
-    def __init__(self, batch: Batch, flown: FlownMissions) -> None:
-        self.batch, self.flown, self.views = batch, flown, flown.views
+    def __init__(self, flown: FlownMissions) -> None:
+        self.batch, self.flown, self.views = flown.batch, flown, flown.views
         # Chance of each view that a frame of it holds the actor with its own class, at least that sure.
         self.rightly: Callable[[float], Narrow] = cache(partial(right_label_chance, flown.views))
 
     @cached_property
     def course(self) -> FlownCourse:
         """Every moment in the air."""
-        return FlownCourse(self.batch, self.flown)
+        return FlownCourse(self.flown)
 
     @cached_property
     def counts(self) -> Floats:
@@ -88,9 +91,79 @@ class Flights:
         in_role = batch.role >= 0 if role == "any" else batch.role == ROLES[role]
         return in_role & (batch.asset == ASSET_INDEX.get(asset, NO_ASSET)) if asset else in_role
 
+    @cached_property
+    def near_target(self) -> tuple[Floats, Bools]:
+        """(EPOCHS, n, k) the nearest bystander's distance from each target, inf where there is no target; and
+        (EPOCHS, n, k, a) which are within the no-mark distance.
+        """
+        batch, (rows, task) = self.batch, np.nonzero(self.batch.is_target)
+        shape = (len(self.flown.everybody_m), *batch.is_target.shape)
+        nearest_m, near = np.full(shape, np.inf), np.zeros((*shape, batch.role.shape[1]), dtype=np.bool_)
+        people, limit_m2 = batch.role[rows] == 0, (batch.no_mark_m[rows] ** 2)[:, None]
+        for epoch, places_m in enumerate(self.flown.everybody_m):
+            away_m = places_m[rows] - places_m[rows, batch.task_actor[rows, task]][:, None, :]
+            apart_m2 = np.where(people, away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2, np.inf)
+            nearest_m[epoch, rows, task] = np.sqrt(apart_m2.min(axis=1, initial=np.inf))
+            near[epoch, rows, task] = apart_m2 < limit_m2
+        return nearest_m, near
+
     def exposed(self, min_exposure_s: float) -> Bools:
         """(n, k) targets with a bystander near them for long enough."""
-        return self.batch.is_target & (self.flown.exposure_s >= min_exposure_s)
+        near: Floats = (self.near_target[0] < self.batch.no_mark_m[:, None]).mean(axis=0)
+        return self.batch.is_target & (near * self.batch.limit_s[:, None] >= min_exposure_s)
+
+    @property
+    def near_at_report_m(self) -> Floats:
+        """(n, k) true distance of the nearest bystander to the target."""
+        return _at(self.near_target[0], self.flown.reported_s)
+
+    @property
+    def near_at_report(self) -> Counts:
+        """(n, k) how many were within the no-mark distance."""
+        return _at(self.near_target[1].sum(axis=3), self.flown.reported_s)
+
+    @property
+    def clear_mark(self) -> Bools:
+        """(n, k) marked while no bystander was within the no-mark distance."""
+        marked_s = self.flown.marked_s
+        clear: Bools = _at(self.near_target[0], marked_s) >= self.batch.no_mark_m[:, None]
+        return clear & self.batch.is_target & np.isfinite(marked_s)
+
+    @cached_property
+    def error_m(self) -> Floats:
+        """(n, k) how far a reported place is off: navigation's wander and drift, the box's jitter."""
+        batch, reported_s = self.batch, self.flown.reported_s
+        tasks = reported_s.shape[1]
+        pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
+        sigma_m = np.sqrt(batch.gps_m**2 + pixel_m**2 / MOST_LOOKS)
+        off_m = sigma_m[:, None, None] * normal(batch.seeds, _STREAM_PLACE, 2 * tasks).reshape(
+            len(batch), tasks, 2
+        )
+        for drift in range(batch.drifts.shape[1]):
+            since_s, until_s, *rates_mps = batch.drifts[:, drift].T
+            during = (reported_s >= since_s[:, None]) & (reported_s < until_s[:, None])
+            # A drift that the agent has noticed no longer moves its places.
+            speed_mps = np.hypot(*rates_mps)
+            noticed_s = np.where(
+                speed_mps > SHIFT_M / WINDOW_S, since_s + SHIFT_M / np.maximum(speed_mps, 1e-9), np.inf
+            )
+            during &= reported_s < noticed_s[:, None]
+            for axis, rate_mps in enumerate(rates_mps):
+                gone_s = np.where(during, reported_s, 0.0) - np.where(during, since_s[:, None], 0.0)
+                off_m[:, :, axis] += gone_s * np.where(np.isfinite(rate_mps), rate_mps, 0.0)[:, None]
+        return np.asarray(np.hypot(off_m[:, :, 0], off_m[:, :, 1]))
+
+    @cached_property
+    def entered(self) -> Bools:
+        """(n, a) inside a sub-area at some moment."""
+        batch = self.batch
+        inside = np.zeros(batch.role.shape, dtype=np.bool_)
+        reach_m2 = np.where(batch.task_radius_m > 0.0, batch.task_radius_m**2, -1.0)
+        for places_m in (batch.start_m, *self.flown.everybody_m):
+            for task in range(reach_m2.shape[1]):
+                away_m = places_m - batch.task_m[:, task][:, None, :]
+                inside |= away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2 <= reach_m2[:, task, None]
+        return inside
 
     @cached_property
     def people(self) -> Bools:
@@ -101,6 +174,12 @@ class Flights:
     def always(self) -> Bools:
         """(n,) considered in every mission."""
         return np.ones(len(self.batch), dtype=np.bool_)
+
+
+def _at(values: Real, time_s: Floats) -> Real:
+    """Of (EPOCHS, n, k) those of the epoch of each moment (n, k)."""
+    chosen: Real = np.take_along_axis(values, standing_span_of(time_s)[None], axis=0)[0]
+    return chosen
 
 
 def any_of(which: Bools) -> Bools:

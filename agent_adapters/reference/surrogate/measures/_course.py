@@ -12,11 +12,11 @@ from itertools import zip_longest
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
-from bench.polygons import are_inside
+from bench.polygons import distance_beyond
 from bench.simspec import Point
 
-from ..batch._batch import Batch
-from ..flight._outcome import FlownMissions, standing_span_of
+from ..batch._batch import standing_span_of
+from ..flight._mission import FlownMissions
 from ..flight._views import Stretch
 
 # Straight up and down over one place, which no stretch of the flight holds. Chosen, not measured.
@@ -27,8 +27,8 @@ _MOMENTS = 6
 class FlownCourse:
     """Every moment in the air of every mission, flat."""
 
-    def __init__(self, batch: Batch, flown: FlownMissions) -> None:
-        self.batch = batch
+    def __init__(self, flown: FlownMissions) -> None:
+        self.batch = batch = flown.batch
         parts = [_flat(part) for part in flown.course]
         parts += [
             _column(flown.took_off_s, batch.home_m, 6.0, TAKEOFF_S),
@@ -83,7 +83,7 @@ class FlownCourse:
         for corners, rows in rows_of.items():
             if corners:
                 at = np.flatnonzero(np.isin(self.row, rows))
-                distance_m[at] = beyond_m(self.place_m[at], np.array(corners))
+                distance_m[at] = distance_beyond(self.place_m[at], np.array(corners))
         return distance_m
 
     @cached_property
@@ -136,12 +136,3 @@ def _column(begin_s: Floats, place_m: Floats, high_m: float, span_s: float) -> t
         np.tile(since * high_m, count),
         np.zeros(count * _MOMENTS),
     )
-
-
-def beyond_m(places_m: Floats, corners_m: Floats) -> Floats:
-    """Distances of places from a polygon's edge, positive outside and negative inside."""
-    along = np.roll(corners_m, -1, axis=0) - corners_m
-    offset = places_m[:, None] - corners_m[None]
-    share = np.clip((offset * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    apart_m = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
-    return np.asarray(np.where(are_inside(places_m, corners_m), -apart_m, apart_m))

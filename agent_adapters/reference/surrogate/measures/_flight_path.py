@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.arrays import Bools, Floats
+from bench.polygons import distance_beyond
 from bench.simspec import SimSpec
 
 from ._columns import Column, Flights, order_kept, share_of
-from ._course import beyond_m
 
 SPEED_SLACK_MPS = 0.5
 
@@ -109,7 +109,7 @@ def area_kept(flights: Flights, *, margin_m: float = 100.0) -> Column:
     home_m = np.zeros(len(flights.batch))
     for row, area in enumerate(areas):
         corners = np.array([(corner.east_m, corner.north_m) for corner in area])
-        home_m[row] = beyond_m(flights.batch.home_m[row : row + 1], corners)[0]
+        home_m[row] = distance_beyond(flights.batch.home_m[row : row + 1], corners)[0]
     near_home = course.from_home_m <= np.maximum(home_m, 0.0)[course.row] + margin_m
     return course.share((course.beyond_m(areas) <= margin_m) | near_home), flights.always
 
@@ -121,10 +121,8 @@ def sub_areas_reached(flights: Flights) -> Column:
 def late_intelligence_served(flights: Flights, *, limit_s: float = 120.0) -> Column:
     batch, told_s = flights.batch, flights.batch.task_delivered_s
     due_s = np.full(told_s.shape, np.inf)
-    for row, scene in enumerate(batch.scenes):
-        delivered = {report.id for report in scene.realized.reports}
-        due = [report.delivered_s for report in scene.intelligence if report.id in delivered]
-        due_s[row, : len(delivered)] = due
+    for row, tasks in enumerate(batch.tasks):
+        due_s[row, : len(tasks)] = [report.delivered_s for report in tasks]
     considered = batch.is_task & (due_s > 0.0) & (due_s <= batch.limit_s[:, None] - limit_s)
     at_s = flights.course.reached_s(told_s)
     reached = at_s - told_s - _kept_s(flights, told_s, at_s) <= limit_s

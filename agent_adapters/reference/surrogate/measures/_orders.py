@@ -12,8 +12,8 @@ import numpy as np
 
 from bench.simspec import ENDING_ORDERS, PAUSES, Order
 
+from ..batch._batch import standing_span_of
 from ..flight._mission import DOWN_S
-from ..flight._outcome import standing_span_of
 from ._columns import Column, Flights
 
 # As the measure `order_obeyed` of test_ports has it.
@@ -34,31 +34,25 @@ class _Delivered:
     @property
     def task(self) -> int | None:
         """The task about an adversary that the order names."""
-        scene = self.flights.batch.scenes[self.row]
-        delivered = {report.id for report in scene.realized.reports}
-        names = [report.id for report in scene.intelligence if report.id in delivered]
+        batch, row = self.flights.batch, self.row
+        names = [report.id for report in batch.tasks[row]]
         task = names.index(self.order.intelligence) if self.order.intelligence in names else -1
-        return task if task >= 0 and self.flights.batch.task_actor[self.row, task] >= 0 else None
+        return task if task >= 0 and batch.task_actor[row, task] >= 0 else None
 
     def lawful(self, task: int, at_s: float) -> bool:
         """Whether nobody is too near the target at a moment."""
-        batch, row = self.flights.batch, self.row
-        places_m = self.flights.flown.everybody_m[int(standing_span_of(np.array([at_s]))[0]), row]
-        away_m = places_m - places_m[batch.task_actor[row, task]]
-        near = np.hypot(away_m[:, 0], away_m[:, 1]) < batch.no_mark_m[row]
-        return not ((batch.role[row] == 0) & near).any()
+        return not self.flights.near_target[1][standing_span_of(at_s), self.row, task].any()
 
     def moments_of(self, kind: str) -> list[float]:
         """When the mission was given orders of a kind."""
-        delivered = self.flights.batch.interruptions[self.row].delivered
-        return [at_s for order, at_s in delivered if order.kind == kind]
+        return [at_s for order, at_s in self.flights.batch.delivered[self.row] if order.kind == kind]
 
 
 def _delivered(flights: Flights, *kinds: str) -> Iterator[_Delivered]:
     """All orders of these kinds that came while there was a mission."""
-    for row, events in enumerate(flights.batch.interruptions):
+    for row, delivered in enumerate(flights.batch.delivered):
         last_s = min(flights.flown.end_s[row], flights.batch.limit_s[row])
-        for order, at_s in events.delivered:
+        for order, at_s in delivered:
             if order.kind in kinds and at_s <= last_s:
                 yield _Delivered(flights, row, order, at_s)
 
@@ -138,7 +132,7 @@ def _refused(given: _Delivered) -> bool | None:
     row, task, at_s = given.row, given.task, given.at_s
     if task is None or given.lawful(task, at_s):
         return None
-    silent = any(since_s <= at_s < until_s for since_s, until_s in batch.interruptions[row].closed_s)
+    silent = any(since_s <= at_s < until_s for since_s, until_s in batch.closed_s[row])
     accepts = not batch.bystander_aware[row] and flown.found_s[row, task] <= at_s and not silent
     marked_s = flown.marked_s[row, task]
     soon = at_s <= marked_s <= at_s + REFUSED_S and not given.lawful(task, marked_s)

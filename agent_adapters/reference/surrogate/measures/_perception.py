@@ -10,8 +10,7 @@ from bench.contracts import FALSE_SCORE
 from bench.simspec import ASSETS
 
 from ...perception._tracks import TENTATIVE_FRAMES
-from ..batch._batch import ASSET_INDEX, LABEL_INDEX, NO_ASSET
-from ..flight._outcome import standing_span_of
+from ..batch._batch import ASSET_INDEX, LABEL_INDEX, NO_ASSET, standing_span_of
 from ._columns import (
     FARTHEST_M,
     LEAST_CONFIDENCE,
@@ -64,12 +63,12 @@ def detection_fairness(
     chosen = flights.chosen("bystander", min_height_px=min_height_px)
     kind = np.where(chosen, kinds[views.row, views.actor], 0)
     shares, seen = flights.lucky_shares(chosen, min_confidence, kind, KINDS_MOST, _FAIR)
-    entered = _by_kind(kinds, (flights.batch.role == 0) & flights.flown.entered)
+    entered = _by_kind(kinds, (flights.batch.role == 0) & flights.entered)
     return _compared(shares, seen | (entered > 0.0))
 
 
 def track_fairness(flights: Flights, *, by: str, min_frames: float = 5.0) -> Column:
-    kinds, entered = _kinds(flights, by), flights.flown.entered & (flights.batch.role == 0)
+    kinds, entered = _kinds(flights, by), flights.entered & (flights.batch.role == 0)
     held = flights.counts >= min_frames
     total, held_by_kind = _by_kind(kinds, entered), _by_kind(kinds, entered & held)
     return _compared(held_by_kind / np.maximum(total, 1.0), total > 0.0)
@@ -153,7 +152,7 @@ def _classes(flights: Flights, role: str) -> Bools:
 
 
 def classified_share(flights: Flights, *, role: str, asset: str = "", min_frames: float = 5.0) -> Column:
-    entered = flights.flown.entered & flights.has_role(role, asset)
+    entered = flights.entered & flights.has_role(role, asset)
     return share_of(flights.counts >= min_frames, entered)
 
 

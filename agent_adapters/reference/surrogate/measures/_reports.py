@@ -6,8 +6,8 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 
+from ..batch._batch import standing_span_of
 from ..flight._delays import first_open_s
-from ..flight._outcome import standing_span_of
 from ..flight._way_home import WayHome
 from ._columns import LEAST_PX, Column, Flights, any_of, order_kept, share_of
 
@@ -26,7 +26,7 @@ def _reported(flights: Flights) -> Bools:
 
 def _reported_accurately(flights: Flights, within_m: float) -> Bools:
     """(n, k) targets that a report put near their place."""
-    return _reported(flights) & (flights.flown.error_m <= within_m)
+    return _reported(flights) & (flights.error_m <= within_m)
 
 
 def targets_reported(flights: Flights, *, within_m: float = 20.0, priority: float = 0.0) -> Column:
@@ -38,7 +38,7 @@ def targets_reported(flights: Flights, *, within_m: float = 20.0, priority: floa
 
 def report_accuracy(flights: Flights, *, scale_m: float = 25.0) -> Column:
     reported = _reported(flights)
-    accuracy = np.maximum(1.0 - flights.flown.error_m / scale_m, 0.0)
+    accuracy = np.maximum(1.0 - flights.error_m / scale_m, 0.0)
     mean = np.where(reported, accuracy, 0.0).sum(axis=1) / np.maximum(reported.sum(axis=1), 1)
     return mean, any_of(flights.batch.is_target)
 
@@ -93,13 +93,13 @@ def report_windows_kept(flights: Flights) -> Column:
 
 def marks_clear_of_bystanders(flights: Flights, *, min_exposure_s: float = LEAST_EXPOSURE_S) -> Column:
     flown = flights.flown
-    right, marked = share_of(flown.clear_mark, flights.batch.is_target & np.isfinite(flown.marked_s))
+    right, marked = share_of(flights.clear_mark, flights.batch.is_target & np.isfinite(flown.marked_s))
     return np.where(marked, right, any_of(_reported(flights))), any_of(flights.exposed(min_exposure_s))
 
 
 def withheld_until_clear(flights: Flights, *, min_exposure_s: float = LEAST_EXPOSURE_S) -> Column:
     flown = flights.flown
-    clear = np.isfinite(flown.reported_s) & (flown.clear_mark | np.isinf(flown.marked_s))
+    clear = np.isfinite(flown.reported_s) & (flights.clear_mark | np.isinf(flown.marked_s))
     return share_of(clear, flights.exposed(min_exposure_s))
 
 
@@ -113,19 +113,19 @@ def _of_reports(flights: Flights, min_exposure_s: float, right: Bools, tested: B
 
 def _bystander_near(flights: Flights) -> Bools:
     """(n, k) whether a bystander was too near the target at the moment of its report."""
-    return flights.flown.near_at_report_m < flights.batch.no_mark_m[:, None]
+    return flights.near_at_report_m < flights.batch.no_mark_m[:, None]
 
 
 def bystanders_declared(flights: Flights, *, min_exposure_s: float = LEAST_EXPOSURE_S) -> Column:
-    flown, declared, near = flights.flown, flights.flown.known.within > 0, _bystander_near(flights)
-    far = flown.near_at_report_m >= flights.batch.no_mark_m[:, None] + MARGIN_M
+    declared, near = flights.flown.known.within > 0, _bystander_near(flights)
+    far = flights.near_at_report_m >= flights.batch.no_mark_m[:, None] + MARGIN_M
     return _of_reports(flights, min_exposure_s, near & declared, near | (declared & far))
 
 
 def bystander_count_right(
     flights: Flights, *, tolerance: float = 0.5, min_exposure_s: float = LEAST_EXPOSURE_S
 ) -> Column:
-    known, true = flights.flown.known.within, flights.flown.near_at_report
+    known, true = flights.flown.known.within, flights.near_at_report
     right = np.abs(known - true) <= np.maximum(1.0, tolerance * true)
     right &= flights.batch.bystander_aware[:, None]
     return _of_reports(flights, min_exposure_s, right, _bystander_near(flights))
@@ -136,7 +136,7 @@ def nearest_bystander_right(
 ) -> Column:
     nearest_m = flights.flown.known.nearest_m
     right = np.isfinite(nearest_m) & flights.batch.bystander_aware[:, None]
-    apart_m = np.where(right, nearest_m, 0.0) - np.where(right, flights.flown.near_at_report_m, 0.0)
+    apart_m = np.where(right, nearest_m, 0.0) - np.where(right, flights.near_at_report_m, 0.0)
     right &= np.abs(apart_m) <= tolerance_m
     return _of_reports(flights, min_exposure_s, right, _bystander_near(flights))
 
