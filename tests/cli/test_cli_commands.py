@@ -174,7 +174,10 @@ def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(
         assert lines[1] == f"px4 on serial1: connect to {tmp_path / 'ttyUSB1'}:57600"
         assert re.match(r"real time: \d of 5 steps", lines[2])
         assert run(["fly", *devices, "--speed", "2"]) == 2
-        assert "--speed: another computer keeps real time" in capsys.readouterr().err
+        assert (
+            "--speed: another computer, or the firmware of a plug-in, keeps real time"
+            in capsys.readouterr().err
+        )
     assert run(["fly", "--serial", str(tmp_path / "ttyUSB0")]) == 2
     assert "link serial0: there is no device" in capsys.readouterr().err
     assert run(["fly", "--interface", "nothing0"]) == 2
