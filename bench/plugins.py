@@ -18,6 +18,7 @@ PluginGroup = Literal[
     "rebar.surrogates",
     "rebar.renderers",
     "rebar.detectors",
+    "rebar.firmware",
     "rebar.tables",
 ]
 

@@ -14,11 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from boards import LineClock
 from firmware_stand_in import Pilot, State, Vector
 from pymavlink.dialects.v20 import common
 from serial_cable import Cable
-
-from vehicle_models.firmware._pace import LineClock
 
 SLICE_S = 0.0025
 G = 9.80665

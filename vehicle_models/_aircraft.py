@@ -19,7 +19,7 @@ from bench.contracts import (
     VehicleState,
 )
 from bench.errors import SetupError
-from bench.simspec import BoardAutopilot, RealAutopilot, generator
+from bench.simspec import PluginAutopilot, RealAutopilot, generator
 
 from ._battery import BatteryModel
 from ._geodesy import LocalFrame, TangentPlane
@@ -54,7 +54,7 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
 
     Raises SetupError for a link that cannot be opened or an unknown parameter.
     """
-    if isinstance(plan.simspec.vehicle.autopilot, RealAutopilot | BoardAutopilot):
+    if isinstance(plan.simspec.vehicle.autopilot, RealAutopilot | PluginAutopilot):
         # Imported only now: most sessions need neither processes nor a magnetic field.
         from .firmware import open_firmware_x500
 
@@ -272,8 +272,8 @@ class Aircraft(LinkedVehicle, ABC):
     def _crashed(self, speed_before_mps: float) -> bool:
         """Whether the last step broke the airframe; `speed_before_mps` is the speed before it."""
 
-    def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
-        if isinstance(name, RealAutopilot | BoardAutopilot):
+    def _find_autopilot(self, name: str | RealAutopilot | PluginAutopilot) -> Autopilot:
+        if isinstance(name, RealAutopilot | PluginAutopilot):
             what = "real autopilots fly the model x500 alone"
             raise SetupError("vehicle.autopilot", what, "use it, or an imitation")
         if name not in self.autopilots:

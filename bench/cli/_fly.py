@@ -17,7 +17,7 @@ from bench.errors import SetupError
 from bench.simspec import DEFAULT_VEHICLE, MAX_LATITUDE_DEG
 
 if TYPE_CHECKING:
-    from bench.simspec import BoardAutopilot
+    from bench.simspec import PluginAutopilot
 
 # The prefixes are those of connection strings in pymavlink.
 KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
@@ -64,25 +64,25 @@ class FlyOptions:
     ] = False
     firmware: Annotated[
         str,
-        typer.Option(help="Fly a real autopilot: PX4's folder with bin/px4 and etc/, or ArduPilot's program"),
-    ] = ""
-    board: Annotated[
-        str,
         typer.Option(
-            help="Fly a PX4 board in hardware-in-the-loop mode, DEVICE or DEVICE:BAUD. PROPELLERS OFF; docs/hardware.md"
+            help="Fly a real autopilot: PX4's folder with bin/px4 and etc/, ArduPilot's program, or one of a plug-in, "
+            "KIND:OPTION=VALUE,..."
         ),
     ] = ""
     duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None
 
     def check(self) -> None:
         """Raises SetupError for options that cannot be, or not together."""
-        outside = {"--serial": self.serial, "--interface": self.interface, "--board": self.board}
+        plugin = parse_firmware(self.firmware)
+        outside = {
+            "--serial": self.serial,
+            "--interface": self.interface,
+            f"--firmware {self.firmware}": plugin,
+        }
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            what = f"another computer keeps real time, and {self.speed:g} is not"
+            what = f"another computer, or the firmware of a plug-in, keeps real time, and {self.speed:g} is not"
             raise SetupError("--speed", what, f"leave it out with {option}")
-        if self.firmware and self.board:
-            raise SetupError("--board", "a board brings its own firmware", "leave out --firmware")
-        if (self.firmware or self.board) and self.params is not None:
+        if self.firmware and self.params is not None:
             raise SetupError("--params", "a real autopilot keeps its parameters itself", "leave out --params")
 
     def links(self) -> list[LinkSpec]:
@@ -117,8 +117,7 @@ def fly(options: FlyOptions) -> None:
             parameter_file=options.params,
             model=options.vehicle,
             camera=options.camera,
-            firmware=options.firmware,
-            board=parse_board(options.board, options.autopilot) if options.board else None,
+            firmware=parse_firmware(options.firmware) or options.firmware,
         )
         # Flushed: a program that reads the output through a pipe waits for the first line.
         run_standalone(plan, partial(print, flush=True))
@@ -176,23 +175,27 @@ def parse_link(text: str, index: int) -> LinkSpec:
 
 def parse_serial(text: str, index: int) -> LinkSpec:
     """A LinkSpec from the text of `--serial`."""
-    path, baud = parse_device(text, "--serial")
+    path, baud = _parse_device(text)
     return LinkSpec(name=f"serial{index}", kind="serial", path=path, baud=baud)
 
 
-def parse_board(text: str, autopilot: str = "px4") -> BoardAutopilot:
-    """The board of `--board`."""
+def parse_firmware(text: str) -> PluginAutopilot | None:
+    """The plug-in's autopilot of `--firmware`, KIND:OPTION=VALUE,...; None for the path of a firmware."""
     from bench.documents import validate_document
-    from bench.simspec import BoardAutopilot
+    from bench.simspec import PluginAutopilot
 
-    if autopilot != "px4":
-        what = f"{autopilot} has no hardware-in-the-loop mode that takes sensors from outside"
-        raise SetupError("--board", what, "fly a PX4 board")
-    path, baud = parse_device(text, "--board")
-    return validate_document({"kind": "px4", "device": path, "baud": baud}, BoardAutopilot, source="--board")
+    kind, colon, options = text.partition(":")
+    if not colon or "/" in kind or Path(text).exists():
+        return None
+    pairs = [option.partition("=") for option in options.split(",")]
+    if not all(name and equals for name, equals, _ in pairs):
+        example = "for example px4-board:device=/dev/ttyACM0,baud=921600"
+        raise SetupError("--firmware", f"{text!r} is not KIND:OPTION=VALUE,...", example)
+    document = {"kind": kind, "options": {name: value for name, _, value in pairs}}
+    return validate_document(document, PluginAutopilot, source="--firmware")
 
 
-def parse_device(text: str, option: str) -> tuple[str, int]:
+def _parse_device(text: str) -> tuple[str, int]:
     """Path and speed of DEVICE or DEVICE:BAUD."""
     from bench.simspec import DEFAULT_BAUD
 
@@ -202,6 +205,6 @@ def parse_device(text: str, option: str) -> tuple[str, int]:
         path, baud = text, str(DEFAULT_BAUD)
     if not path or int(baud) <= 0:
         raise SetupError(
-            option, f"{text!r} is no device", "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600"
+            "--serial", f"{text!r} is no device", "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600"
         )
     return path, int(baud)

@@ -15,15 +15,12 @@ from dataclasses import asdict, dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from ._fly import parse_board
+from ._fly import parse_firmware
 from ._tables import plain_console, wrapped
-
-if TYPE_CHECKING:
-    from bench.simulation import StandalonePlan
 
 PACKAGES = (
     "jsbsim",
@@ -54,12 +51,9 @@ def doctor(
     firmware: Annotated[
         str,
         typer.Option(
-            help="Start this real autopilot too: PX4's folder or its bin/px4, or ArduPilot's program"
+            help="Start this real autopilot too: PX4's folder or its bin/px4, ArduPilot's program, or one of a plug-in, "
+            "KIND:OPTION=VALUE,..."
         ),
-    ] = "",
-    board: Annotated[
-        str,
-        typer.Option(help="Restart and try this PX4 board too, DEVICE or DEVICE:BAUD. PROPELLERS OFF"),
     ] = "",
 ) -> None:
     """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents, pace warp. Example:
@@ -68,8 +62,6 @@ def doctor(
     checks = [_try(name, check) for name, check in CHECKS.items()]
     if firmware:
         checks.append(_try("firmware", partial(_firmware, firmware)))
-    if board:
-        checks.append(_try("board", partial(_board, board)))
     if as_json:
         print(json.dumps([asdict(check) for check in checks], indent=2))
     else:
@@ -119,6 +111,7 @@ def _plugins() -> str:
         "rebar.measures",
         "rebar.renderers",
         "rebar.detectors",
+        "rebar.firmware",
     )
     counts = {group: len(plugins(group)) for group in groups}
     if not all(counts.values()):
@@ -138,26 +131,17 @@ def _vehicle() -> str:
         return f"{spec.vehicle.model} stepped from {START.s:g} to {vehicle.time.s:g} simulated seconds"
 
 
-def _firmware(path: str) -> str:
-    """Start a real autopilot for some simulated seconds; its kind is known by what the path is."""
-    from bench.simulation import StandalonePlan
-
-    # PX4 is a folder of program and start scripts, ArduPilot one executable.
-    kind = "px4" if Path(path).is_dir() or Path(path).name == "px4" else "ardupilot"
-    return _boot(StandalonePlan(kind, firmware=path))
-
-
-def _board(text: str) -> str:
-    """Fly a board on the ground for some seconds."""
-    from bench.simulation import StandalonePlan
-
-    return _boot(StandalonePlan(board=parse_board(text).model_copy(update={"boot_s": 5.0})))
-
-
-def _boot(plan: StandalonePlan) -> str:
+def _firmware(text: str) -> str:
+    """Start a real autopilot on the ground for some seconds; the bench's own kinds are known by what the path is."""
     from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
-    from bench.simulation import standalone_simspec
+    from bench.simulation import StandalonePlan, standalone_simspec
 
+    if plugin := parse_firmware(text):
+        plan = StandalonePlan(firmware=plugin.model_copy(update={"boot_s": 5.0}))
+    else:
+        # PX4 is a folder of program and start scripts, ArduPilot one executable.
+        kind = "px4" if Path(text).is_dir() or Path(text).name == "px4" else "ardupilot"
+        plan = StandalonePlan(kind, firmware=text)
     spec = standalone_simspec(plan)
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)

@@ -117,10 +117,10 @@ LOSSES = {
     "serial_lost_bytes": "bytes that a serial line did not take",
     "serial_lost_messages": "messages lost on serial lines, by their sequence numbers",
     "serial_resets": "serial devices that went away and came back",
-    "board_late_samples": "sensor samples sent late to the board",
-    "board_lost_bytes": "bytes that the line to the board did not take",
-    "board_lost_messages": "messages of the board that were lost, by their sequence numbers",
-    "board_garbage_bytes": "bytes from the board that are no MAVLink",
+    "firmware_late_samples": "sensor samples sent late to the autopilot",
+    "firmware_lost_bytes": "bytes that the line to the autopilot did not take",
+    "firmware_lost_messages": "messages of the autopilot that were lost, by their sequence numbers",
+    "firmware_garbage_bytes": "bytes from the autopilot that are no MAVLink",
 }
 """Counters of what was lost on the links, with the words of the report."""
 

@@ -187,6 +187,10 @@ def _fields_at(kind: type[BaseModel], location: DocumentPath) -> list[str]:
     current: Any = kind
     for part in location:
         for candidate in _models(current):
+            # Of several models pydantic names the one that it tried.
+            if part == candidate.__name__:
+                current = candidate
+                break
             if isinstance(part, str) and part in candidate.model_fields:
                 current = candidate.model_fields[part].annotation
                 break

@@ -110,11 +110,11 @@ if TYPE_CHECKING:
     from ._vehicle_spec import DEFAULT_RENDERER as DEFAULT_RENDERER
     from ._vehicle_spec import DEFAULT_VEHICLE as DEFAULT_VEHICLE
     from ._vehicle_spec import Battery as Battery
-    from ._vehicle_spec import BoardAutopilot as BoardAutopilot
     from ._vehicle_spec import Camera as Camera
     from ._vehicle_spec import Distortion as Distortion
     from ._vehicle_spec import Gps as Gps
     from ._vehicle_spec import OutsideLink as OutsideLink
+    from ._vehicle_spec import PluginAutopilot as PluginAutopilot
     from ._vehicle_spec import RealAutopilot as RealAutopilot
     from ._vehicle_spec import VehicleSpec as VehicleSpec
     from ._weather import Environment as Environment

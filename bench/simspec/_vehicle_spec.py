@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, JsonValue, Tag, model_validator
 
 from bench.documents import Document, added_field
 
@@ -213,49 +214,43 @@ class RealAutopilot(Document):
         description="Whether the autopilot writes its log, some 0.3 MB a second; it is kept with the run.",
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _boards_have_a_plugin(cls, value: object) -> object:
+        if isinstance(value, Mapping) and "device" in value:
+            raise ValueError(
+                "a board is flown by a package: pip install examples/boards, and write "
+                "autopilot: {kind: px4-board, options: {device: ...}} (docs/hardware.md)"
+            )
+        return value
+
     def __str__(self) -> str:
         return f"{self.kind} (real)"
 
 
-class BoardAutopilot(Document):
-    """A flight controller board with PX4 in hardware-in-the-loop mode, in real time (docs/hardware.md).
+class PluginAutopilot(Document):
+    """A real autopilot that an installed package flies, by its name in the entry-point group rebar.firmware."""
 
-    TAKE THE PROPELLERS OFF. The board is restarted at the start of each session, and its parameters are put back at the
-    end.
-    """
-
-    kind: Literal["px4"]
-    device: Annotated[
-        str,
-        Field(
-            min_length=1,
-            description="The serial device of the board, such as /dev/serial/by-id/usb-... or /dev/ttyACM0.",
-        ),
-    ]
-    baud: int = Field(
-        DEFAULT_BAUD,
-        ge=9600,
-        le=4_000_000,
-        description="Speed of the line. A board on USB ignores it, but rates of messages are planned for it.",
-    )
-    parameters: dict[str, float] = Field(
-        {}, description="Set at the start, behind those of the airframe and those of vehicle.parameters."
-    )
-    streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=200.0)]] = Field(
-        {},
-        max_length=32,
-        description="Rates of messages that the board is asked for, by MAVLink name, such as LOCAL_POSITION_NED: 10. "
-        "What does not fit on the line is refused.",
-    )
+    kind: Identifier
+    options: dict[str, JsonValue] = Field({}, description="Options of the plug-in, which checks them.")
     boot_s: float | None = Field(
         None,
         ge=0.0,
         le=600.0,
-        description="Seconds on the ground before the session begins, until the board can be armed; 20 when absent.",
+        description="Simulated seconds on the ground before the session begins, until the autopilot can be armed; when "
+        "absent the plug-in chooses.",
     )
 
     def __str__(self) -> str:
-        return f"{self.kind} (board)"
+        return f"{self.kind} (real)"
+
+
+def _autopilot_form(value: object) -> str:
+    """Which form of `autopilot` a value has: its faults are then those of that form alone."""
+    if isinstance(value, Mapping):
+        kind = RealAutopilot if value.get("kind") in ("px4", "ardupilot") else PluginAutopilot
+        return kind.__name__
+    return type(value).__name__ if isinstance(value, RealAutopilot | PluginAutopilot) else "imitated"
 
 
 class VehicleSpec(Document):
@@ -264,9 +259,14 @@ class VehicleSpec(Document):
     model: Identifier = Field(
         DEFAULT_VEHICLE, description="Name of the vehicle in the entry-point group rebar.vehicles."
     )
-    autopilot: Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot = Field(
+    autopilot: Annotated[
+        Annotated[Literal["px4", "ardupilot"], Tag("imitated")]
+        | Annotated[RealAutopilot, Tag("RealAutopilot")]
+        | Annotated[PluginAutopilot, Tag("PluginAutopilot")],
+        Discriminator(_autopilot_form),
+    ] = Field(
         "px4",
-        description="The autopilot that the flight controller imitates, a real one with its firmware, or a board.",
+        description="The autopilot that the flight controller imitates, a real one with its firmware, or one of a plug-in.",
     )
     parameters: dict[str, float] = Field(
         {}, description="Autopilot parameters that are set before the start, by the names of that autopilot."

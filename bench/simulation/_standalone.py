@@ -22,7 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import validate_document
 from bench.errors import SetupError
-from bench.simspec import DEFAULT_VEHICLE, BoardAutopilot, SimSpec
+from bench.simspec import DEFAULT_VEHICLE, PluginAutopilot, SimSpec
 
 from ._host_clock import HostClock
 from ._interface import interface_address
@@ -54,8 +54,7 @@ class StandalonePlan:
     5763 for ardupilot. Without `duration_s` (simulated seconds) it flies until it is stopped. `parameter_file` saves what
     differs from the defaults from one start to the next. `model` is a vehicle of group rebar.vehicles. `camera` adds a
     camera on a gimbal, both on the links. True motion is sent on request, and clients may set parameters of the
-    simulation, as with a SITL. With a `firmware` the real autopilot flies, which sends no true motion; with a `board` one
-    in hardware-in-the-loop mode, in real time.
+    simulation, as with a SITL. With a `firmware`, a path or a plug-in's, the real autopilot flies, which sends no true motion.
     """
 
     autopilot: str = "px4"
@@ -67,8 +66,7 @@ class StandalonePlan:
     parameter_file: Path | None = None
     model: str = DEFAULT_VEHICLE
     camera: bool = False
-    firmware: str = ""
-    board: BoardAutopilot | None = None
+    firmware: str | PluginAutopilot = ""
 
 
 def interface_links(autopilot: str, name: str) -> list[LinkSpec]:
@@ -150,10 +148,10 @@ def standalone_simspec(plan: StandalonePlan) -> SimSpec:
         for east, north in ((-500, -500), (500, -500), (500, 500), (-500, 500))
     ]
     carried: object = autopilot
-    if plan.firmware:
+    if isinstance(plan.firmware, PluginAutopilot):
+        carried = plan.firmware
+    elif plan.firmware:
         carried = {"kind": autopilot, "firmware": plan.firmware, "boot_s": _HELLO_S, "pace": "one_core"}
-    elif plan.board:
-        carried = plan.board.model_dump()
     document = {
         "name": "standalone",
         "world": {

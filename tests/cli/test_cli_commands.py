@@ -24,7 +24,7 @@ from serial_cable import Cable
 
 from bench.campaign import load_campaign, question_sha256
 from bench.cli._app import app, run
-from bench.cli._fly import parse_board, parse_home, parse_link, parse_serial
+from bench.cli._fly import parse_firmware, parse_home, parse_link, parse_serial
 from bench.errors import SetupError
 from bench.simulation import interface_links
 
@@ -137,12 +137,29 @@ def test_homes_and_links_are_parsed_or_refused() -> None:
     for wrong in ("", ":57600", "/dev/ttyUSB0:0"):
         with pytest.raises(SetupError, match="--serial"):
             parse_serial(wrong, 0)
-    board = parse_board("/dev/ttyACM0:460800")
-    assert (board.device, board.baud) == ("/dev/ttyACM0", 460800)
-    with pytest.raises(SetupError, match="ardupilot has no hardware-in-the-loop mode"):
-        parse_board("/dev/ttyACM0", "ardupilot")
-    with pytest.raises(SetupError, match="--board"):
-        parse_board("/dev/ttyACM0:57")
+
+
+def test_a_firmware_is_a_path_or_a_plugin_with_options(tmp_path: Path) -> None:
+    """Names under /dev/serial/by-path hold colons, and folders may hold any sign."""
+    device = "/dev/serial/by-path/pci-0:1.0"
+    for options in ({"device": device, "baud": "460800"}, {"anything": "a=b"}):
+        text = ",".join(f"{name}={value}" for name, value in options.items())
+        plugin = parse_firmware(f"px4-board:{text}")
+        assert plugin is not None
+        assert (plugin.kind, plugin.options) == ("px4-board", options)
+    odd = tmp_path / "px4:a=b"
+    odd.touch()
+    for path in ("", "build/px4_sitl", "/opt/px4:1.16/bin", str(odd)):
+        assert parse_firmware(path) is None
+    for wrong in (
+        "px4-board:/dev/ttyACM0",
+        "px4-board:",
+        "px4-board:device=x,",
+        "px4-board:=x",
+        "No Kind:a=b",
+    ):
+        with pytest.raises(SetupError, match="--firmware"):
+            parse_firmware(wrong)
 
 
 def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(
@@ -157,7 +174,10 @@ def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(
         assert lines[1] == f"px4 on serial1: connect to {tmp_path / 'ttyUSB1'}:57600"
         assert re.match(r"real time: \d of 5 steps", lines[2])
         assert run(["fly", *devices, "--speed", "2"]) == 2
-        assert "--speed: another computer keeps real time" in capsys.readouterr().err
+        assert (
+            "--speed: another computer, or the firmware of a plug-in, keeps real time"
+            in capsys.readouterr().err
+        )
     assert run(["fly", "--serial", str(tmp_path / "ttyUSB0")]) == 2
     assert "link serial0: there is no device" in capsys.readouterr().err
     assert run(["fly", "--interface", "nothing0"]) == 2

@@ -32,7 +32,7 @@ def carried_by(folder: Path, autopilot: Any, failed: dict[str, set[int]], mode: 
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     home = tmp_path_factory.mktemp("autopilots")
     firmware = {"kind": "px4", "firmware": "/opt/px4"}
-    board = {"kind": "px4", "device": "/dev/ttyACM0"}
+    board = {"kind": "px4-board", "options": {"device": "/dev/ttyACM0"}}
     return (
         carried_by(home / "imitated", "px4", {PERCEPTION_OBSERVABLE: {1}, MARKING_OBSERVABLE: set()}),
         carried_by(home / "firmware", firmware, {PERCEPTION_OBSERVABLE: {1, 2, 3}, MARKING_OBSERVABLE: {4}}),
@@ -53,7 +53,7 @@ def test_what_the_imitation_changes_is_told_scene_by_scene(flown: tuple[Path, Pa
     assert astuple(perception_counts) == (SCENES - 3, 2, 0, 1)
     assert astuple(marking_counts) == (SCENES - 1, 1, 0, 0)
     on_board = compare_campaigns((firmware, board))
-    assert on_board.autopilots == ("px4 (real), lockstep", "px4 (board), realtime")
+    assert on_board.autopilots == ("px4 (real), lockstep", "px4-board (real), realtime")
     counts = {node.node: node.counts for node in on_board.nodes}
     assert (counts[MARKING_OBSERVABLE].neither, counts[PERCEPTION_OBSERVABLE].only_second) == (1, 3)
 

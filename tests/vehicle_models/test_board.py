@@ -17,14 +17,15 @@ from typing import Any
 
 import pytest
 from board_stand_in import INT32, REAL32, Board
+from boards import MAX_PARAMETERS, declare, frame_bytes, plan_line
 from serial_cable import Cable
 from vehicle_client import Client, mavlink, of, simspec
 
+from bench.cli._app import run
+from bench.cli._machine import _firmware as check_firmware
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
-from vehicle_models.firmware._agent_parameters import MAX_PARAMETERS
-from vehicle_models.firmware._line_budget import frame_bytes, plan_line
 
 HEIGHT_M = 2.0
 
@@ -59,21 +60,18 @@ def opened(
     simulation_control: bool = False,
     **autopilot: Any,
 ) -> Generator[FirmwareX500]:
-    document = {
-        "kind": "px4",
-        "device": str(board.cable.path),
-        "baud": board.baud,
-        "boot_s": boot_s,
-        **autopilot,
-    }
+    options = {"device": str(board.cable.path), "baud": board.baud, **autopilot}
+    document = {"kind": "px4-board", "options": options, "boot_s": boot_s}
     vehicle_spec = {"autopilot": document, "simulation_control": simulation_control}
     spec = simspec(vehicle=vehicle_spec, pace={"mode": "realtime"})
     links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
-    budgets = Budgets(connect_s=8.0, clock=board.clock())
-    with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as vehicle:
-        if client:
-            client.vehicle = vehicle
-        yield vehicle
+    plan = VehiclePlan(spec, links, artefacts=artefacts)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        declare(monkeypatch, board.clock())
+        with open_firmware_x500(plan, budgets=Budgets(connect_s=8.0)) as vehicle:
+            if client:
+                client.vehicle = vehicle
+            yield vehicle
 
 
 def parameter(board: Board, name: str) -> float:
@@ -123,9 +121,9 @@ def test_a_board_takes_off_and_lands_by_its_sensors_alone(
         assert vehicle.estimate().position_enu_m == pytest.approx(truth.position_enu_m, abs=0.6)
         counters = vehicle.counters()
         assert (
-            counters["board_late_samples"]
-            == counters["board_lost_bytes"]
-            == counters["board_lost_messages"]
+            counters["firmware_late_samples"]
+            == counters["firmware_lost_bytes"]
+            == counters["firmware_lost_messages"]
             == 0
         )
     spacings = [b - a for a, b in zip(board.sensor_times_s, list(board.sensor_times_s)[1:], strict=False)][
@@ -223,7 +221,7 @@ def test_a_board_that_reads_too_slowly_loses_whole_messages(cable: Cable) -> Non
                 continue
         os.close(filler)
         step(vehicle, board, 1.0)
-        assert vehicle.counters()["board_lost_bytes"] > 1000
+        assert vehicle.counters()["firmware_lost_bytes"] > 1000
         words = r"0 parameters put back; NOT PUT BACK: CA_ROTOR0_PX, .*'HIL_ACT_FUNC1': 0"
         with pytest.raises(FirmwareFault, match=words):
             stack.close()
@@ -336,7 +334,7 @@ def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, clien
         step(vehicle, board, 0.3, client)
         denied = [m.result for m in of("COMMAND_ACK", client.received) if m.command == 511][-3:]
         texts = client.texts()
-        assert vehicle.counters()["board_streams_refused"] == 3
+        assert vehicle.counters()["firmware_refused"] == 3
         assert parameter(board, "HIL_ACT_FUNC1") == 101
     assert sorted(denied) == [0, 2, 2]
     assert any(text.startswith("HIGHRES_IMU at 50 Hz takes") for text in texts)
@@ -431,8 +429,11 @@ def test_the_budget_of_a_line_adds_up() -> None:
     assert len(refused.value.faults) == 2
 
 
-def test_a_board_keeps_real_time_and_says_what_it_cannot(cable: Cable, tmp_path: Path) -> None:
-    document = {"kind": "px4", "device": str(tmp_path / "none"), "baud": 921600}
+def test_a_board_keeps_real_time_and_says_what_it_cannot(
+    cable: Cable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    declare(monkeypatch)
+    document = {"kind": "px4-board", "options": {"device": str(tmp_path / "none")}}
     failures = [{"at_s": 1, "kind": "battery_drop", "to_fraction": 0.1}, {"at_s": 1, "kind": "gps_off"}]
     spec = simspec(vehicle={"autopilot": document, "failures": failures, "simulation_control": False})
     with pytest.raises(SetupError) as refused, open_firmware_x500(VehiclePlan(spec, ())):
@@ -442,3 +443,26 @@ def test_a_board_keeps_real_time_and_says_what_it_cannot(cable: Cable, tmp_path:
     assert "vehicle.failures[0].kind: battery_drop does not reach a board" in texts
     assert "there is no device" in texts
     assert len(refused.value.faults) == 3
+
+
+def test_commands_fly_a_board_by_its_plugin(
+    cable: Cable, client: Client, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`rebar fly` and `rebar doctor`; options that it does not have, and devices that are not there, are named."""
+    board = Board(cable, 115200)
+    before = dict(board.parameters)
+    declare(monkeypatch, board.clock())
+    firmware = f"px4-board:device={cable.path},baud=115200"
+    flown = f"PX4 board 1.16.0, {cable.path} at 115200 baud, 100 samples a second, in real time"
+    fly = ["fly", "--mavlink", f"udpout:127.0.0.1:{client.port}", "--firmware"]
+    assert run([*fly, firmware, "--duration", "0.1"]) == 0
+    assert capsys.readouterr().out.startswith(flown)
+    assert run([*fly, firmware, "--speed", "2"]) == 2
+    assert "--speed: another computer, or the firmware of a plug-in" in capsys.readouterr().err
+    assert run([*fly, f"px4-board:device={cable.path}-2,baud=fast"]) == 2
+    assert "vehicle.autopilot.options: baud: 'fast' is not valid" in capsys.readouterr().err
+    assert run([*fly, f"px4-board:device={cable.path}-2"]) == 2
+    assert f"vehicle.autopilot.options.device: there is no device {cable.path}-2" in capsys.readouterr().err
+    assert check_firmware(firmware) == flown
+    assert board.restarts == 2
+    assert board.parameters == before

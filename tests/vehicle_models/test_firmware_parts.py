@@ -339,12 +339,11 @@ def test_quiet_is_refused_where_sleep_cannot_be_seen(monkeypatch: pytest.MonkeyP
     for name in ("bin/px4", "etc/init.d-posix/rcS"):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).touch(mode=0o755)
-    faults = {
-        pace: Px4Kind().faults(
-            VehicleSpec(autopilot=RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace))
-        )
-        for pace in ("quiet", "one_core")
-    }
+    faults = {}
+    for pace in ("quiet", "one_core"):
+        autopilot = RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace)
+        plan = VehiclePlan(simspec(vehicle={"autopilot": autopilot}), ())
+        faults[pace] = Px4Kind().faults(plan, autopilot)
     assert faults["one_core"] == []
     assert [fault.where for fault in faults["quiet"]] == ["vehicle.autopilot.pace"]
     assert "/proc is closed" in str(SetupError(faults["quiet"]))

@@ -19,7 +19,7 @@ from vehicle_client import Client, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
-from bench.simspec import VehicleSpec
+from bench.simspec import RealAutopilot
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
 from vehicle_models.firmware._ardupilot import RunningArduPilot
 from vehicle_models.firmware._program import FirmwareProgram
@@ -265,7 +265,9 @@ def test_a_battery_that_the_user_gave_px4_is_left_to_it(firmware: dict[str, Path
         ({"autopilot": autopilot}, []),
     ]
     for document, refused in documents:
-        faults = Px4Kind().faults(VehicleSpec.model_validate({**document, "failures": drop}))
+        spec = simspec(vehicle={**document, "failures": drop})
+        assert isinstance(spec.vehicle.autopilot, RealAutopilot)
+        faults = Px4Kind().faults(VehiclePlan(spec, ()), spec.vehicle.autopilot)
         assert [fault.where for fault in faults] == refused
 
 

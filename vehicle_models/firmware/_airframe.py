@@ -23,15 +23,11 @@ def px4_parameters(*, log: bool, charge: float) -> dict[str, float]:
     """
     # With -i N PX4 takes the system id N + 1: clients expect 1.
     battery = {"SIM_BAT_DRAIN": 1, PX4_CHARGE: charge_percent(charge)}
-    return _px4_geometry() | battery | {"MAV_SYS_ID": 1, "SDLOG_BACKEND": 1 if log else 0}
+    return px4_geometry() | battery | {"MAV_SYS_ID": 1, "SDLOG_BACKEND": 1 if log else 0}
 
 
-def board_parameters() -> dict[str, float]:
-    """Those of a PX4 board, whose simulated outputs 1 to 4 are motors 1 to 4 (HIL_ACT_FUNC)."""
-    return _px4_geometry() | {f"HIL_ACT_FUNC{number}": 100 + number for number in range(1, 5)}
-
-
-def _px4_geometry() -> dict[str, float]:
+def px4_geometry() -> dict[str, float]:
+    """Those that every PX4 needs, whatever it runs on: where the motors are, and what they do."""
     geometry: dict[str, float] = {}
     for number, (x, y, torque) in enumerate(_QUAD_X):
         geometry |= {

@@ -8,8 +8,10 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from bench.contracts import VehiclePlan
+from bench.documents import Document
 from bench.errors import Fault
-from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
+from bench.simspec import RealAutopilot
 
 from .._battery import FULL_V, BatteryModel
 from ..x500 import ROTORS
@@ -40,24 +42,25 @@ class ArduPilotKind:
     """How to start ArduCopter."""
 
     name = "ArduPilot"
+    modes = "ardupilot"
+    options: type[Document] = RealAutopilot
     # With a main loop of 400 Hz it refuses to arm below 720 Hz.
     samples_hz = 800
     boot_s = 50.0
     estimate_hz: float | None = 50.0
     logs: Sequence[str] = ("logs/*.BIN",)
 
-    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
-        assert isinstance(autopilot, RealAutopilot)
-        return program_identity(Path(autopilot.firmware), autopilot.pace)
+    def identity(self, options: Document) -> str:
+        assert isinstance(options, RealAutopilot)
+        return program_identity(Path(options.firmware), options.pace)
 
-    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
-        autopilot = vehicle.autopilot
-        assert isinstance(autopilot, RealAutopilot)
-        return program_faults(Path(autopilot.firmware), [])
+    def faults(self, plan: VehiclePlan, options: Document) -> list[Fault]:
+        assert isinstance(options, RealAutopilot)
+        return program_faults(Path(options.firmware), [])
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
-        autopilot, body, links = plan.autopilot, plan.body, plan.links
+        autopilot, body, links = plan.options, plan.body, plan.links
         assert isinstance(autopilot, RealAutopilot)
         with ExitStack() as stack:
             environment = {"PATH": "/usr/bin:/bin"}
@@ -123,8 +126,7 @@ class ArduPilotKind:
 
     def _start_s(self, plan: FirmwarePlan) -> int:
         """When its receiver's clock begins, in seconds since 1970: without it, at the host's time, and no two flights agree."""
-        boot_s = self.boot_s if plan.autopilot.boot_s is None else plan.autopilot.boot_s
-        return min(math.floor(plan.simspec.environment.start_utc.timestamp() - boot_s), _LAST_START_S)
+        return min(math.floor(plan.simspec.environment.start_utc.timestamp() - plan.boot_s), _LAST_START_S)
 
 
 def _is_free(port: int) -> bool:

@@ -1,49 +1,50 @@
-"""What the vehicle needs of one kind of real autopilot."""
+"""What the vehicle needs of one kind of real autopilot: the contract of the entry-point group rebar.firmware."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from bench.contracts import LinkSpec
-from bench.errors import Fault
-from bench.simspec import BoardAutopilot, RealAutopilot, SimSpec, VehicleSpec
+from bench.contracts import LinkSpec, VehiclePlan, load_plugin, plugins
+from bench.documents import Document, validate_document
+from bench.errors import Fault, SetupError
+from bench.simspec import PluginAutopilot, RealAutopilot, SimSpec
 
 from .._battery import BatteryModel
 from ._body import Body
 from ._mavlink_ports import MavlinkPort
-from ._pace import LineClock
 
 FIRMWARE_FIELD = "vehicle.autopilot.firmware"
 
 
 @dataclass(frozen=True, slots=True)
 class Budgets:
-    """Host seconds that an autopilot gets: to connect, and to answer a sample. `clock` measures those of a board."""
+    """Host seconds that an autopilot gets: to connect, and to answer a sample."""
 
     connect_s: float = 60.0
     answer_s: float = 30.0
-    clock: LineClock = field(default_factory=LineClock)
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwarePlan:
-    """All that one autopilot needs to be started: `folder` is its own, and empty."""
+    """All that one autopilot needs to be started: `options` are of its kind's class, `folder` is its own, and empty."""
 
     simspec: SimSpec
-    autopilot: RealAutopilot | BoardAutopilot
+    options: Document
     body: Body
     battery: BatteryModel
     links: Sequence[LinkSpec]
     folder: Path
     budgets: Budgets
     controller_hz: int
+    boot_s: float
+    """Simulated seconds on the ground before the session."""
 
 
 class RunningFirmware(ABC):
@@ -59,8 +60,6 @@ class RunningFirmware(ABC):
     """Every connection: the autopilot may wait for one that nobody reads."""
     armed: bool | None
     """Whether it is armed by what the physics link says; None where only its heartbeat does."""
-    keeps_real_time = False
-    """Whether its own clock goes on: it waits for nobody."""
     silent_s = 0.0
     """Simulated seconds without outputs for the rotors, which keep the last ones; 0 where they come."""
 
@@ -68,7 +67,7 @@ class RunningFirmware(ABC):
     def fly_sample(self, *, new_fix: bool) -> None:
         """Make one step of the physics and get the autopilot's outputs for it. `new_fix`: the receiver has a new fix."""
 
-    def settle(self) -> None:  # noqa: B027  (a board's threads cannot be seen)
+    def settle(self) -> None:  # noqa: B027
         """Wait until the autopilot has done all that the last sample made it do, at paces that promise it."""
 
     def simulated_parameters(self, *, gps_off: bool, charge: float) -> dict[str, float]:
@@ -79,8 +78,16 @@ class RunningFirmware(ABC):
         """MAV_CMD and its first two parameters that tell it a charge which fell at once; None where none is needed."""
         return None
 
+    # For one whose own clock goes on, and that waits for nobody:
+
     def wait_step(self) -> None:  # noqa: B027
-        """Wait until the next step is due, where `keeps_real_time`."""
+        """Wait until the next step on the ground is due."""
+
+    def stand_by(self, stand: Callable[[], None]) -> None:  # noqa: B027
+        """The agent starts now, for seconds without a step. `stand` makes a step on the ground, in any one thread."""
+
+    def end_stand_by(self) -> None:  # noqa: B027
+        """Call `stand` no more: before each step of a session. Raises what went wrong meanwhile."""
 
     @abstractmethod
     def last_words(self) -> str:
@@ -92,9 +99,13 @@ class RunningFirmware(ABC):
 
 
 class FirmwareKind(Protocol):
-    """PX4, ArduPilot, or a board: what is needed to start it."""
+    """An object of the entry-point group rebar.firmware: what is needed to start one kind of autopilot."""
 
     name: str
+    modes: str
+    """The imitated autopilot that has the names of its modes: px4 or ardupilot."""
+    options: type[Document]
+    """The class of `options` in `vehicle.autopilot`. The bench's own kinds have theirs beside `kind`: RealAutopilot."""
     samples_hz: int
     boot_s: float
     estimate_hz: float | None
@@ -102,14 +113,34 @@ class FirmwareKind(Protocol):
     logs: Sequence[str]
     """Patterns of its logs, in its folder."""
 
-    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
-        """Which program or board it is, in words."""
+    def identity(self, options: Document) -> str:
+        """Which program or device it is, in words."""
 
-    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
-        """Why a vehicle with this autopilot, or these failures, cannot be flown."""
+    def faults(self, plan: VehiclePlan, options: Document) -> list[Fault]:
+        """Why a vehicle with this autopilot, at this pace or with these failures, cannot be flown."""
 
     def open(self, plan: FirmwarePlan) -> AbstractContextManager[RunningFirmware]:
         """Start it and connect to it; leaving the block ends it."""
+
+
+def kind_of(autopilot: RealAutopilot | PluginAutopilot) -> FirmwareKind:
+    """The installed kind. Raises SetupError where there is none of this name."""
+    installed = plugins("rebar.firmware")
+    if autopilot.kind not in installed:
+        what = f"there is no firmware {autopilot.kind!r}"
+        remedy = "or install its package (of px4-board: pip install examples/boards)"
+        raise SetupError(
+            "vehicle.autopilot.kind", what, f"installed: {', '.join(sorted(installed))}; {remedy}"
+        )
+    kind: FirmwareKind = load_plugin("rebar.firmware", autopilot.kind)
+    return kind
+
+
+def options_of(autopilot: RealAutopilot | PluginAutopilot, kind: FirmwareKind) -> Document:
+    """The options as the kind's own document. Raises SetupError with every fault of them."""
+    if isinstance(autopilot, RealAutopilot):
+        return autopilot
+    return validate_document(autopilot.options, kind.options, source="vehicle.autopilot.options")
 
 
 def program_identity(program: Path, pace: str) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.contracts import MavlinkTap, SimTime, VehicleCondition, VehiclePlan, VehicleState
 from bench.errors import Fault, FirmwareFault, SetupError
-from bench.simspec import BoardAutopilot, RealAutopilot
+from bench.simspec import PluginAutopilot, RealAutopilot
 from bench.temporary_folders import temporary_folder
 
 from .._gusts import mean_wind_ned_mps
@@ -20,25 +20,13 @@ from ..controller import AUTOPILOTS, Link, link_counters, open_links
 from ..controller.links._frames import message_id, message_name
 from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
-from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, FirmwarePlan, RunningFirmware
+from ._firmware import Budgets, FirmwarePlan, RunningFirmware, kind_of, options_of
 from ._gate import Gate
-from ._line_budget import SAMPLE_RATES_HZ
-from ._pace import Keeper, held_on
+from ._pace import held_on
 from ._program import CONSOLE_FILE
-from ._px4 import Px4Kind
-from ._px4_board import Px4BoardKind
 from ._simulated_parts import SimulatedParts
 from ._telemetry import Telemetry
-
-KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
-
-
-def kind_of(autopilot: RealAutopilot | BoardAutopilot) -> FirmwareKind:
-    """What flies. Raises SetupError for a board whose line does not carry what it needs."""
-    return Px4BoardKind(autopilot) if isinstance(autopilot, BoardAutopilot) else KINDS[autopilot.kind]
-
 
 # Standing: the feet touch, and nothing moves.
 _TOUCH_M, _STANDING_MPS = 0.02, 0.2
@@ -73,9 +61,11 @@ class FirmwareX500(LinkedVehicle):
     ) -> None:
         simspec = plan.simspec
         autopilot = simspec.vehicle.autopilot
-        assert isinstance(autopilot, RealAutopilot | BoardAutopilot)
-        self._plan, self._autopilot, self._budgets = plan, autopilot, budgets
+        assert isinstance(autopilot, RealAutopilot | PluginAutopilot)
+        self._plan, self._budgets = plan, budgets
         self._kind = kind_of(autopilot)
+        self._boot_s = self._kind.boot_s if autopilot.boot_s is None else autopilot.boot_s
+        self._options = options_of(autopilot, self._kind)
         self._check()
         super().__init__(plan, links, tap)
         self._stack = stack
@@ -86,10 +76,9 @@ class FirmwareX500(LinkedVehicle):
         self._failures = self._failures_of(plan, body.navigation, len(ROTORS), body.plant.set_works)
         self._telemetry = Telemetry()
         self._gate = Gate(simspec.vehicle.simulation_control)
-        self._modes = AUTOPILOTS[autopilot.kind].modes
+        self._modes = AUTOPILOTS[self._kind.modes].modes
         self._running: RunningFirmware | None = None
         self._parts: SimulatedParts | None = None
-        self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
         self._ask_clock_s = _ASK_CLOCK_S
@@ -100,7 +89,7 @@ class FirmwareX500(LinkedVehicle):
     def boot(self) -> str:
         """Start the autopilot and let it run on the ground. What it sends meanwhile is discarded: nobody is there yet."""
         running = self._start()
-        boot_s = self._kind.boot_s if self._autopilot.boot_s is None else self._autopilot.boot_s
+        boot_s = self._boot_s
         for _ in range(round(boot_s / self.step_s)):
             self._stand(running)
         telemetry = self._telemetry
@@ -112,17 +101,12 @@ class FirmwareX500(LinkedVehicle):
             raise FirmwareFault(
                 f"{self._kind.name} has sent no MAVLink heartbeat in {max(boot_s, _HELLO_S):g} s{running.last_words()}"
             )
-        if running.keeps_real_time:
-            # The agent starts now, for seconds, and a board that gets no sensors meanwhile has no estimate any more.
-            self._keeper = Keeper(lambda: self._stand(running))
-            self._stack.callback(self._keeper.close)
+        running.stand_by(lambda: self._stand(running))
         return self._description()
 
     def step(self) -> None:
         running = self._running or self._start()
-        if self._keeper:
-            self._keeper.stop()
-            self._keeper = None
+        running.end_stand_by()
         self._failures.apply(self.time.ns)
         if self._parts:
             gps_off, charge = self._body.navigation.off, self._battery.fraction
@@ -206,7 +190,7 @@ class FirmwareX500(LinkedVehicle):
         parts, links = (self._body, self._battery), [link.spec for link in self._links]
         budgets, controller_hz = self._budgets, self._plan.controller_hz
         plan = FirmwarePlan(
-            self._plan.simspec, self._autopilot, *parts, links, folder, budgets, controller_hz
+            self._plan.simspec, self._options, *parts, links, folder, budgets, controller_hz, self._boot_s
         )
         self._running = running = self._stack.enter_context(self._kind.open(plan))
         vehicle = self._plan.simspec.vehicle
@@ -220,8 +204,7 @@ class FirmwareX500(LinkedVehicle):
             frames = port.read()
             if port is running.estimate_port:
                 self._telemetry.take(frames)
-        if running.keeps_real_time:
-            running.wait_step()
+        running.wait_step()
 
     def _advance(self, running: RunningFirmware) -> None:
         """One step of physics and autopilot, without what clients and failures do."""
@@ -320,7 +303,7 @@ class FirmwareX500(LinkedVehicle):
     def _check(self) -> None:
         """Raise SetupError with everything that this autopilot cannot do."""
         vehicle = self._plan.simspec.vehicle
-        faults = self._kind.faults(vehicle)
+        faults = self._kind.faults(self._plan, self._options)
         imitated = "fly the imitated autopilot, or leave it out"
         wishes = {
             "vehicle.camera.gimbal": vehicle.camera.gimbal,
@@ -337,12 +320,6 @@ class FirmwareX500(LinkedVehicle):
             for link in self._plan.links
             if link.signing_key
         ]
-        if isinstance(self._autopilot, BoardAutopilot) and self._plan.simspec.pace.mode != "realtime":
-            what = f"a board keeps real time, and the pace is {self._plan.simspec.pace.mode}"
-            faults.append(Fault("pace.mode", what, "fly with --pace realtime"))
-        if isinstance(self._autopilot, BoardAutopilot) and self._plan.controller_hz > SAMPLE_RATES_HZ[-1]:
-            what = f"{self._plan.controller_hz} Hz is too fast for a board"
-            faults.append(Fault("controller_hz", what, "use 50"))
         if self._kind.samples_hz % self._plan.controller_hz:
             rates = "use 25, 50, 100 or 200"
             faults.append(Fault("controller_hz", f"{self._plan.controller_hz} Hz does not divide", rates))
@@ -351,7 +328,7 @@ class FirmwareX500(LinkedVehicle):
 
     def _description(self) -> str:
         version = self._telemetry.version or "of a version that it does not tell"
-        return f"{self._kind.name} {version}, {self._kind.identity(self._autopilot)}"
+        return f"{self._kind.name} {version}, {self._kind.identity(self._options)}"
 
     def _keep_artefacts(self, folder: Path) -> None:
         """Keep console and logs with the run."""

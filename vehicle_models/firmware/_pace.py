@@ -1,13 +1,11 @@
-"""How autopilot and physics share the host: on one core, in step with every thread, or in real time."""
+"""How autopilot and physics share the host: on one core, or in step with every thread."""
 
 from __future__ import annotations
 
 import os
-import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from bench.errors import Fault, FirmwareFault
 from bench.process_threads import ProcessThreads, unseen_reason
@@ -16,14 +14,6 @@ from ._px4_link import ANSWER_S, CheckAlive
 
 # While PX4's start script runs, threads and processes come and go: one look is not enough.
 _LOOKS_WHILE_STARTING = 3
-
-
-@dataclass(frozen=True, slots=True)
-class LineClock:
-    """The host's clock, which tests replace: in real time everything is measured by it."""
-
-    now: Callable[[], float] = time.monotonic
-    sleep: Callable[[float], None] = time.sleep
 
 
 def core_of(instance: int) -> int:
@@ -90,33 +80,3 @@ def quiet_fault() -> Fault | None:
         return None
     what = f"quiet must see whether threads sleep, and {reason}"
     return Fault("vehicle.autopilot.pace", what, "take one_core, which need not repeat")
-
-
-class Keeper:
-    """Keeps a board in real time while the session does something else: calls `work` again and again in a thread of its own
-    until it is stopped. Nobody else touches the vehicle meanwhile.
-    """
-
-    def __init__(self, work: Callable[[], None]) -> None:
-        self._work = work
-        self._over = threading.Event()
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, name="board", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop, and raise what went wrong."""
-        self.close()
-        if self._error:
-            raise self._error
-
-    def close(self) -> None:
-        self._over.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        try:
-            while not self._over.is_set():
-                self._work()
-        except Exception as error:  # of another thread: it is raised where the session can see it
-            self._error = error

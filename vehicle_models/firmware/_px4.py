@@ -9,10 +9,11 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from bench.contracts import LinkSpec
+from bench.contracts import LinkSpec, VehiclePlan
+from bench.documents import Document
 from bench.errors import Fault, SetupError
 from bench.process_threads import unseen_reason
-from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec, VehicleSpec
+from bench.simspec import Failure, RealAutopilot, SimSpec, VehicleSpec
 
 from ..x500 import ROTORS
 from ._airframe import PX4_CHARGE, charge_percent, merged, px4_parameters
@@ -38,6 +39,8 @@ class Px4Kind:
     """How to start PX4."""
 
     name = "PX4"
+    modes = "px4"
+    options: type[Document] = RealAutopilot
     samples_hz = 200
     boot_s = 15.0
     estimate_hz: float | None = None
@@ -47,16 +50,15 @@ class Px4Kind:
         """`firmware` is PX4's folder, or the program in it."""
         return firmware if firmware.name == "px4" and firmware.is_file() else firmware / "bin" / "px4"
 
-    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
-        assert isinstance(autopilot, RealAutopilot)
-        return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
+    def identity(self, options: Document) -> str:
+        assert isinstance(options, RealAutopilot)
+        return program_identity(self.program(Path(options.firmware)), options.pace)
 
-    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
-        autopilot = vehicle.autopilot
-        assert isinstance(autopilot, RealAutopilot)
-        program = self.program(Path(autopilot.firmware))
+    def faults(self, plan: VehiclePlan, options: Document) -> list[Fault]:
+        assert isinstance(options, RealAutopilot)
+        vehicle, program = plan.simspec.vehicle, self.program(Path(options.firmware))
         faults = program_faults(program, [program.parents[1] / _START_SCRIPT])
-        if autopilot.pace == "quiet" and (fault := quiet_fault()):
+        if options.pace == "quiet" and (fault := quiet_fault()):
             faults.append(fault)
         if not _follows(vehicle):
             faults += _failure_faults(vehicle.failures)
@@ -64,7 +66,7 @@ class Px4Kind:
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningPx4]:
-        autopilot, body, links = plan.autopilot, plan.body, plan.links
+        autopilot, body, links = plan.options, plan.body, plan.links
         assert isinstance(autopilot, RealAutopilot)
         program_path = self.program(Path(autopilot.firmware).resolve())
         firmware = program_path.parents[1]

@@ -1,4 +1,4 @@
-"""The sensor messages of one moment for PX4, whether it runs here or on a board."""
+"""The sensor messages of one moment for PX4, wherever it runs."""
 
 from __future__ import annotations
 

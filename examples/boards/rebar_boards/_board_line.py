@@ -7,14 +7,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from bench.errors import Fault, FirmwareFault, SetupError
+from vehicle_models.firmware import (
+    MAV_CMD,
+    Packer,
+    SequenceReader,
+    SerialDevice,
+    message_id,
+    parameter_text,
+    payload_of,
+    sender,
+)
 
-from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import Packer, message_id, payload_of, sender
-from ..controller.links._serial import SequenceReader, SerialDevice
-from ._airframe import parameter_text
-from ._pace import LineClock
+from ._real_time import LineClock
 
-_HEARTBEAT, _PARAM_REQUEST_READ, PARAM_VALUE, _PARAM_SET, _COMMAND_LONG = 0, 20, 22, 23, 76
+_HEARTBEAT, _PARAM_REQUEST_READ, PARAM_VALUE, PARAM_SET, _COMMAND_LONG = 0, 20, 22, 23, 76
 _AUTOPILOT_COMPONENT, _MAV_AUTOPILOT_PX4 = 1, 12
 _MAV_TYPE_GENERIC, _MAV_AUTOPILOT_INVALID, _MAV_STATE_ACTIVE = 0, 8, 4
 _HIL_FLAG, _ARMED_FLAG = 0x20, 0x80
@@ -145,7 +151,7 @@ class BoardLine:
         for _ in range(_PARAMETER_TRIES):
             self.state.parameters.pop(name, None)
             sent = (_on_wire(value, kind), self.state.system, _AUTOPILOT_COMPONENT, name.encode(), kind)
-            self.device.send(self._pack(_PARAM_SET, sent))
+            self.device.send(self._pack(PARAM_SET, sent))
             if self._wait(lambda: self._holds(name, value), _PARAMETER_ANSWER_S):
                 return True
         return False

@@ -14,6 +14,7 @@ from pathlib import Path
 from bench.errors import SetupError
 
 from ._board_line import BoardParameter
+from ._options import DEVICE_FIELD
 
 _FOLDER = Path(".local", "state", "rebar", "boards")
 
@@ -36,7 +37,7 @@ class BoardMemory:
         except (OSError, ValueError, TypeError, AttributeError) as error:
             what = f"{self.path} cannot be read, which holds what an earlier session changed on the board: {error}"
             remedy = "look at the board's parameters, then remove the file"
-            raise SetupError("vehicle.autopilot.device", what, remedy) from None
+            raise SetupError(DEVICE_FIELD, what, remedy) from None
 
     def save(self, former: Mapping[str, BoardParameter]) -> None:
         """Keep these until `clear`. Raises SetupError where that is not possible: then nothing may be changed."""
@@ -49,7 +50,7 @@ class BoardMemory:
             part.replace(self.path)
         except OSError as error:
             what = f"the board's parameters cannot be noted in {self.path}: {error.strerror}"
-            raise SetupError("vehicle.autopilot.device", what, "make the folder writable") from None
+            raise SetupError(DEVICE_FIELD, what, "make the folder writable") from None
 
     def clear(self) -> None:
         self.path.unlink(missing_ok=True)

@@ -11,29 +11,36 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 
+from bench.contracts import VehiclePlan
+from bench.documents import Document
 from bench.errors import Fault, FirmwareFault, SetupError
-from bench.simspec import BoardAutopilot, RealAutopilot, VehicleSpec
+from vehicle_models.firmware import (
+    CONSOLE_FILE,
+    HIL_ACTUATOR_CONTROLS,
+    MAV_CMD,
+    MESSAGE_KINDS,
+    ROTORS,
+    FirmwarePlan,
+    MavlinkPort,
+    Px4Samples,
+    RunningFirmware,
+    SerialDevice,
+    actuator_controls,
+    message_id,
+    px4_geometry,
+)
 
-from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import KINDS, message_id
-from ..controller.links._serial import SerialDevice
-from ..x500 import ROTORS
 from ._agent_parameters import AgentParameters
-from ._airframe import board_parameters
 from ._board_gate import BoardGate
 from ._board_line import BoardLine
 from ._board_memory import BoardMemory
-from ._firmware import FirmwarePlan, RunningFirmware
-from ._hil import HIL_ACTUATOR_CONTROLS, actuator_controls
-from ._line_budget import LineBudget, plan_line
-from ._mavlink_ports import MavlinkPort
-from ._program import CONSOLE_FILE
-from ._px4_samples import Px4Samples
+from ._line_budget import SAMPLE_RATES_HZ, LineBudget, plan_line
+from ._options import DEVICE_FIELD, BoardOptions
+from ._real_time import Keeper, LineClock
 
-DEVICE_FIELD = "vehicle.autopilot.device"
 PARAMETERS_FILE = "board-parameters-before.json"
 # Host seconds without motor outputs from a line that carries a hundred of them a second: cable, board or firmware.
 SILENT_S = 0.5
@@ -47,54 +54,64 @@ _SAVED_S = 0.25
 
 
 class Px4BoardKind:
-    """How to fly a PX4 board."""
+    """How to fly a PX4 board, by the host's clock unless a test gives another."""
 
     name = "PX4 board"
+    modes = "px4"
+    options: type[Document] = BoardOptions
     # Of the physics: with fewer the legs do not carry the aircraft. Slow lines carry every second one.
     samples_hz = 200
     boot_s = 20.0
     estimate_hz: float | None = None
     logs: Sequence[str] = (PARAMETERS_FILE,)
 
-    def __init__(self, autopilot: BoardAutopilot) -> None:
-        self._budget = plan_line(autopilot.baud, autopilot.streams_hz)
+    def __init__(self, clock: LineClock | None = None) -> None:
+        self._clock = clock or LineClock()
 
-    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
-        assert isinstance(autopilot, BoardAutopilot)
-        return f"{autopilot.device} at {autopilot.baud} baud, {self._budget.samples_hz} samples a second, in real time"
+    def identity(self, options: Document) -> str:
+        assert isinstance(options, BoardOptions)
+        samples_hz = plan_line(options.baud, options.streams_hz).samples_hz
+        return f"{options.device} at {options.baud} baud, {samples_hz} samples a second, in real time"
 
-    def faults(self, vehicle: VehicleSpec) -> list[Fault]:
-        autopilot = vehicle.autopilot
-        assert isinstance(autopilot, BoardAutopilot)
+    def faults(self, plan: VehiclePlan, options: Document) -> list[Fault]:
+        assert isinstance(options, BoardOptions)
         faults = [
             Fault(
                 f"vehicle.failures[{index}].kind",
                 "battery_drop does not reach a board: PX4 tells itself 16 V and 70 % in this mode",
                 "leave it out, or fly the imitated autopilot",
             )
-            for index, failure in enumerate(vehicle.failures)
+            for index, failure in enumerate(plan.simspec.vehicle.failures)
             if failure.kind == "battery_drop"
         ]
+        if plan.simspec.pace.mode != "realtime":
+            what = f"a board keeps real time, and the pace is {plan.simspec.pace.mode}"
+            faults.append(Fault("pace.mode", what, "fly with --pace realtime"))
+        if plan.controller_hz > SAMPLE_RATES_HZ[-1]:
+            faults.append(
+                Fault("controller_hz", f"{plan.controller_hz} Hz is too fast for a board", "use 50")
+            )
         try:
-            SerialDevice(autopilot.device, autopilot.baud, DEVICE_FIELD).close()
+            plan_line(options.baud, options.streams_hz)
+            SerialDevice(options.device, options.baud, DEVICE_FIELD).close()
         except SetupError as error:
             faults += error.faults
         return faults
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningBoard]:
-        autopilot = plan.autopilot
-        assert isinstance(autopilot, BoardAutopilot)
-        device = SerialDevice(autopilot.device, autopilot.baud, DEVICE_FIELD)
-        line = BoardLine(device, plan.budgets.clock, plan.budgets.connect_s)
+        options = plan.options
+        assert isinstance(options, BoardOptions)
+        device = SerialDevice(options.device, options.baud, DEVICE_FIELD)
+        line = BoardLine(device, self._clock, plan.budgets.connect_s)
         with ExitStack() as stack:
             stack.callback(device.close)
             line.connect()
             _check(line)
             line.restart()
             _check(line)
-            wanted = board_parameters() | plan.simspec.vehicle.parameters | autopilot.parameters
-            memory = BoardMemory(autopilot.device)
+            wanted = _airframe_parameters() | plan.simspec.vehicle.parameters | options.parameters
+            memory = BoardMemory(options.device)
             # Of a session that was killed: what it has left is not the board's own.
             if left := line.restore(memory.load()):
                 raise FirmwareFault(
@@ -126,9 +143,16 @@ class Px4BoardKind:
 
             stack.push(leave)
             line.set_parameters(wanted, former)
-            running = RunningBoard(plan, line, self._budget, AgentParameters(line, former, keep))
+            budget = plan_line(options.baud, options.streams_hz)
+            running = RunningBoard(plan, line, budget, AgentParameters(line, former, keep))
+            stack.callback(running.close)
             running.ask_for_streams()
             yield running
+
+
+def _airframe_parameters() -> dict[str, float]:
+    """Simulated outputs 1 to 4 are motors 1 to 4 (HIL_ACT_FUNC)."""
+    return px4_geometry() | {f"HIL_ACT_FUNC{number}": 100 + number for number in range(1, 5)}
 
 
 def _check(line: BoardLine) -> None:
@@ -198,8 +222,6 @@ class BoardPort:
 class RunningBoard(RunningFirmware):
     """A board on its line, with the sensors that the bench simulates for it."""
 
-    keeps_real_time = True
-
     def __init__(
         self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
     ) -> None:
@@ -224,13 +246,14 @@ class RunningBoard(RunningFirmware):
         self._answered = False
         self._agent_bytes = 0.0
         self._late = 0
+        self._keeper: Keeper | None = None
 
     def ask_for_streams(self) -> None:
         """Ask for every planned message at its rate, and for the version."""
-        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(KINDS["AUTOPILOT_VERSION"].id))
+        self._line.command(MAV_CMD.REQUEST_MESSAGE, float(MESSAGE_KINDS["AUTOPILOT_VERSION"].id))
         for name, rate_hz in self._budget.streams_hz.items():
             interval_us = 1e6 / rate_hz if rate_hz else -1.0
-            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(KINDS[name].id), interval_us)
+            self._line.command(MAV_CMD.SET_MESSAGE_INTERVAL, float(MESSAGE_KINDS[name].id), interval_us)
 
     def fly_sample(self, *, new_fix: bool) -> None:
         """One sample, sent at its moment: the first of a step at once, the others a period apart."""
@@ -248,10 +271,22 @@ class RunningBoard(RunningFirmware):
         self._receive()
 
     def wait_step(self) -> None:
-        """Wait until the next step is due, where nobody else keeps the pace."""
         ahead_s = self._anchor_s + self._samples_per_step * self._period_s - self._clock.now()
         if ahead_s > 0.0:
             self._clock.sleep(ahead_s)
+
+    def stand_by(self, stand: Callable[[], None]) -> None:
+        # A board that gets no sensors meanwhile has no estimate any more.
+        self._keeper = Keeper(stand)
+
+    def end_stand_by(self) -> None:
+        if self._keeper:
+            self._keeper.stop()
+            self._keeper = None
+
+    def close(self) -> None:
+        if self._keeper:
+            self._keeper.close()
 
     def last_words(self) -> str:
         return f"; {self._line.reader.garbage_bytes} bytes that are no MAVLink came"
@@ -259,11 +294,11 @@ class RunningBoard(RunningFirmware):
     def counters(self) -> Mapping[str, int]:
         device, reader = self._line.device, self._line.reader
         return {
-            "board_late_samples": self._late,
-            "board_lost_bytes": device.lost_bytes - self._lost_bytes + self._port.dropped_bytes,
-            "board_lost_messages": reader.lost_messages - self._lost_messages,
-            "board_garbage_bytes": reader.garbage_bytes - self._garbage_bytes,
-            "board_streams_refused": self._port.gate.refused,
+            "firmware_late_samples": self._late,
+            "firmware_lost_bytes": device.lost_bytes - self._lost_bytes + self._port.dropped_bytes,
+            "firmware_lost_messages": reader.lost_messages - self._lost_messages,
+            "firmware_garbage_bytes": reader.garbage_bytes - self._garbage_bytes,
+            "firmware_refused": self._port.gate.refused,
         }
 
     def _await_moment(self) -> None:

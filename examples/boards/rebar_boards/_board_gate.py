@@ -5,10 +5,18 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import Packer, message_id, payload_of, sender
-from ._file_guard import FILE_TRANSFER_PROTOCOL, file_refusal
-from ._gate import COMMAND_INT, COMMAND_LONG, PARAM_SET, parameter_name, replaces_parameters
+from vehicle_models.firmware import (
+    MAV_CMD,
+    Packer,
+    file_refusal,
+    message_id,
+    parameter_name,
+    payload_of,
+    replaces_parameters,
+    sender,
+)
+
+from ._board_line import PARAM_SET
 from ._line_budget import LineBudget
 
 # By these an agent could make the next start one that drives real motors.
@@ -26,12 +34,13 @@ _KEPT_BY_BOARD = frozenset(
         MAV_CMD.FLASH_BOOTLOADER,
     }
 )
+_COMMAND_INT, _COMMAND_LONG, _FILE_TRANSFER_PROTOCOL = 75, 76, 110
 _COMMAND_ACK, _REQUEST_DATA_STREAM, _STATUSTEXT, _SETUP_SIGNING = 77, 66, 253, 256
 _AUTOPILOT_COMPONENT = 1
 _SEVERITY_WARNING = 4
 _MAV_RESULT_DENIED = 2
 _TEXT_BYTES = 50
-_COMMANDS = {COMMAND_LONG: struct.Struct("<7fH"), COMMAND_INT: struct.Struct("<4fiifH")}
+_COMMANDS = {_COMMAND_LONG: struct.Struct("<7fH"), _COMMAND_INT: struct.Struct("<4fiifH")}
 
 
 class BoardGate:
@@ -55,7 +64,7 @@ class BoardGate:
         if number == PARAM_SET and (name := parameter_name(frame)).startswith(_BOARD_PARAMETERS):
             return self.refuse(f"{name.decode('ascii', 'replace')} is not set over the bench")
         # Also where clients may control the simulation: these are files of a board that somebody owns.
-        if number == FILE_TRANSFER_PROTOCOL and (answer := file_refusal(frame)):
+        if number == _FILE_TRANSFER_PROTOCOL and (answer := file_refusal(frame)):
             self.refused += 1
             self._answers.append(answer)
             return False

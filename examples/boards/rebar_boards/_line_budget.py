@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bench.errors import Fault, SetupError
+from vehicle_models.firmware import MESSAGE_KINDS, MESSAGE_NAMES, capacity_bps
 
-from ..controller.links._frames import KINDS, MESSAGE_NAMES
-from ..controller.links._serial import capacity_bps
+from ._options import BAUD_FIELD, STREAMS_FIELD
 
 # Around a payload in MAVLink 2, unsigned.
 _ENVELOPE_BYTES = 12
@@ -24,12 +24,11 @@ RESERVE_FROM_BOARD_BPS, RESERVE_TO_BOARD_BPS = 200.0, 700.0
 _ESTIMATE_RATES_HZ = (50.0, 25.0, 10.0, 5.0)
 ESTIMATE_MESSAGES = ("ATTITUDE", "GLOBAL_POSITION_INT")
 _HIL_UP, _HIL_DOWN = ("HIL_SENSOR", "HIL_GPS"), "HIL_ACTUATOR_CONTROLS"
-_DEVICE_FIELD, _STREAMS_FIELD = "vehicle.autopilot.baud", "vehicle.autopilot.streams_hz"
 
 
 def frame_bytes(name: str) -> int:
     """Bytes of a message at its longest. Raises KeyError for one that MAVLink does not have."""
-    size: int = KINDS[name].unpacker.size
+    size: int = MESSAGE_KINDS[name].unpacker.size
     return size + _ENVELOPE_BYTES
 
 
@@ -85,7 +84,7 @@ def plan_line(baud: int, wanted_hz: Mapping[str, float]) -> LineBudget:
             f"HIL_SENSOR at {samples_hz} Hz, HIL_GPS and an agent's commands take {needed:.0f} B/s; at {baud} baud "
             f"{usable:.0f} B/s are usable"
         )
-        raise SetupError(_DEVICE_FIELD, what, "use 115200 or more, or USB")
+        raise SetupError(BAUD_FIELD, what, "use 115200 or more, or USB")
     return _with_streams(budget, wanted_hz)
 
 
@@ -95,12 +94,12 @@ def _with_streams(budget: LineBudget, wanted_hz: Mapping[str, float]) -> LineBud
     budget.streams_hz |= {name: min(wanted_hz.get(name, least_hz), least_hz) for name in ESTIMATE_MESSAGES}
     faults = []
     for name, rate_hz in wanted_hz.items():
-        if name not in KINDS:
+        if name not in MESSAGE_KINDS:
             faults.append(
-                Fault(f"{_STREAMS_FIELD}.{name}", "is no MAVLink message", "write it as in common.xml")
+                Fault(f"{STREAMS_FIELD}.{name}", "is no MAVLink message", "write it as in common.xml")
             )
-        elif reason := budget.refusal(KINDS[name].id, rate_hz):
-            faults.append(Fault(f"{_STREAMS_FIELD}.{name}", reason, "lower a rate, or use a faster line"))
+        elif reason := budget.refusal(MESSAGE_KINDS[name].id, rate_hz):
+            faults.append(Fault(f"{STREAMS_FIELD}.{name}", reason, "lower a rate, or use a faster line"))
     if faults:
         raise SetupError(faults)
     unstated = [name for name in ESTIMATE_MESSAGES if name not in wanted_hz]

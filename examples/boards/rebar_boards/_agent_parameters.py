@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ..controller.links._frames import message_id
-from ._board_line import PARAM_VALUE, BoardLine, BoardParameter, value_name
-from ._gate import PARAM_SET, parameter_name
+from vehicle_models.firmware import message_id, parameter_name
+
+from ._board_line import PARAM_SET, PARAM_VALUE, BoardLine, BoardParameter, value_name
 
 MAX_PARAMETERS = 100
 """Parameters that agents may set in one session. Chosen: all can be put back within a second on a slow line."""
