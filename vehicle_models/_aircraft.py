@@ -129,6 +129,7 @@ class Aircraft(LinkedVehicle, ABC):
             self._failures.break_part,
             simspec.vehicle.simulation_control,
             plan.px4_topics,
+            plan.ap_topics,
         )
         self._controller = self._boot(None)
 
@@ -137,11 +138,14 @@ class Aircraft(LinkedVehicle, ABC):
         self._controller.record_exposure(frame)
 
     def take_px4(self, samples: Sequence[Px4Sample]) -> None:
-        if topics := self._controller.px4:
+        if topics := self._controller.topics:
             topics.inbox.extend(samples)
 
     def px4_samples(self) -> list[Px4Sample]:
-        return topics.take_published() if (topics := self._controller.px4) else []
+        return topics.take_published() if (topics := self._controller.topics) else []
+
+    # An aircraft has one companion, whichever autopilot's topics it sees.
+    take_ap, ap_samples = take_px4, px4_samples
 
     def step(self) -> None:
         if self._controller.restart_requested:
@@ -220,6 +224,7 @@ class Aircraft(LinkedVehicle, ABC):
     def _restart(self) -> None:
         """Start a new flight controller on the same aircraft and links; waiting messages are lost."""
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
+        previous = self._controller
         self._airframe.disarm()
         for link in self._links:
             link.inbox.clear()
@@ -228,6 +233,7 @@ class Aircraft(LinkedVehicle, ABC):
         self._flight.crashed = crashed
         self._sense()
         self._controller = self._boot(persistent)
+        self._controller.continue_from(previous)
 
     def _apply_gusts(self) -> None:
         if not self._gusts.calm:

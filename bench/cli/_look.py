@@ -117,26 +117,33 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     from bench.errors import SetupError
     from bench.simspec import load_simspec
     from bench.simulation import air_topics
-    from bench.streams import PX4_PREFIX
+    from bench.streams import AP_PREFIX, AP_RELEASES, PX4_PREFIX
 
     spec = load_simspec(simspec)
-    release = None
+    manifest, px4, ap = None, None, None
+    with suppress(SetupError):
+        manifest = load_manifest(spec.agent.manifest)[0]
+    # An agent without them is shown what it would have.
     if spec.vehicle.autopilot == "px4":
-        with suppress(SetupError):
-            release = load_manifest(spec.agent.manifest)[0].px4_msgs
-        # An agent without them is shown what it would have.
-        release = release or "1.17"
+        px4 = (manifest and manifest.px4_msgs) or "1.17"
+    if spec.vehicle.autopilot == "ardupilot":
+        ap = (manifest and manifest.ap_dds) or AP_RELEASES[-1]
+    needs = {PX4_PREFIX: ("px4_msgs", px4), AP_PREFIX: ("ap_dds", ap)}
     rows = [
         {
             "topic": topic.name,
             "type": topic.kind.TYPE,
             "key": topic.key,
-            "direction": "from the agent" if topic.from_agent else "to the agent",
+            "direction": "a service"
+            if topic.service
+            else "from the agent"
+            if topic.from_agent
+            else "to the agent",
             "reliable": topic.depth > 0 or topic.qos.reliable,
             "latched": topic.depth,
-            **({"px4_msgs": release} if topic.name.startswith(PX4_PREFIX) else {}),
+            **dict(need for prefix, need in needs.items() if topic.name.startswith(prefix)),
         }
-        for topic in air_topics(spec, release)
+        for topic in air_topics(spec, px4, ap)
     ]
     if as_json:
         print(json.dumps(rows, indent=2))
@@ -145,8 +152,10 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     for row in rows:
         kind = "reliable" if row["reliable"] else "best effort"
         latched = f", latched ({row['latched']})" if row["latched"] else ""
-        needs = f', with px4_msgs: "{row["px4_msgs"]}" in the manifest' if "px4_msgs" in row else ""
-        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{needs}\n  {row['key']}")
+        need = "".join(
+            f', with {field}: "{row[field]}" in the manifest' for field, _ in needs.values() if field in row
+        )
+        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{need}\n  {row['key']}")
 
 
 def difficulty(

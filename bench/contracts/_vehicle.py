@@ -105,7 +105,7 @@ class VehiclePlan:
     """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens.
 
     `artefacts` is where a real autopilot's console and logs are left; None: they are discarded. With `px4_topics` a vehicle
-    that `HasPx4Topics` publishes them.
+    that `HasPx4Topics` publishes them, with `ap_topics` one that `HasApTopics` those of ArduPilot.
     """
 
     simspec: SimSpec
@@ -113,6 +113,7 @@ class VehiclePlan:
     controller_hz: int = 50
     artefacts: Path | None = None
     px4_topics: bool = False
+    ap_topics: bool = False
 
 
 MavlinkTap = Callable[[str, str, bytes], None]
@@ -194,6 +195,23 @@ class HasPx4Topics(Protocol):
 
     def px4_samples(self) -> list[Px4Sample]:
         """What was published since the last call, in order."""
+
+
+ApSample = tuple[str, Mapping[str, Any]]
+"""A topic of ArduPilot (`/ap/pose/filtered`), and the fields of its message by name, where it is published those of the
+messages in it as mappings likewise; or a service (`/ap/arm_motors`), and the fields of a request or of an answer.
+"""
+
+
+@runtime_checkable
+class HasApTopics(Protocol):
+    """What a vehicle promises beside `Vehicle` when a companion may see the topics of an ArduPilot on it."""
+
+    def take_ap(self, samples: Sequence[ApSample]) -> None:
+        """Hand over what the companion has published and asked, in order; the next step acts on it."""
+
+    def ap_samples(self) -> list[ApSample]:
+        """What was published since the last call, in order; one answer for each request, those of a service in its order."""
 
 
 class OpenVehicle(Protocol):

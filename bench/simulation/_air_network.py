@@ -25,12 +25,14 @@ from bench.contracts import (
 )
 from bench.simspec import SimSpec
 from bench.streams import (
+    AP_PREFIX,
     PX4_PREFIX,
     AirAccess,
     AirPlan,
     RosNode,
     Router,
     Sample,
+    Service,
     String,
     Subscription,
     data_key,
@@ -43,12 +45,15 @@ from ._air_topics import (
     AirTopic,
     RecordedPublisher,
     air_topics,
+    ap_from_agent,
+    ap_to_agent,
     camera_publishers,
     px4_from_agent,
     px4_to_agent,
     recorded_publisher,
 )
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
+from ._ap_topics import unmatched_ap
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
@@ -85,9 +90,10 @@ class AirNetwork:
         on_drop: Callable[[SimTime, str], None],
         in_ticks: bool = False,
         px4_msgs: str | None = None,
+        ap_dds: str | None = None,
     ) -> None:
         self._tap = tap
-        self._router, self._px4_msgs = router, px4_msgs
+        self._router, self._px4_msgs, self._ap_dds = router, px4_msgs, ap_dds
         self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
@@ -95,7 +101,7 @@ class AirNetwork:
         self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        table = {topic.name: topic for topic in air_topics(simspec, px4_msgs)}
+        table = {topic.name: topic for topic in air_topics(simspec, px4_msgs, ap_dds)}
 
         def recorded(name: str) -> RecordedPublisher:
             return recorded_publisher(table[name], node, tap, self.outbox)
@@ -111,6 +117,13 @@ class AirNetwork:
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
         self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
+        # Sorted, because the order in which topics are read is the order of their records within a moment.
+        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
+        self._services = _serve(node, written)
+        self.ap = {topic.name: recorded(topic.name) for topic in ap_to_agent(ap_dds)}
+        for name, service in self._services.items():
+            # Answered whether or not the agent counts its answers.
+            self.ap[name] = RecordedPublisher(name, service.response, tap, service, latched=True)
         self._publishers = (
             self.clock,
             self.tf,
@@ -123,6 +136,7 @@ class AirNetwork:
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
             *self.px4.values(),
+            *self.ap.values(),
         )
         # What an agent is told in words, and the detections.
         told = (
@@ -135,9 +149,8 @@ class AirNetwork:
         )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
-        # Sorted, because the order in which topics are read is the order of their records within a moment.
-        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
-        self._subscriptions = _subscribe(node, written)
+        self._subscriptions = _subscribe(node, written, self._services)
+        self._keys = {topic.name: topic.key for topic in written}
         self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
         self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
@@ -171,8 +184,10 @@ class AirNetwork:
         known = {*published, *self._allowances}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
-                lacks_release = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
-                without = "without px4_msgs in its manifest" if lacks_release else "in any session"
+                lacks_px4 = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
+                lacks_ap = topic.startswith(AP_PREFIX) and self._ap_dds is None
+                lacking = "px4_msgs" if lacks_px4 else "ap_dds" if lacks_ap else ""
+                without = f"without {lacking} in its manifest" if lacking else "in any session"
                 self._refuse_topic(
                     topic, published, "the agent's hello subscribes to", f"it cannot read {without}"
                 )
@@ -234,6 +249,8 @@ class AirNetwork:
                 else:
                     subscription.malformed += 1
                 if message is not None:
+                    if topic in self._services:
+                        self._services[topic].accept(sample.sequence)
                     content = message.data if isinstance(message, String) else message
                     documents.setdefault(topic, []).append(content)
         if dropped:
@@ -275,11 +292,16 @@ class AirNetwork:
 
     @property
     def unmatched(self) -> tuple[str, ...]:
-        """What the agent announced of PX4's topics and this session does not have."""
+        """What the agent announced of an autopilot's topics and this session does not have."""
         if self._router is None:
             return ()
         px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)]
-        return unmatched_px4(self._router.endpoints, px4, self._px4_msgs)
+        ap = [*ap_to_agent(self._ap_dds), *ap_from_agent(self._ap_dds)]
+        endpoints = self._router.endpoints
+        return (
+            *unmatched_px4(endpoints, px4, self._px4_msgs),
+            *unmatched_ap(endpoints, ap, self._ap_dds),
+        )
 
     def _look_for_readers(self) -> None:
         """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
@@ -295,7 +317,7 @@ class AirNetwork:
             raise StopSession(
                 Outcome.AGENT_PROTOCOL,
                 f"the agent says it sent {count} samples on {topic}; {subscription.highest} came, on the key "
-                f"{data_key(DOMAIN, topic, subscription.kind)}",
+                f"{self._keys[topic]}",
             )
         if subscription.overflowed:
             raise StopSession(
@@ -360,8 +382,21 @@ class AirNetwork:
         }
 
 
-def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
-    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
+def _serve(node: RosNode | None, topics: Iterable[AirTopic]) -> dict[str, Service]:
+    return (
+        {topic.name: node.serve(topic.name, topic.kind) for topic in topics if topic.service} if node else {}
+    )
+
+
+def _subscribe(
+    node: RosNode | None, topics: Iterable[AirTopic], services: Mapping[str, Service]
+) -> tuple[Subscription, ...]:
+    if node is None:
+        return ()
+    return tuple(
+        services[topic.name].requests if topic.service else node.subscribe(topic.name, topic.kind)
+        for topic in topics
+    )
 
 
 @contextmanager
@@ -372,17 +407,21 @@ def open_air_network(
     zenoh: bool,
     in_ticks: bool = False,
     px4_msgs: str | None = None,
+    ap_dds: str | None = None,
     clock: HostClock = HOST_CLOCK,
     on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router on which truth never is, with one credential, and one more
     where a companion computer comes from outside.
     """
-    outside, topics = simspec.agent.outside_air, air_topics(simspec, px4_msgs)
+    outside, topics = simspec.agent.outside_air, air_topics(simspec, px4_msgs, ap_dds)
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=tuple((topic.name, topic.kind) for topic in topics if not topic.from_agent),
-        agent_writes=tuple((topic.name, topic.kind) for topic in topics if topic.from_agent),
+        agent_writes=tuple(
+            (topic.name, topic.kind) for topic in topics if topic.from_agent and not topic.service
+        ),
+        agent_calls=tuple((topic.name, topic.kind) for topic in topics if topic.service),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
         # In lockstep and warp the session waits for its agent anyway, and a lost picture would end or change it.
         large_sample_wait_s=None if simspec.pace.mode == "realtime" else LARGE_SAMPLE_WAIT_S,
@@ -393,4 +432,4 @@ def open_air_network(
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None
         if router and outside:
             stack.enter_context(open_outside_air(outside, router.access.locator))
-        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, px4_msgs)
+        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, px4_msgs, ap_dds)

@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from bench.contracts import CLOCK, TF, TF_STATIC, Record, SimTime, Tap, VehicleTopics, document_text
 from bench.simspec import SimSpec
 from bench.streams import (
+    AP_FROM_AGENT,
+    AP_QOS,
+    AP_SERVICES,
+    AP_TO_AGENT,
     CLOCK_QOS,
     PX4_FROM_AGENT,
     PX4_TO_AGENT,
@@ -24,8 +28,10 @@ from bench.streams import (
     QoS,
     RosMessage,
     RosNode,
+    Service,
     String,
     TFMessage,
+    ap_message,
     data_key,
     encode,
     json_value,
@@ -41,7 +47,9 @@ DOMAIN = 1
 
 @dataclass(frozen=True, slots=True)
 class AirTopic:
-    """A topic of one session's air network. `depth` is 0 for one that is not latched."""
+    """A topic of one session's air network, or a `service` of the vehicle's, whose requests are from the agent. `depth` is 0
+    for one that is not latched.
+    """
 
     name: str
     kind: type[RosMessage]
@@ -50,6 +58,7 @@ class AirTopic:
     from_agent: bool = False
     samples: Limit = TOPIC_SAMPLES
     """How many of the agent's are recorded."""
+    service: bool = False
 
     @property
     def key(self) -> str:
@@ -57,9 +66,11 @@ class AirTopic:
         return data_key(DOMAIN, self.name, self.kind)
 
 
-def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic, ...]:
+def air_topics(
+    simspec: SimSpec, px4_msgs: str | None = None, ap_dds: str | None = None
+) -> tuple[AirTopic, ...]:
     """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write. With a release
-    of `px4_msgs` also those of PX4.
+    of `px4_msgs` also those of PX4, and with `ap_dds` those of ArduPilot and its services.
     """
     topics = VehicleTopics(simspec.vehicle.name)
     cameras = [
@@ -87,8 +98,10 @@ def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic,
             for camera in simspec.perception.more_cameras
         ),
         *px4_to_agent(px4_msgs),
+        *ap_to_agent(ap_dds),
         *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
         *px4_from_agent(px4_msgs),
+        *ap_from_agent(ap_dds),
     )
 
 
@@ -113,9 +126,31 @@ def px4_from_agent(release: str | None) -> list[AirTopic]:
     ]
 
 
+def ap_to_agent(release: str | None) -> list[AirTopic]:
+    """ArduPilot's topics for a companion; none without a release."""
+    if release is None:
+        return []
+    return [
+        AirTopic(
+            name, ap_message(kind), AP_QOS[name], depth=AP_QOS[name].depth if AP_QOS[name].latched else 0
+        )
+        for name, kind in AP_TO_AGENT.items()
+    ]
+
+
+def ap_from_agent(release: str | None) -> list[AirTopic]:
+    """ArduPilot's topics that a companion writes, and its services; none without a release."""
+    if release is None:
+        return []
+    return [
+        AirTopic(name, ap_message(kind), from_agent=True, samples=PX4_SAMPLES, service=name in AP_SERVICES)
+        for name, kind in {**AP_FROM_AGENT, **AP_SERVICES}.items()
+    ]
+
+
 @dataclass(slots=True)
 class RecordedPublisher:
-    """One topic towards the agent.
+    """One topic towards the agent, or the answers of a service, which leave whoever counts them.
 
     Every message is recorded unless `recorded` is false, and published once the topic is `opened` or latched; with
     `while_matched` only while the network knows of a subscription.
@@ -124,7 +159,7 @@ class RecordedPublisher:
     topic: str
     kind: type[RosMessage]
     tap: Tap
-    publisher: Publisher | None
+    publisher: Publisher | Service | None
     latched: bool = False
     opened: bool = False
     recorded: bool = True

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 from bench.contracts import HasPx4Topics, SimTime
-from bench.streams import PX4_FROM_AGENT, PX4_PREFIX, Endpoint, dds_name, px4_releases_of, type_hash
+from bench.streams import PX4_FROM_AGENT, PX4_PREFIX, Endpoint, px4_releases_of, type_hash
 
 from ._air_topics import AirTopic, RecordedPublisher
-
-# Of a topic's or a type's name, or of a hash, in a sentence.
-_SHOWN_CHARACTERS = 80
-# Sentences; the next mistakes show when these are mended.
-_MOST = 16
+from ._unmatched_topics import MAX_SENTENCES, SHOWN_CHARACTERS, deed_of, mismatch
 
 
 class Px4Companion:
@@ -57,30 +52,22 @@ def unmatched_px4(
     sentences = (
         _sentence(endpoint, known, release) for endpoint in endpoints if endpoint.topic.startswith(PX4_PREFIX)
     )
-    return tuple([sentence for sentence in sentences if sentence][:_MOST])
+    return tuple([sentence for sentence in sentences if sentence][:MAX_SENTENCES])
 
 
 def _sentence(endpoint: Endpoint, known: Mapping[str, AirTopic], release: str | None) -> str:
-    deed = "publishes" if endpoint.publishes else "subscribes to"
-    deed = f"the agent {deed} {endpoint.topic[:_SHOWN_CHARACTERS]}"
+    deed = deed_of(endpoint)
     if release is None:
         return f'{deed}, but its manifest has no px4_msgs: write px4_msgs: "1.17", or the release it is built with'
-    topic = known.get(endpoint.topic)
-    if topic is None:
-        near = difflib.get_close_matches(endpoint.topic, known, n=1)
-        return f"{deed}, which this bench does not have; " + (
-            f"the nearest is {near[0]}" if near else f"there are {', '.join(known)}"
-        )
-    if topic.from_agent != endpoint.publishes:
-        return f"{deed}, which it may only {'write' if topic.from_agent else 'read'}"
-    if endpoint.dds_type != dds_name(topic.kind):
-        return f"{deed} as {endpoint.dds_type[:_SHOWN_CHARACTERS]}; its type is {topic.kind.TYPE}"
+    if sentence := mismatch(endpoint, known):
+        return sentence
+    topic = known[endpoint.topic]
     if endpoint.type_hash == type_hash(topic.kind):
         return ""
     name = topic.kind.TYPE.rpartition("/")[2]
     releases = px4_releases_of(name, endpoint.type_hash)
     whose = f"px4_msgs {' and '.join(releases)}" if releases else "no release that this bench knows"
     return (
-        f"{deed} with {endpoint.type_hash[:_SHOWN_CHARACTERS]}, the hash of {name} in {whose}; the manifest says px4_msgs: "
+        f"{deed} with {endpoint.type_hash[:SHOWN_CHARACTERS]}, the hash of {name} in {whose}; the manifest says px4_msgs: "
         f'"{release}", whose hash is {type_hash(topic.kind)}'
     )

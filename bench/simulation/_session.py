@@ -17,6 +17,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     ConsentRequest,
+    HasApTopics,
     HasPx4Topics,
     OpenScene,
     Outcome,
@@ -31,6 +32,7 @@ from bench.contracts import (
 )
 from bench.errors import SetupError
 
+from ._ap_topics import ApCompanion
 from ._lockstep import open_lockstep
 from ._pace import Documents, Pace
 from ._px4_topics import Px4Companion
@@ -88,9 +90,11 @@ class Session:
         self._spec, self._progress = parts.plan.simspec, parts.progress
         self._world = World(parts)
         self._topics = VehicleTopics(self._spec.vehicle.name)
-        self._px4 = None
+        self._companion: Px4Companion | ApCompanion | None = None
         if parts.air.px4 and isinstance(parts.vehicle, HasPx4Topics):
-            self._px4 = Px4Companion(parts.vehicle, parts.air.px4)
+            self._companion = Px4Companion(parts.vehicle, parts.air.px4)
+        elif parts.air.ap and isinstance(parts.vehicle, HasApTopics):
+            self._companion = ApCompanion(parts.vehicle, parts.air.ap)
         self._complete = False
 
     def run(self) -> None:
@@ -120,16 +124,16 @@ class Session:
     def _beat(self) -> None:
         now = self._progress.now
         self._world.publish(now)
-        if self._px4:
-            self._px4.publish(now)
+        if self._companion:
+            self._companion.publish(now)
         self._process(self._pace.exchange(now))
         self._world.advance(self._pace.span_s)
         self._check_end()
         self._watch.check_wall_time()
 
     def _process(self, documents: Documents) -> None:
-        if self._px4:
-            self._px4.hand_over(documents)
+        if self._companion:
+            self._companion.hand_over(documents)
         for text in documents.get(self._topics.status, ()):
             status = parse_document(AgentStatus, text)
             if status is None:

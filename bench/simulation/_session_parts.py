@@ -43,7 +43,7 @@ from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
 from ._session_cameras import scene_faults
-from ._session_faults import firmware_faults, px4_faults, tick_faults
+from ._session_faults import firmware_faults, tick_faults, topic_faults
 from ._truth import TruthRecorder
 
 
@@ -121,13 +121,17 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
         if isinstance(detectors[0], PictureDetector):
             progress.add(PixelDetectorBuild(description=detectors[0].description))
         vehicle_plan = VehiclePlan(
-            spec, links, artefacts=plan.artefacts, px4_topics=manifest.px4_msgs is not None
+            spec,
+            links,
+            artefacts=plan.artefacts,
+            px4_topics=manifest.px4_msgs is not None,
+            ap_topics=manifest.ap_dds is not None,
         )
         vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
         if faults := [
             *tick_faults(spec, vehicle),
             *firmware_faults(spec, vehicle),
-            *px4_faults(spec, manifest, vehicle),
+            *topic_faults(spec, manifest, vehicle),
         ]:
             raise SetupError(faults)
         if isinstance(vehicle, BootsFirmware):
@@ -140,6 +144,7 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
                 zenoh=manifest.on_zenoh,
                 in_ticks=manifest.air == "tick",
                 px4_msgs=manifest.px4_msgs,
+                ap_dds=manifest.ap_dds,
                 clock=plan.clock,
                 on_drop=lambda time, topic: truth.write_event(time, "dropping", topic),
             )

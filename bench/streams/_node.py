@@ -26,6 +26,7 @@ from ._cdr import decode, encode
 from ._keys import (
     RELIABLE_10,
     QoS,
+    answer_attachment,
     data_key,
     endpoint_gid,
     endpoint_token,
@@ -34,6 +35,7 @@ from ._keys import (
     read_sequence,
     write_attachment,
 )
+from ._schemas import service_parts
 
 # The lease in the session file of rmw_zenoh: a link that dies silently is noticed after this time.
 _LEASE_MS = 60_000
@@ -182,6 +184,48 @@ class Subscription:
                     self._arrival.notify_all()
 
 
+class Service:
+    """One service that a node answers. Requests are numbered in the order in which they come, from 1, whoever asks.
+
+    Each of `requests` that `accept` names gets one answer by `put_bytes`, in that order; the others get none.
+    """
+
+    matched = has_reader = True
+
+    def __init__(self, name: str, kind: type[Any], key: str, capacity: int) -> None:
+        request, self.response = service_parts(kind)
+        self.requests = Subscription(name, request, capacity)
+        self.sequence = 0
+        """Answers so far."""
+        self._key = key
+        self._arrival = threading.Lock()
+        self._queries: dict[int, tuple[zenoh.Query, bytes]] = {}
+        self._accepted: deque[tuple[zenoh.Query, bytes]] = deque()
+
+    def take_in(self, query: zenoh.Query) -> None:
+        """Put one request into the inbox; called by Zenoh's thread."""
+        attachment = query.attachment.to_bytes() if query.attachment is not None else b""
+        if read_sequence(attachment) is None or query.payload is None:
+            self.requests.malformed += 1
+            return
+        with self._arrival:
+            number = self.requests.received + 1
+            self._queries[number] = query, attachment
+            self.requests.take_in(query.payload.to_bytes(), write_attachment(number, 0, bytes(16)))
+
+    def accept(self, number: int) -> None:
+        """Request `number` is going to be answered, after those that were accepted before."""
+        self._accepted.append(self._queries.pop(number))
+
+    def put_bytes(self, data: bytes) -> None:
+        """Answer the oldest of the accepted requests."""
+        query, attachment = self._accepted.popleft()
+        self.sequence += 1
+        # Whoever asked may have left, or waited long enough.
+        with suppress(zenoh.ZError):
+            query.reply(self._key, data, attachment=answer_attachment(attachment, time.time_ns()))
+
+
 class RosNode:
     """A node of the graph; lives as long as its Zenoh session. Made by `Router.node` or `open_client`."""
 
@@ -262,6 +306,15 @@ class RosNode:
             self._held.append(self._session.declare_subscriber(key, arrived))
         self._show(token)
         return subscription
+
+    def serve(self, name: str, kind: type[object], capacity: int = 4096) -> Service:
+        """Answer a service; `kind` is the class of its type."""
+        token = self._token("SS", name, kind, RELIABLE_10)
+        key = data_key(self._domain, name, kind)
+        service = Service(name, kind, key, capacity)
+        self._held.append(self._session.declare_queryable(key, service.take_in, complete=True))
+        self._show(token)
+        return service
 
     def close(self) -> None:
         """Withdraw everything that this node declared, the newest first. Only once nobody uses it any more."""
