@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
 from bench.contracts import (
+    CompanionSample,
     MavlinkTap,
-    Px4Sample,
     SimTime,
     Vector,
     Vehicle,
@@ -128,8 +128,7 @@ class Aircraft(LinkedVehicle, ABC):
             truth,
             self._failures.break_part,
             simspec.vehicle.simulation_control,
-            plan.px4_topics,
-            plan.ap_topics,
+            plan.companion_topics,
         )
         self._controller = self._boot(None)
 
@@ -137,15 +136,12 @@ class Aircraft(LinkedVehicle, ABC):
         """The scene has made frame number `frame` of this vehicle's camera."""
         self._controller.record_exposure(frame)
 
-    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
+    def take_samples(self, samples: Sequence[CompanionSample]) -> None:
         if topics := self._controller.topics:
             topics.inbox.extend(samples)
 
-    def px4_samples(self) -> list[Px4Sample]:
+    def published_samples(self) -> list[CompanionSample]:
         return topics.take_published() if (topics := self._controller.topics) else []
-
-    # An aircraft has one companion, whichever autopilot's topics it sees.
-    take_ap, ap_samples = take_px4, px4_samples
 
     def step(self) -> None:
         if self._controller.restart_requested:

@@ -117,33 +117,26 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     from bench.errors import SetupError
     from bench.simspec import load_simspec
     from bench.simulation import air_topics
-    from bench.streams import AP_PREFIX, AP_RELEASES, PX4_PREFIX
+    from bench.streams import AP_PREFIX, PX4_PREFIX
 
     spec = load_simspec(simspec)
-    manifest, px4, ap = None, None, None
+    # An agent without the autopilot's topics is shown what it would have.
+    needs = (("px4", "px4_msgs", "1.17"), ("ardupilot", "ap_dds", "2025-12"))
+    releases = {field: release for name, field, release in needs if spec.vehicle.autopilot == name}
     with suppress(SetupError):
         manifest = load_manifest(spec.agent.manifest)[0]
-    # An agent without them is shown what it would have.
-    if spec.vehicle.autopilot == "px4":
-        px4 = (manifest and manifest.px4_msgs) or "1.17"
-    if spec.vehicle.autopilot == "ardupilot":
-        ap = (manifest and manifest.ap_dds) or AP_RELEASES[-1]
-    needs = {PX4_PREFIX: ("px4_msgs", px4), AP_PREFIX: ("ap_dds", ap)}
+        releases = {field: getattr(manifest, field) or release for field, release in releases.items()}
     rows = [
         {
             "topic": topic.name,
             "type": topic.kind.TYPE,
             "key": topic.key,
-            "direction": "a service"
-            if topic.service
-            else "from the agent"
-            if topic.from_agent
-            else "to the agent",
+            "direction": topic.direction,
             "reliable": topic.depth > 0 or topic.qos.reliable,
             "latched": topic.depth,
-            **dict(need for prefix, need in needs.items() if topic.name.startswith(prefix)),
+            **(releases if topic.name.startswith((PX4_PREFIX, AP_PREFIX)) else {}),
         }
-        for topic in air_topics(spec, px4, ap)
+        for topic in air_topics(spec, **releases)
     ]
     if as_json:
         print(json.dumps(rows, indent=2))
@@ -153,7 +146,7 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
         kind = "reliable" if row["reliable"] else "best effort"
         latched = f", latched ({row['latched']})" if row["latched"] else ""
         need = "".join(
-            f', with {field}: "{row[field]}" in the manifest' for field, _ in needs.values() if field in row
+            f', with {field}: "{row[field]}" in the manifest' for field in releases if field in row
         )
         print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{need}\n  {row['key']}")
 

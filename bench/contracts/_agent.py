@@ -138,13 +138,10 @@ class AgentManifest(Document):
 
     @model_validator(mode="after")
     def _has_zenoh_for_topics(self) -> Self:
-        for field, release, whose in (
-            ("px4_msgs", self.px4_msgs, "PX4's"),
-            ("ap_dds", self.ap_dds, "ArduPilot's"),
-        ):
-            if release and not self.on_zenoh:
+        for switch, whose in (("px4_msgs", "PX4"), ("ap_dds", "ArduPilot")):
+            if getattr(self, switch) and not self.on_zenoh:
                 raise ValueError(
-                    f"{field}: {whose} topics come over Zenoh alone; leave out zenoh: false and air: tick"
+                    f"{switch}: {whose}'s topics come over Zenoh alone; leave out zenoh: false and air: tick"
                 )
         return self
 

@@ -25,14 +25,11 @@ from bench.contracts import (
 )
 from bench.simspec import SimSpec
 from bench.streams import (
-    AP_PREFIX,
-    PX4_PREFIX,
     AirAccess,
     AirPlan,
     RosNode,
     Router,
     Sample,
-    Service,
     String,
     Subscription,
     data_key,
@@ -45,19 +42,16 @@ from ._air_topics import (
     AirTopic,
     RecordedPublisher,
     air_topics,
-    ap_from_agent,
-    ap_to_agent,
+    answer_publishers,
+    autopilot_topics,
     camera_publishers,
-    px4_from_agent,
-    px4_to_agent,
     recorded_publisher,
 )
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
-from ._ap_topics import unmatched_ap
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
-from ._px4_topics import unmatched_px4
+from ._px4_topics import need_of, unmatched_topics
 from ._stop_session import StopSession
 
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
@@ -78,7 +72,7 @@ class AirNetwork:
 
     Without a router (the agent wants none) publishers only record; with `in_ticks` the next tick takes along what they
     publish, and acknowledgements bring what the agent sends. `on_drop` is called with the topic when the first
-    of its samples is dropped.
+    of its samples is dropped. `releases` are the manifest's, of the topics of each autopilot.
     """
 
     def __init__(
@@ -88,12 +82,12 @@ class AirNetwork:
         tap: Tap,
         clock: HostClock,
         on_drop: Callable[[SimTime, str], None],
-        in_ticks: bool = False,
-        px4_msgs: str | None = None,
-        ap_dds: str | None = None,
+        in_ticks: bool,
+        releases: Mapping[str, str | None],
     ) -> None:
         self._tap = tap
-        self._router, self._px4_msgs, self._ap_dds = router, px4_msgs, ap_dds
+        self._router = router
+        self._releases = releases
         self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
@@ -101,7 +95,7 @@ class AirNetwork:
         self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        table = {topic.name: topic for topic in air_topics(simspec, px4_msgs, ap_dds)}
+        table = {topic.name: topic for topic in air_topics(simspec, **releases)}
 
         def recorded(name: str) -> RecordedPublisher:
             return recorded_publisher(table[name], node, tap, self.outbox)
@@ -116,14 +110,14 @@ class AirNetwork:
         self.operator_link = recorded(topics.operator_link)
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
-        self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
-        self._services = _serve(node, written)
-        self.ap = {topic.name: recorded(topic.name) for topic in ap_to_agent(ap_dds)}
-        for name, service in self._services.items():
-            # Answered whether or not the agent counts its answers.
-            self.ap[name] = RecordedPublisher(name, service.response, tap, service, latched=True)
+        self._subscriptions = _subscribe(node, written)
+        self._autopilot_topics = autopilot_topics(**releases)
+        self.companion = {
+            topic.name: recorded(topic.name) for topic in self._autopilot_topics if not topic.from_agent
+        }
+        self.companion |= answer_publishers(self._subscriptions, tap)
         self._publishers = (
             self.clock,
             self.tf,
@@ -135,8 +129,7 @@ class AirNetwork:
             self.operator_link,
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
-            *self.px4.values(),
-            *self.ap.values(),
+            *self.companion.values(),
         )
         # What an agent is told in words, and the detections.
         told = (
@@ -149,7 +142,6 @@ class AirNetwork:
         )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
-        self._subscriptions = _subscribe(node, written, self._services)
         self._keys = {topic.name: topic.key for topic in written}
         self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
@@ -184,10 +176,9 @@ class AirNetwork:
         known = {*published, *self._allowances}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
-                lacks_px4 = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
-                lacks_ap = topic.startswith(AP_PREFIX) and self._ap_dds is None
-                lacking = "px4_msgs" if lacks_px4 else "ap_dds" if lacks_ap else ""
-                without = f"without {lacking} in its manifest" if lacking else "in any session"
+                field, _ = need_of(topic) or ("", "")
+                lacking = field and self._releases[field] is None
+                without = f"without {field} in its manifest" if lacking else "in any session"
                 self._refuse_topic(
                     topic, published, "the agent's hello subscribes to", f"it cannot read {without}"
                 )
@@ -249,8 +240,7 @@ class AirNetwork:
                 else:
                     subscription.malformed += 1
                 if message is not None:
-                    if topic in self._services:
-                        self._services[topic].accept(sample.sequence)
+                    subscription.accept(sample.sequence)
                     content = message.data if isinstance(message, String) else message
                     documents.setdefault(topic, []).append(content)
         if dropped:
@@ -295,13 +285,7 @@ class AirNetwork:
         """What the agent announced of an autopilot's topics and this session does not have."""
         if self._router is None:
             return ()
-        px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)]
-        ap = [*ap_to_agent(self._ap_dds), *ap_from_agent(self._ap_dds)]
-        endpoints = self._router.endpoints
-        return (
-            *unmatched_px4(endpoints, px4, self._px4_msgs),
-            *unmatched_ap(endpoints, ap, self._ap_dds),
-        )
+        return unmatched_topics(self._router.endpoints, self._autopilot_topics, self._releases)
 
     def _look_for_readers(self) -> None:
         """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
@@ -382,19 +366,11 @@ class AirNetwork:
         }
 
 
-def _serve(node: RosNode | None, topics: Iterable[AirTopic]) -> dict[str, Service]:
-    return (
-        {topic.name: node.serve(topic.name, topic.kind) for topic in topics if topic.service} if node else {}
-    )
-
-
-def _subscribe(
-    node: RosNode | None, topics: Iterable[AirTopic], services: Mapping[str, Service]
-) -> tuple[Subscription, ...]:
+def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
     if node is None:
         return ()
     return tuple(
-        services[topic.name].requests if topic.service else node.subscribe(topic.name, topic.kind)
+        node.serve(topic.name, topic.kind) if topic.service else node.subscribe(topic.name, topic.kind)
         for topic in topics
     )
 
@@ -414,7 +390,8 @@ def open_air_network(
     """The air network of one session: an embedded router on which truth never is, with one credential, and one more
     where a companion computer comes from outside.
     """
-    outside, topics = simspec.agent.outside_air, air_topics(simspec, px4_msgs, ap_dds)
+    releases = {"px4_msgs": px4_msgs, "ap_dds": ap_dds}
+    outside, topics = simspec.agent.outside_air, air_topics(simspec, **releases)
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=tuple((topic.name, topic.kind) for topic in topics if not topic.from_agent),
@@ -432,4 +409,4 @@ def open_air_network(
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None
         if router and outside:
             stack.enter_context(open_outside_air(outside, router.access.locator))
-        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, px4_msgs, ap_dds)
+        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, releases)

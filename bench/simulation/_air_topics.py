@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from bench.contracts import CLOCK, TF, TF_STATIC, Record, SimTime, Tap, VehicleTopics, document_text
@@ -30,6 +30,7 @@ from bench.streams import (
     RosNode,
     Service,
     String,
+    Subscription,
     TFMessage,
     ap_message,
     data_key,
@@ -61,6 +62,12 @@ class AirTopic:
     service: bool = False
 
     @property
+    def direction(self) -> str:
+        if self.service:
+            return "a service"
+        return "from the agent" if self.from_agent else "to the agent"
+
+    @property
     def key(self) -> str:
         """Where its samples travel."""
         return data_key(DOMAIN, self.name, self.kind)
@@ -72,7 +79,7 @@ def air_topics(
     """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write. With a release
     of `px4_msgs` also those of PX4, and with `ap_dds` those of ArduPilot and its services.
     """
-    topics = VehicleTopics(simspec.vehicle.name)
+    topics, autopilot = VehicleTopics(simspec.vehicle.name), autopilot_topics(px4_msgs, ap_dds)
     cameras = [
         topic
         for camera in simspec.vehicle.cameras
@@ -97,11 +104,9 @@ def air_topics(
             AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
             for camera in simspec.perception.more_cameras
         ),
-        *px4_to_agent(px4_msgs),
-        *ap_to_agent(ap_dds),
+        *(topic for topic in autopilot if not topic.from_agent),
         *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
-        *px4_from_agent(px4_msgs),
-        *ap_from_agent(ap_dds),
+        *(topic for topic in autopilot if topic.from_agent),
     )
 
 
@@ -126,26 +131,20 @@ def px4_from_agent(release: str | None) -> list[AirTopic]:
     ]
 
 
-def ap_to_agent(release: str | None) -> list[AirTopic]:
-    """ArduPilot's topics for a companion; none without a release."""
-    if release is None:
-        return []
-    return [
-        AirTopic(
-            name, ap_message(kind), AP_QOS[name], depth=AP_QOS[name].depth if AP_QOS[name].latched else 0
-        )
-        for name, kind in AP_TO_AGENT.items()
+def autopilot_topics(px4_msgs: str | None, ap_dds: str | None) -> list[AirTopic]:
+    """The topics and services of the vehicle's autopilot, in the releases of an agent's manifest."""
+    px4 = [*px4_to_agent(px4_msgs), *px4_from_agent(px4_msgs)]
+    if ap_dds is None:
+        return px4
+    out = [
+        AirTopic(name, ap_message(kind), qos, depth=qos.depth if qos.latched else 0)
+        for (name, kind), qos in zip(AP_TO_AGENT.items(), AP_QOS.values(), strict=True)
     ]
-
-
-def ap_from_agent(release: str | None) -> list[AirTopic]:
-    """ArduPilot's topics that a companion writes, and its services; none without a release."""
-    if release is None:
-        return []
-    return [
+    into = [
         AirTopic(name, ap_message(kind), from_agent=True, samples=PX4_SAMPLES, service=name in AP_SERVICES)
         for name, kind in {**AP_FROM_AGENT, **AP_SERVICES}.items()
     ]
+    return [*px4, *out, *into]
 
 
 @dataclass(slots=True)
@@ -228,6 +227,15 @@ def recorded_publisher(
     elif node is not None:
         publisher = node.publisher(topic.name, topic.kind, topic.qos)
     return RecordedPublisher(topic.name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=outbox)
+
+
+def answer_publishers(subscriptions: Iterable[Subscription], tap: Tap) -> dict[str, RecordedPublisher]:
+    """What publishes the answers of services, by service: whether or not the agent counts them."""
+    return {
+        service.topic: RecordedPublisher(service.topic, service.response, tap, service, latched=True)
+        for service in subscriptions
+        if isinstance(service, Service)
+    }
 
 
 def camera_publishers(

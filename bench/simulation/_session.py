@@ -17,8 +17,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     ConsentRequest,
-    HasApTopics,
-    HasPx4Topics,
+    HasCompanionTopics,
     OpenScene,
     Outcome,
     SessionFailure,
@@ -32,10 +31,9 @@ from bench.contracts import (
 )
 from bench.errors import SetupError
 
-from ._ap_topics import ApCompanion
 from ._lockstep import open_lockstep
 from ._pace import Documents, Pace
-from ._px4_topics import Px4Companion
+from ._px4_topics import Companion
 from ._real_time import open_real_time
 from ._service_relays import Services, open_services
 from ._session_faults import camera_faults, link_faults, pace_faults
@@ -90,11 +88,9 @@ class Session:
         self._spec, self._progress = parts.plan.simspec, parts.progress
         self._world = World(parts)
         self._topics = VehicleTopics(self._spec.vehicle.name)
-        self._companion: Px4Companion | ApCompanion | None = None
-        if parts.air.px4 and isinstance(parts.vehicle, HasPx4Topics):
-            self._companion = Px4Companion(parts.vehicle, parts.air.px4)
-        elif parts.air.ap and isinstance(parts.vehicle, HasApTopics):
-            self._companion = ApCompanion(parts.vehicle, parts.air.ap)
+        self._companion = None
+        if parts.air.companion and isinstance(parts.vehicle, HasCompanionTopics):
+            self._companion = Companion(parts.vehicle, parts.air.companion)
         self._complete = False
 
     def run(self) -> None:

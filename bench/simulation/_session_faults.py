@@ -11,8 +11,7 @@ from bench.contracts import (
     AgentManifest,
     BootsFirmware,
     ChecksHost,
-    HasApTopics,
-    HasPx4Topics,
+    HasCompanionTopics,
     LinkSpec,
     OpenVehicle,
     Vehicle,
@@ -174,11 +173,11 @@ def firmware_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:
 def topic_faults(spec: SimSpec, manifest: AgentManifest, vehicle: Vehicle) -> list[Fault]:
     """A fault if the agent wants the topics of an autopilot that this vehicle is not flown by, or that has none."""
     faults = []
-    for field, release, has_topics, autopilot, name in (
-        ("px4_msgs", manifest.px4_msgs, HasPx4Topics, "px4", "PX4"),
-        ("ap_dds", manifest.ap_dds, HasApTopics, "ardupilot", "ArduPilot"),
+    for field, release, autopilot, name in (
+        ("px4_msgs", manifest.px4_msgs, "px4", "PX4"),
+        ("ap_dds", manifest.ap_dds, "ardupilot", "ArduPilot"),
     ):
-        if release and not (isinstance(vehicle, has_topics) and spec.vehicle.autopilot == autopilot):
+        if release and not (isinstance(vehicle, HasCompanionTopics) and spec.vehicle.autopilot == autopilot):
             what = f"the manifest of agent {manifest.name!r} says {field}, and this vehicle has no topics of {name}"
             remedy = f"fly it with an imitated {name} (autopilot: {autopilot}), or leave {field} out and fly by MAVLink"
             faults.append(Fault("vehicle.autopilot", what, remedy))

@@ -120,13 +120,8 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
         detectors = open_detectors(spec, scene.cast, plan.open_on_pixels)
         if isinstance(detectors[0], PictureDetector):
             progress.add(PixelDetectorBuild(description=detectors[0].description))
-        vehicle_plan = VehiclePlan(
-            spec,
-            links,
-            artefacts=plan.artefacts,
-            px4_topics=manifest.px4_msgs is not None,
-            ap_topics=manifest.ap_dds is not None,
-        )
+        has_topics = manifest.px4_msgs is not None or manifest.ap_dds is not None
+        vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts, companion_topics=has_topics)
         vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
         if faults := [
             *tick_faults(spec, vehicle),

@@ -21,7 +21,6 @@ from bench.lazy import lazy_names
 if TYPE_CHECKING:
     from ._ap_dds import AP_FROM_AGENT as AP_FROM_AGENT
     from ._ap_dds import AP_QOS as AP_QOS
-    from ._ap_dds import AP_RELEASES as AP_RELEASES
     from ._ap_dds import AP_SERVICES as AP_SERVICES
     from ._ap_dds import AP_TO_AGENT as AP_TO_AGENT
     from ._ap_dds import ap_message as ap_message

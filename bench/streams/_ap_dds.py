@@ -19,8 +19,6 @@ from ._types import BY_NAME, RosMessage
 
 _TABLE: Mapping[str, Any] = json.loads(files(__package__).joinpath("ap_msgs.json").read_text("utf-8"))
 
-AP_RELEASES = ("2025-12",)
-"""The states of ArduPilot whose topics a session can have, by their month."""
 AP_TO_AGENT: Mapping[str, str] = {name: row["type"] for name, row in _TABLE["to_agent"].items()}
 AP_FROM_AGENT: Mapping[str, str] = _TABLE["from_agent"]
 AP_SERVICES: Mapping[str, str] = _TABLE["services"]
@@ -34,27 +32,12 @@ _PLAIN: Mapping[str, tuple[Any, Any]] = {"bool": (bool, False), "string": (str, 
 
 @cache
 def ap_message(name: str) -> type[RosMessage]:
-    """The class of a type of ArduPilot's topics; of a service the class that its keys and its hash are made of. KeyError for
-    any other.
+    """The class of a type of ArduPilot's topics; of a service the class that its keys and its hash are made of (REP 2016).
+    KeyError for any other.
     """
     if name in BY_NAME:
         return BY_NAME[name]
-    service = name.removesuffix("_Event")
-    request, response = f"{service}_Request", f"{service}_Response"
-    if name in _TABLE["messages"]:
-        lines = _TABLE["messages"][name]
-    elif service not in AP_SERVICES.values():
-        raise KeyError(name)
-    # What a service is to ROS 2 (REP 2016); its event is never sent.
-    elif name == service:
-        lines = [f"{request} request_message", f"{response} response_message", f"{name}_Event event_message"]
-    else:
-        lines = [
-            "service_msgs/msg/ServiceEventInfo info",
-            f"{request}[<=1] request",
-            f"{response}[<=1] response",
-        ]
-    parts = [_field(*line.split()) for line in lines]
+    parts = [_field(*line.split()) for line in _TABLE["messages"][name]]
     return make_dataclass(name.rpartition("/")[2], parts, namespace={"TYPE": name}, slots=True)
 
 

@@ -161,6 +161,9 @@ class Subscription:
             finally:
                 self._waiting -= 1
 
+    def accept(self, number: int) -> None:
+        """The sample of this number is used: what it asks for is going to be answered, after what was accepted before."""
+
     def take_in(self, data: bytes, attachment: bytes | None) -> None:
         """Put one sample into the inbox; called by Zenoh's thread."""
         sequence = read_sequence(attachment) if attachment is not None else None
@@ -184,37 +187,36 @@ class Subscription:
                     self._arrival.notify_all()
 
 
-class Service:
-    """One service that a node answers. Requests are numbered in the order in which they come, from 1, whoever asks.
+class Service(Subscription):
+    """One service that a node answers, and its inbox of requests, numbered in the order in which they come, whoever asks.
 
-    Each of `requests` that `accept` names gets one answer by `put_bytes`, in that order; the others get none.
+    Each request that `accept` names gets one answer by `put_bytes`, in that order; the others get none. `sequence` counts
+    the answers.
     """
 
     matched = has_reader = True
 
     def __init__(self, name: str, kind: type[Any], key: str, capacity: int) -> None:
         request, self.response = service_parts(kind)
-        self.requests = Subscription(name, request, capacity)
+        super().__init__(name, request, capacity)
         self.sequence = 0
-        """Answers so far."""
         self._key = key
-        self._arrival = threading.Lock()
+        self._asking = threading.Lock()
         self._queries: dict[int, tuple[zenoh.Query, bytes]] = {}
         self._accepted: deque[tuple[zenoh.Query, bytes]] = deque()
 
-    def take_in(self, query: zenoh.Query) -> None:
+    def take_query(self, query: zenoh.Query) -> None:
         """Put one request into the inbox; called by Zenoh's thread."""
         attachment = query.attachment.to_bytes() if query.attachment is not None else b""
         if read_sequence(attachment) is None or query.payload is None:
-            self.requests.malformed += 1
+            self.malformed += 1
             return
-        with self._arrival:
-            number = self.requests.received + 1
+        with self._asking:
+            number = self.received + 1
             self._queries[number] = query, attachment
-            self.requests.take_in(query.payload.to_bytes(), write_attachment(number, 0, bytes(16)))
+            self.take_in(query.payload.to_bytes(), write_attachment(number, 0, bytes(16)))
 
     def accept(self, number: int) -> None:
-        """Request `number` is going to be answered, after those that were accepted before."""
         self._accepted.append(self._queries.pop(number))
 
     def put_bytes(self, data: bytes) -> None:
@@ -312,7 +314,7 @@ class RosNode:
         token = self._token("SS", name, kind, RELIABLE_10)
         key = data_key(self._domain, name, kind)
         service = Service(name, kind, key, capacity)
-        self._held.append(self._session.declare_queryable(key, service.take_in, complete=True))
+        self._held.append(self._session.declare_queryable(key, service.take_query, complete=True))
         self._show(token)
         return service
 

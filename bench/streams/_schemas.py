@@ -142,9 +142,8 @@ def _type_description(field: Field) -> dict[str, Any]:
 
 def service_parts(kind: type[RosMessage]) -> tuple[type[Any], type[Any]]:
     """The classes of a service's requests and of its responses."""
-    request, response, _ = fields_of(kind)
-    assert not isinstance(request.of, str) and not isinstance(response.of, str)
-    return request.of, response.of
+    request, response, _ = (part.of for part in fields_of(kind))
+    return request, response  # type: ignore[return-value]
 
 
 def schema_text(kind: str | type[Any]) -> str:

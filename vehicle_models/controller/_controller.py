@@ -17,6 +17,7 @@ from .files._ftp import FileTransfer
 from .files._served_files import ServedFiles
 from .guidance._fence_boundary import FenceBoundary
 from .guidance._guidance import Guidance, Manoeuvres
+from .links._enums import MAV_AUTOPILOT
 from .links._frames import Packer
 from .links._link import Link
 from .links._links import link_counters
@@ -86,16 +87,15 @@ class Equipment:
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
     serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
-    of the simulation: an agent would choose the situation in which it is tested. `px4_topics`: a companion sees PX4's topics
-    beside the links, with `ap_topics` those of ArduPilot.
+    of the simulation: an agent would choose the situation in which it is tested. `companion_topics`: a companion sees
+    the autopilot's topics beside the links.
     """
 
     camera: Camera | None = None
     truth: Callable[[], tuple[Any, ...]] | None = None
     break_part: BreakPart | None = None
     simulation_control: bool = True
-    px4_topics: bool = False
-    ap_topics: bool = False
+    companion_topics: bool = False
 
 
 class Controller:
@@ -147,12 +147,8 @@ class Controller:
         equipment = equipment or Equipment()
         self._join(self._build_services(equipment), equipment.truth)
         self.topics: Px4Topics | ApTopics | None = None
-        services = (self._modes, self._setpoints, self._commands, self._battery)
-        if equipment.px4_topics:
-            charge_state = self._failsafe.charge_state
-            self.topics = Px4Topics(self._context, autopilot, self._system, *services, charge_state)
-        elif equipment.ap_topics:
-            self.topics = ApTopics(self._context, autopilot, self._system, *services, self._sticks)
+        if equipment.companion_topics:
+            self.topics = self._open_topics()
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -162,6 +158,13 @@ class Controller:
         ]
         self._home.tick()
         self._previous_counts = persistent.counts if persistent else {}
+
+    def _open_topics(self) -> Px4Topics | ApTopics:
+        services = (self._modes, self._setpoints, self._commands, self._battery)
+        shared = (self._context, self._autopilot, self._system, *services)
+        if self._autopilot.identity.autopilot == MAV_AUTOPILOT.ARDUPILOTMEGA:
+            return ApTopics(*shared, self._sticks)
+        return Px4Topics(*shared, self._failsafe.charge_state)
 
     def _build_flight_services(self, manoeuvres: Manoeuvres | None) -> None:
         """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""

@@ -1,7 +1,8 @@
-"""The fields of ArduPilot's messages to a companion (AP_DDS), made of the state of the flight.
+"""What ArduPilot tells a companion (AP_DDS), as quantities by the names that `topics.json` puts into the fields of messages.
 
-They follow libraries/AP_DDS, with what looks wrong there: earth quantities whose frame is `base_link`, and an IMU whose
-quaternion has its w in x.
+The table follows libraries/AP_DDS, with what looks wrong there: earth quantities whose frame is `base_link`, and an IMU
+whose quaternion has its w in x. A text there is a quantity's name or, behind an apostrophe, itself. Altitudes are above mean
+sea level, to the centimetre that ArduPilot has.
 """
 
 from __future__ import annotations
@@ -9,23 +10,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bench.contracts import Vector
-
+from ..._geodesy import LocalFrame
 from ..links._enums import GPS_FIX_TYPE
-from ..state._flight_state import Cause, FlightState, GpsQuality
-from ..telemetry._attitude import Quaternion
+from ..state._flight_state import Behaviour, Cause, FlightState, GpsQuality, LandedState
+from ..telemetry._attitude import quaternion
 
-Fields = dict[str, Any]
+Quantities = dict[str, Any]
 
-_BODY, _SENSOR = "base_link", "base_link_ned"
-_NAN = math.nan
 # NavSatStatus by the receiver's fix: SBAS for a differential one, ground based for RTK.
-_STATUS = {GPS_FIX_TYPE.DGPS: 1, GPS_FIX_TYPE.RTK_FLOAT: 2, GPS_FIX_TYPE.RTK_FIXED: 2}
-_GPS_SERVICE, _DIAGONAL_KNOWN = 1, 2
+_FIX_STATUS: dict[int, int] = {GPS_FIX_TYPE.DGPS: 1, GPS_FIX_TYPE.RTK_FLOAT: 2, GPS_FIX_TYPE.RTK_FIXED: 2}
 # BatteryState
-_DISCHARGING, _NOT_CHARGING, _FULL, _GOOD = 2, 3, 4, 1
-_COVARIANCE_UNKNOWN = (-1.0, *(0.0,) * 8)
-_COPTER = 2
+_DISCHARGING, _NOT_CHARGING, _FULL = 2, 3, 4
 # Status.FS_*
 _FAILSAFES = {
     Cause.RADIO: 21,
@@ -34,114 +29,96 @@ _FAILSAFES = {
     Cause.GROUND_STATION: 23,
     Cause.POSITION: 24,
 }
+# Modes that fly to a place.
+_GOES = (Behaviour.OFFBOARD, Behaviour.MISSION, Behaviour.RETURN)
 
 
-def stamp(flight: FlightState) -> Fields:
-    """The present moment in UTC."""
+def filled(template: Any, quantities: Quantities) -> Any:
+    """The fields of a message: a template with quantities in place of their names."""
+    if isinstance(template, dict):
+        return {name: filled(part, quantities) for name, part in template.items()}
+    if isinstance(template, str):
+        return template[1:] if template.startswith("'") else quantities[template]
+    return template
+
+
+def quantities_of(flight: FlightState) -> Quantities:
+    """What the state of the flight says; SI units, degrees for places, amperes and ampere hours."""
+    home, origin = flight.home or flight.origin, flight.origin
     sec, us = divmod(flight.unix_start_us + flight.time_us, 1_000_000)
-    return {"sec": sec, "nanosec": us * 1000}
-
-
-def header(flight: FlightState, frame: str = _BODY) -> Fields:
-    return {"stamp": stamp(flight), "frame_id": frame}
-
-
-def tf_static(flight: FlightState) -> Fields:
-    """The receiver's antenna, which is where the body's origin is."""
-    return {"transforms": [{"header": header(flight), "child_frame_id": "GPS_0"}]}
-
-
-def navsat(flight: FlightState, quality: GpsQuality) -> Fields:
-    """NavSatFix: the receiver's last fix."""
-    level, vertical = (quality.h_acc_mm * 1e-3) ** 2, (quality.v_acc_mm * 1e-3) ** 2
-    return {
-        "header": header(flight, "0"),
-        "status": {"status": _STATUS.get(GPS_FIX_TYPE(quality.fix_type), 0), "service": _GPS_SERVICE},
-        **geo_point(*flight.fix_e7, flight.fix_altitude_m),
-        "position_covariance": (level, 0.0, 0.0, 0.0, level, 0.0, 0.0, 0.0, vertical),
-        "position_covariance_type": _DIAGONAL_KNOWN,
-    }
-
-
-def battery(flight: FlightState, volts: float, capacity_mah: float) -> Fields:
-    """BatteryState; the charge is whole percents, as ArduPilot counts it."""
-    percent, capacity_ah = round(100.0 * flight.battery_fraction), capacity_mah * 1e-3
-    status = _FULL if percent == 100 else _DISCHARGING if flight.battery_a > 0.0 else _NOT_CHARGING
-    return {
-        "header": header(flight, "0"),
-        "voltage": volts,
-        "temperature": _NAN,
-        "current": -flight.battery_a,
-        "charge": percent * capacity_ah * 0.01,
-        "capacity": _NAN,
-        "design_capacity": capacity_ah,
-        "percentage": percent * 0.01,
-        "power_supply_status": status,
-        "power_supply_health": _GOOD,
-        "present": True,
-    }
-
-
-def imu(flight: FlightState, body: Quaternion, force_mps2: Vector) -> Fields:
-    """Imu, of body FRD; `force_mps2` is what the accelerometer measures."""
-    rates = flight.p_radps, flight.q_radps, flight.r_radps
-    return {
-        "header": header(flight, _SENSOR),
-        "orientation": dict(zip("xyzw", body, strict=True)),
-        "orientation_covariance": _COVARIANCE_UNKNOWN,
-        "angular_velocity": dict(zip("xyz", rates, strict=True)),
-        "angular_velocity_covariance": _COVARIANCE_UNKNOWN,
-        "linear_acceleration": dict(zip("xyz", force_mps2, strict=True)),
-        "linear_acceleration_covariance": _COVARIANCE_UNKNOWN,
-    }
-
-
-def pose(flight: FlightState, body: Quaternion) -> Fields:
-    """PoseStamped: east, north and up of home."""
-    home = flight.home or flight.origin
-    position = {
-        "x": flight.east_m - home.east_m,
-        "y": flight.north_m - home.north_m,
-        "z": home.down_m - flight.down_m,
-    }
-    return {"header": header(flight), "pose": {"position": position, "orientation": _enu(body)}}
-
-
-def twist(flight: FlightState) -> Fields:
-    """TwistStamped: velocity to east, north and up; rates of forward, left and up."""
-    linear = {"x": flight.ve_mps, "y": flight.vn_mps, "z": -flight.vd_mps}
-    angular = {"x": flight.p_radps, "y": -flight.q_radps, "z": -flight.r_radps}
-    return {"header": header(flight), "twist": {"linear": linear, "angular": angular}}
-
-
-def geopose(flight: FlightState, body: Quaternion) -> Fields:
-    position = geo_point(flight.latitude_e7, flight.longitude_e7, flight.altitude_m)
-    return {"header": header(flight), "pose": {"position": position, "orientation": _enu(body)}}
-
-
-def geo_point(latitude_e7: int, longitude_e7: int, altitude_m: float) -> Fields:
-    """A place above mean sea level, to the centimetre that ArduPilot has."""
-    altitude_m = round(altitude_m * 100.0) * 0.01
-    return {"latitude": latitude_e7 * 1e-7, "longitude": longitude_e7 * 1e-7, "altitude": altitude_m}
-
-
-def status(flight: FlightState) -> Fields:
-    """Status, without its header."""
     failsafe = _FAILSAFES.get(flight.failsafe) if flight.failsafe else None
+    stamp = {"sec": sec, "nanosec": us * 1000}
+    # The receiver's antenna is where the body's origin is.
+    frame = {"header": {"stamp": stamp, "frame_id": "base_link"}, "child_frame_id": "GPS_0"}
     return {
-        "vehicle_type": _COPTER,
+        "stamp": stamp,
+        "antennas": 1,
+        "frames": [frame],
+        "nan": math.nan,
+        **_attitude(flight),
+        "east_of_home": flight.east_m - home.east_m,
+        "north_of_home": flight.north_m - home.north_m,
+        "above_home": home.down_m - flight.down_m,
+        **dict(
+            zip(("v_east", "v_north", "v_up"), (flight.ve_mps, flight.vn_mps, -flight.vd_mps), strict=True)
+        ),
+        **dict(zip(("p", "q", "r"), (flight.p_radps, flight.q_radps, flight.r_radps), strict=True)),
+        "minus_q": -flight.q_radps,
+        "minus_r": -flight.r_radps,
+        **place_of("", flight.latitude_e7, flight.longitude_e7, flight.altitude_m),
+        **place_of("origin_", origin.latitude_e7, origin.longitude_e7, origin.altitude_m),
         "armed": flight.armed,
         "mode": flight.mode.custom,
         "flying": flight.flying,
-        "external_control": True,
         "failsafe": b"" if failsafe is None else bytes([failsafe]),
     }
 
 
-def _enu(body: Quaternion) -> Fields:
-    """The attitude of forward, left, up against east, north, up: first the axes of the earth are exchanged, which leaves the
-    nose a quarter turn off, then the body is turned by it.
+def fix_of(flight: FlightState, quality: GpsQuality) -> Quantities:
+    """The receiver's last fix; `fix` is its number, None before the first."""
+    level, vertical = (quality.h_acc_mm * 1e-3) ** 2, (quality.v_acc_mm * 1e-3) ** 2
+    return {
+        "fix": flight.gps_epoch or None,
+        "fix_status": _FIX_STATUS.get(quality.fix_type, 0),
+        **place_of("fix_", *flight.fix_e7, flight.fix_altitude_m),
+        "fix_covariance": (level, 0.0, 0.0, 0.0, level, 0.0, 0.0, 0.0, vertical),
+    }
+
+
+def battery_of(flight: FlightState, volts: float, capacity_mah: float) -> Quantities:
+    """The battery; its charge is whole percents, as ArduPilot counts it."""
+    percent, capacity_ah = round(100.0 * flight.battery_fraction), capacity_mah * 1e-3
+    status = _FULL if percent == 100 else _DISCHARGING if flight.battery_a > 0.0 else _NOT_CHARGING
+    return {
+        "voltage": volts,
+        "current": -flight.battery_a,
+        "capacity": capacity_ah,
+        "charge": percent * capacity_ah * 0.01,
+        "charged": percent * 0.01,
+        "supply_status": status,
+    }
+
+
+def goal_of(flight: FlightState, frame: LocalFrame) -> Quantities:
+    """The place that it flies to, None where it follows none."""
+    place, down_m = flight.target.north_east_m, flight.target.down_m
+    going = flight.landed is LandedState.IN_AIR and flight.mode.behaviour in _GOES
+    if not going or place is None or down_m is None:
+        return dict.fromkeys(("goal_latitude", "goal_longitude", "goal_altitude"))
+    return place_of("goal_", *frame.to_geodetic_e7(*place), flight.origin.altitude_m - down_m)
+
+
+def place_of(prefix: str, latitude_e7: int, longitude_e7: int, altitude_m: float) -> Quantities:
+    values = (latitude_e7 * 1e-7, longitude_e7 * 1e-7, round(altitude_m * 100.0) * 0.01)
+    return dict(zip((f"{prefix}latitude", f"{prefix}longitude", f"{prefix}altitude"), values, strict=True))
+
+
+def _attitude(flight: FlightState) -> Quantities:
+    """The quaternion of body FRD against NED, and of forward, left, up against ENU: first the axes of the earth are exchanged,
+    which leaves the nose a quarter turn off, then the body is turned by it.
     """
-    w, x, y, z = body
+    w, x, y, z = quaternion(flight)
     half = math.sqrt(0.5)
-    return {"w": half * (w + z), "x": half * (x + y), "y": half * (x - y), "z": half * (w - z)}
+    enu = half * (w + z), half * (x + y), half * (x - y), half * (w - z)
+    names = [f"{prefix}_{axis}" for prefix in ("q", "enu") for axis in "wxyz"]
+    return dict(zip(names, (w, x, y, z, *enu), strict=True))

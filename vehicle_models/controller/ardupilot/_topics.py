@@ -4,12 +4,14 @@ MAVLink.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from bench.contracts import ApSample, Vector
+from bench.contracts import CompanionSample, Vector
 
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..links._frames import KINDS
@@ -19,7 +21,7 @@ from ..services._commands import Commands
 from ..services._manual_control import ManualControl
 from ..services._modes import Modes
 from ..services._setpoints import Setpoints
-from ..state._flight_state import Behaviour, LandedState
+from ..state._flight_state import Behaviour
 from ..state._service import Command, CommandResult, MessageSender
 from ..state._service_context import ServiceContext
 from ..telemetry._attitude import quaternion, turned_to_ned
@@ -38,13 +40,10 @@ _ALTITUDE_FRAMES = (
 _NO_POSITION = 7
 # POSITION_TARGET_TYPEMASK: velocity with a rate of yaw, velocity alone, position alone.
 _VELOCITY_AND_TURN, _VELOCITY, _POSITION = 0x5C7, 0xDC7, 0xDF8
-# At most so often a second (AP_DDS_config.h); a step publishes a topic once.
-_POSE_HZ, _STATUS_LOOKS_HZ, _GOAL_HZ, _SLOW_HZ = 30, 10, 5, 1
-_STATUS_NS = 500_000_000
 _LEAST_AXES, _MOST_AXES = 4, 8
 _RADIO_CENTRE_US, _RADIO_TRAVEL_US, _RELEASE_US = 1500, 500, 0
-# Modes that fly to a place.
-_GOES = (Behaviour.OFFBOARD, Behaviour.MISSION, Behaviour.RETURN)
+# How often a second a topic is said at most, as AP_DDS_config.h; a step says it once.
+_TABLE = json.loads(Path(__file__).with_name("topics.json").read_text("utf-8"))
 
 
 class _Results(Channel):
@@ -70,13 +69,9 @@ class ApTopics:
     _commands: Commands
     _battery: BatteryMonitor
     _sticks: ManualControl
-    inbox: list[ApSample] = field(default_factory=list)
-    _published: list[ApSample] = field(default_factory=list)
-    _fix: int = 0
-    _tells_frames: bool = True
-    _goal: tuple[int, int, int] | None = None
-    _status: _Sample = field(default_factory=dict)
-    _status_ns: int = 0
+    inbox: list[CompanionSample] = field(default_factory=list)
+    _published: list[CompanionSample] = field(default_factory=list)
+    _told: dict[str, tuple[Any, int]] = field(default_factory=dict)  # what a topic said last, and when
 
     def __post_init__(self) -> None:
         self._flight = self._context.flight
@@ -114,39 +109,25 @@ class ApTopics:
             elif not self._topics[topic](sample):
                 self._setpoints.ignored += 1
 
-    def take_published(self) -> list[ApSample]:
+    def take_published(self) -> list[CompanionSample]:
         """What was published since the last call."""
         published, self._published = self._published, []
         return published
 
     def publish(self) -> None:
         """Publish what is due at the present moment."""
-        flight, telemetry = self._flight, self._autopilot.telemetry
-        body, now = quaternion(flight), fields_of.stamp(flight)
-        self._publish("time", now)
-        self._publish("clock", {"clock": now})
-        if self._tells_frames:
-            self._tells_frames = False
-            self._publish("tf_static", fields_of.tf_static(flight))
-        if flight.gps_epoch != self._fix:
-            self._fix = flight.gps_epoch
-            self._publish("navsat", fields_of.navsat(flight, telemetry.gps_quality))
-        force_mps2 = self._context.airframe.specific_force_mps2()
-        self._publish("imu/experimental/data", fields_of.imu(flight, body, force_mps2))
-        if self._due(_POSE_HZ):
-            self._publish("pose/filtered", fields_of.pose(flight, body))
-            self._publish("twist/filtered", fields_of.twist(flight))
-            self._publish("geopose/filtered", fields_of.geopose(flight, body))
-        if self._due(_SLOW_HZ):
-            capacity_mah = self._context.parameters["BATT_CAPACITY"]
-            self._publish("battery", fields_of.battery(flight, self._battery.volts(), capacity_mah))
-            origin = flight.origin
-            place = fields_of.geo_point(origin.latitude_e7, origin.longitude_e7, origin.altitude_m)
-            self._publish_place("gps_global_origin/filtered", place)
-        if self._due(_GOAL_HZ):
-            self._publish_goal()
-        if self._due(_STATUS_LOOKS_HZ):
-            self._publish_status()
+        context, flight = self._context, self._flight
+        force_mps2 = context.airframe.specific_force_mps2()
+        quantities = {
+            **fields_of.quantities_of(flight),
+            **fields_of.fix_of(flight, self._autopilot.telemetry.gps_quality),
+            **fields_of.battery_of(flight, self._battery.volts(), context.parameters["BATT_CAPACITY"]),
+            **fields_of.goal_of(flight, context.frame),
+            **dict(zip(("force_x", "force_y", "force_z"), force_mps2, strict=True)),
+        }
+        for topic, row in _TABLE.items():
+            if self._is_due(topic, row, quantities):
+                self._published.append((topic, fields_of.filled(row["fields"], quantities)))
 
     # From the companion. A request gives its answer; a sample that could not be used gives False.
 
@@ -216,36 +197,20 @@ class ApTopics:
         """A setpoint as MAVLink has it, for this vehicle, from `coordinate_frame` on."""
         return KINDS[name](self._flight.time_ms, self._system, 1, *values)
 
-    # To the companion.
-
-    def _due(self, rate_hz: int) -> bool:
-        """Whether this step is the first of one more period since the start."""
-        now_ns, step_ns = self._flight.time_ns, round(self._flight.step_s * 1e9)
-        return now_ns * rate_hz // 1_000_000_000 != (now_ns - step_ns) * rate_hz // 1_000_000_000
-
-    def _publish(self, topic: str, fields: _Sample) -> None:
-        self._published.append((f"/ap/{topic}", fields))
-
-    def _publish_place(self, topic: str, place: _Sample) -> None:
-        self._publish(topic, {"header": fields_of.header(self._flight), "position": place})
-
-    def _publish_goal(self) -> None:
-        """Where it is going, once it is another place than before."""
-        flight, target = self._flight, self._flight.target
-        if flight.landed is not LandedState.IN_AIR or flight.mode.behaviour not in _GOES:
-            return
-        if target.north_east_m is None or target.down_m is None:
-            return
-        latitude_e7, longitude_e7 = self._context.frame.to_geodetic_e7(*target.north_east_m)
-        altitude_m = flight.origin.altitude_m - target.down_m
-        goal = latitude_e7, longitude_e7, round(altitude_m * 100.0)
-        if goal != self._goal:
-            self._goal = goal
-            self._publish_place("goal_lla", fields_of.geo_point(latitude_e7, longitude_e7, altitude_m))
-
-    def _publish_status(self) -> None:
-        """Status on change, or when it was last said a while ago."""
-        status, now_ns = fields_of.status(self._flight), self._flight.time_ns
-        if status != self._status or now_ns - self._status_ns >= _STATUS_NS:
-            self._status, self._status_ns = status, now_ns
-            self._publish("status", {"header": fields_of.header(self._flight), **status})
+    def _is_due(self, topic: str, row: Mapping[str, Any], quantities: _Sample) -> bool:
+        """Whether a period of the topic begins; and where the table says `on`, with other values than last, or with the same
+        when they were last said so long ago.
+        """
+        now_ns, rate_hz = self._flight.time_ns, row["hz"]
+        before_ns = now_ns - round(self._flight.step_s * 1e9)
+        if now_ns * rate_hz // 1_000_000_000 == before_ns * rate_hz // 1_000_000_000:
+            return False
+        if "on" not in row:
+            return True
+        state = tuple(quantities[name] for name in row["on"])
+        said, said_ns = self._told.get(topic, ((), 0))
+        repeats = "repeats_s" in row and now_ns - said_ns >= row["repeats_s"] * 1e9
+        if None in state or (state == said and not repeats):
+            return False
+        self._told[topic] = state, now_ns
+        return True
