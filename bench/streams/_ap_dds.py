@@ -59,7 +59,7 @@ def _field(kind: str, name: str) -> tuple[str, Any, Any]:
 
 def filled(kind: type[Any], values: Mapping[str, Any]) -> Any:
     """A message of a class: its fields by name, those of the messages in it as mappings likewise. What is not given is zero."""
-    parts = {part.name: part for part in fields_of(kind)}
+    parts = {part.name: part for part in fields_of(kind)}  # type: ignore[arg-type]
     return kind(**{name: _value(parts[name], value) for name, value in values.items()})
 
 

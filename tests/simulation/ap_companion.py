@@ -146,15 +146,15 @@ class Companion:
         yield from self.call("/ap/experimental/takeoff", "<f", 5.0)
         while self.place()[2] < 4.9:
             yield
-        home = struct.unpack_from("<2d", self.came["/ap/geopose/filtered"][0], 4 + 24)
+        latitude, longitude = struct.unpack_from("<2d", self.came["/ap/geopose/filtered"][0], 4 + 24)
         for frame, velocity, turn in ((EARTH, (2.0, -1.0, 0.5), 0.0), (BODY, (1.0, 0.0, 0.0), 0.5)):
             for _ in range(40):
                 self.move(frame, *velocity, turn=turn)
                 yield
             print("at", *(round(axis) for axis in self.place()))
-        self.go(*home, 8.0)
+        self.go(latitude, longitude, 8.0)
         for _ in range(150):
-            self.go(*home, 8.0)
+            self.go(latitude, longitude, 8.0)
             yield
             if math.dist(self.place(), (0.0, 0.0, 8.0)) < 0.2:
                 break
