@@ -131,6 +131,7 @@ OF_PROCESS = {
         "agent_adapters.client.documents._reader",
         "bench.contracts._documents._adapter",
         *(f"bench.streams._cdr.{name}" for name in ("_builder", "_many", "_phased", "_reader", "_writers")),
+        "bench.streams._ap_dds.ap_message",
         "bench.streams._px4.px4_message",
         *(f"bench.streams._schemas.{name}" for name in ("fields_of", "_hash_of", "_schema_of")),
     ),

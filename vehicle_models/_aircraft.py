@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
 from bench.contracts import (
+    CompanionSample,
     MavlinkTap,
-    Px4Sample,
     SimTime,
     Vector,
     Vehicle,
@@ -128,7 +128,7 @@ class Aircraft(LinkedVehicle, ABC):
             truth,
             self._failures.break_part,
             simspec.vehicle.simulation_control,
-            plan.px4_topics,
+            plan.companion_topics,
         )
         self._controller = self._boot(None)
 
@@ -136,12 +136,12 @@ class Aircraft(LinkedVehicle, ABC):
         """The scene has made frame number `frame` of this vehicle's camera."""
         self._controller.record_exposure(frame)
 
-    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
-        if topics := self._controller.px4:
+    def take_samples(self, samples: Sequence[CompanionSample]) -> None:
+        if topics := self._controller.topics:
             topics.inbox.extend(samples)
 
-    def px4_samples(self) -> list[Px4Sample]:
-        return topics.take_published() if (topics := self._controller.px4) else []
+    def published_samples(self) -> list[CompanionSample]:
+        return topics.take_published() if (topics := self._controller.topics) else []
 
     def step(self) -> None:
         if self._controller.restart_requested:
@@ -220,6 +220,7 @@ class Aircraft(LinkedVehicle, ABC):
     def _restart(self) -> None:
         """Start a new flight controller on the same aircraft and links; waiting messages are lost."""
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
+        previous = self._controller
         self._airframe.disarm()
         for link in self._links:
             link.inbox.clear()
@@ -228,6 +229,7 @@ class Aircraft(LinkedVehicle, ABC):
         self._flight.crashed = crashed
         self._sense()
         self._controller = self._boot(persistent)
+        self._controller.continue_from(previous)
 
     def _apply_gusts(self) -> None:
         if not self._gusts.calm:

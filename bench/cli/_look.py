@@ -117,26 +117,26 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     from bench.errors import SetupError
     from bench.simspec import load_simspec
     from bench.simulation import air_topics
-    from bench.streams import PX4_PREFIX
+    from bench.streams import AP_PREFIX, PX4_PREFIX
 
     spec = load_simspec(simspec)
-    release = None
-    if spec.vehicle.autopilot == "px4":
-        with suppress(SetupError):
-            release = load_manifest(spec.agent.manifest)[0].px4_msgs
-        # An agent without them is shown what it would have.
-        release = release or "1.17"
+    # An agent without the autopilot's topics is shown what it would have.
+    needs = (("px4", "px4_msgs", "1.17"), ("ardupilot", "ap_dds", "2025-12"))
+    releases = {field: release for name, field, release in needs if spec.vehicle.autopilot == name}
+    with suppress(SetupError):
+        manifest = load_manifest(spec.agent.manifest)[0]
+        releases = {field: getattr(manifest, field) or release for field, release in releases.items()}
     rows = [
         {
             "topic": topic.name,
             "type": topic.kind.TYPE,
             "key": topic.key,
-            "direction": "from the agent" if topic.from_agent else "to the agent",
+            "direction": topic.direction,
             "reliable": topic.depth > 0 or topic.qos.reliable,
             "latched": topic.depth,
-            **({"px4_msgs": release} if topic.name.startswith(PX4_PREFIX) else {}),
+            **(releases if topic.name.startswith((PX4_PREFIX, AP_PREFIX)) else {}),
         }
-        for topic in air_topics(spec, release)
+        for topic in air_topics(spec, **releases)
     ]
     if as_json:
         print(json.dumps(rows, indent=2))
@@ -145,8 +145,10 @@ def _print_keys(simspec: Path, as_json: bool) -> None:
     for row in rows:
         kind = "reliable" if row["reliable"] else "best effort"
         latched = f", latched ({row['latched']})" if row["latched"] else ""
-        needs = f', with px4_msgs: "{row["px4_msgs"]}" in the manifest' if "px4_msgs" in row else ""
-        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{needs}\n  {row['key']}")
+        need = "".join(
+            f', with {field}: "{row[field]}" in the manifest' for field in releases if field in row
+        )
+        print(f"{row['topic']}  {row['type']}  {row['direction']}, {kind}{latched}{need}\n  {row['key']}")
 
 
 def difficulty(

@@ -188,11 +188,11 @@ if TYPE_CHECKING:
     from ._truth_documents import ViewDocument as ViewDocument
     from ._vehicle import BootsFirmware as BootsFirmware
     from ._vehicle import CarriesCamera as CarriesCamera
-    from ._vehicle import HasPx4Topics as HasPx4Topics
+    from ._vehicle import CompanionSample as CompanionSample
+    from ._vehicle import HasCompanionTopics as HasCompanionTopics
     from ._vehicle import LinkSpec as LinkSpec
     from ._vehicle import MavlinkTap as MavlinkTap
     from ._vehicle import OpenVehicle as OpenVehicle
-    from ._vehicle import Px4Sample as Px4Sample
     from ._vehicle import Vector as Vector
     from ._vehicle import Vehicle as Vehicle
     from ._vehicle import VehicleCondition as VehicleCondition

@@ -68,6 +68,8 @@ def _release_text(value: object) -> object:
 
 Px4Release = Annotated[Literal["1.16", "1.17", "1.18"], BeforeValidator(_release_text)]
 
+ApRelease = Literal["2025-12"]
+
 
 class AgentManifest(Document):
     """How an agent is started, connected and paced: a YAML file, or a plug-in of `rebar.agents`.
@@ -97,6 +99,11 @@ class AgentManifest(Document):
     px4_msgs: Px4Release | None = added_field(
         None,
         "The release of px4_msgs that the agent is built with: it also has the topics of a PX4 (/fmu/in/..., /fmu/out/...).",
+    )
+    ap_dds: ApRelease | None = added_field(
+        None,
+        "The month of the ArduPilot whose ardupilot_msgs the agent is built with: it also has the topics and services of an "
+        "ArduPilot (/ap/...).",
     )
     truth: bool = Field(
         False,
@@ -130,11 +137,12 @@ class AgentManifest(Document):
         return self.zenoh and self.air == "zenoh"
 
     @model_validator(mode="after")
-    def _has_zenoh_for_px4(self) -> Self:
-        if self.px4_msgs and not self.on_zenoh:
-            raise ValueError(
-                "px4_msgs: PX4's topics come over Zenoh alone; leave out zenoh: false and air: tick"
-            )
+    def _has_zenoh_for_topics(self) -> Self:
+        for switch, whose in (("px4_msgs", "PX4"), ("ap_dds", "ArduPilot")):
+            if getattr(self, switch) and not self.on_zenoh:
+                raise ValueError(
+                    f"{switch}: {whose}'s topics come over Zenoh alone; leave out zenoh: false and air: tick"
+                )
         return self
 
 

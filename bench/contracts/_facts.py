@@ -192,7 +192,7 @@ class UnreadTopics(Fact):
 
 
 class UnmatchedTopics(Fact):
-    """What the agent announced of PX4's topics and this session does not have, each in a sentence."""
+    """What the agent announced of an autopilot's topics and this session does not have, each in a sentence."""
 
     key = "unmatched_topics"
     sentences: tuple[Words, ...]

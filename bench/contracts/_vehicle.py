@@ -104,15 +104,15 @@ class LinkSpec:
 class VehiclePlan:
     """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens.
 
-    `artefacts` is where a real autopilot's console and logs are left; None: they are discarded. With `px4_topics` a vehicle
-    that `HasPx4Topics` publishes them.
+    `artefacts` is where a real autopilot's console and logs are left; None: they are discarded. With `companion_topics` a
+    vehicle that `HasCompanionTopics` publishes them.
     """
 
     simspec: SimSpec
     links: tuple[LinkSpec, ...]
     controller_hz: int = 50
     artefacts: Path | None = None
-    px4_topics: bool = False
+    companion_topics: bool = False
 
 
 MavlinkTap = Callable[[str, str, bytes], None]
@@ -179,21 +179,22 @@ class BootsFirmware(Protocol):
         """
 
 
-Px4Sample = tuple[str, Mapping[str, Any]]
-"""A topic of PX4 (`/fmu/out/vehicle_status`), and the fields of its message by name; those that a release has beside them
-are zero.
+CompanionSample = tuple[str, Mapping[str, Any]]
+"""A topic of the autopilot (`/fmu/out/vehicle_status`, `/ap/status`), and the fields of its message by name; those that a
+release has beside them are zero. Where the vehicle publishes, those of a message in it are a mapping too. Or a service
+(`/ap/arm_motors`), and the fields of a request or of an answer.
 """
 
 
 @runtime_checkable
-class HasPx4Topics(Protocol):
-    """What a vehicle promises beside `Vehicle` when a companion may see the topics of a PX4 on it."""
+class HasCompanionTopics(Protocol):
+    """What a vehicle promises beside `Vehicle` when a companion may see the topics of its autopilot."""
 
-    def take_px4(self, samples: Sequence[Px4Sample]) -> None:
-        """Hand over what the companion has published, in order; the next step acts on it."""
+    def take_samples(self, samples: Sequence[CompanionSample]) -> None:
+        """Hand over what the companion has published and asked, in order; the next step acts on it."""
 
-    def px4_samples(self) -> list[Px4Sample]:
-        """What was published since the last call, in order."""
+    def published_samples(self) -> list[CompanionSample]:
+        """What was published since the last call, in order; with one answer for each request, a service's in its order."""
 
 
 class OpenVehicle(Protocol):

@@ -25,7 +25,6 @@ from bench.contracts import (
 )
 from bench.simspec import SimSpec
 from bench.streams import (
-    PX4_PREFIX,
     AirAccess,
     AirPlan,
     RosNode,
@@ -43,16 +42,16 @@ from ._air_topics import (
     AirTopic,
     RecordedPublisher,
     air_topics,
+    answer_publishers,
+    autopilot_topics,
     camera_publishers,
-    px4_from_agent,
-    px4_to_agent,
     recorded_publisher,
 )
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
-from ._px4_topics import unmatched_px4
+from ._px4_topics import need_of, unmatched_topics
 from ._stop_session import StopSession
 
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
@@ -73,7 +72,7 @@ class AirNetwork:
 
     Without a router (the agent wants none) publishers only record; with `in_ticks` the next tick takes along what they
     publish, and acknowledgements bring what the agent sends. `on_drop` is called with the topic when the first
-    of its samples is dropped.
+    of its samples is dropped. `releases` are the manifest's, of the topics of each autopilot.
     """
 
     def __init__(
@@ -83,11 +82,12 @@ class AirNetwork:
         tap: Tap,
         clock: HostClock,
         on_drop: Callable[[SimTime, str], None],
-        in_ticks: bool = False,
-        px4_msgs: str | None = None,
+        in_ticks: bool,
+        releases: Mapping[str, str | None],
     ) -> None:
         self._tap = tap
-        self._router, self._px4_msgs = router, px4_msgs
+        self._router = router
+        self._releases = releases
         self.outbox = Outbox() if in_ticks else None
         self._clock = clock
         self._on_drop = on_drop
@@ -95,7 +95,7 @@ class AirNetwork:
         self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        table = {topic.name: topic for topic in air_topics(simspec, px4_msgs)}
+        table = {topic.name: topic for topic in air_topics(simspec, **releases)}
 
         def recorded(name: str) -> RecordedPublisher:
             return recorded_publisher(table[name], node, tap, self.outbox)
@@ -110,7 +110,14 @@ class AirNetwork:
         self.operator_link = recorded(topics.operator_link)
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
-        self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
+        # Sorted, because the order in which topics are read is the order of their records within a moment.
+        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
+        self._subscriptions = _subscribe(node, written)
+        self._autopilot_topics = autopilot_topics(**releases)
+        self.companion = {
+            topic.name: recorded(topic.name) for topic in self._autopilot_topics if not topic.from_agent
+        }
+        self.companion |= answer_publishers(self._subscriptions, tap)
         self._publishers = (
             self.clock,
             self.tf,
@@ -122,7 +129,7 @@ class AirNetwork:
             self.operator_link,
             self.detections,
             *(publisher for publishers in self.cameras for publisher in publishers.all),
-            *self.px4.values(),
+            *self.companion.values(),
         )
         # What an agent is told in words, and the detections.
         told = (
@@ -135,9 +142,7 @@ class AirNetwork:
         )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
-        # Sorted, because the order in which topics are read is the order of their records within a moment.
-        written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
-        self._subscriptions = _subscribe(node, written)
+        self._keys = {topic.name: topic.key for topic in written}
         self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
         self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
@@ -171,8 +176,9 @@ class AirNetwork:
         known = {*published, *self._allowances}
         for topic in sorted(declared - known):
             if not self._topics.is_of_camera(topic):
-                lacks_release = topic.startswith(PX4_PREFIX) and self._px4_msgs is None
-                without = "without px4_msgs in its manifest" if lacks_release else "in any session"
+                field, _ = need_of(topic) or ("", "")
+                lacking = field and self._releases[field] is None
+                without = f"without {field} in its manifest" if lacking else "in any session"
                 self._refuse_topic(
                     topic, published, "the agent's hello subscribes to", f"it cannot read {without}"
                 )
@@ -234,6 +240,7 @@ class AirNetwork:
                 else:
                     subscription.malformed += 1
                 if message is not None:
+                    subscription.accept(sample.sequence)
                     content = message.data if isinstance(message, String) else message
                     documents.setdefault(topic, []).append(content)
         if dropped:
@@ -276,11 +283,10 @@ class AirNetwork:
 
     @property
     def unmatched(self) -> tuple[str, ...]:
-        """What the agent announced of PX4's topics and this session does not have."""
+        """What the agent announced of an autopilot's topics and this session does not have."""
         if self._router is None:
             return ()
-        px4 = [*px4_to_agent(self._px4_msgs), *px4_from_agent(self._px4_msgs)]
-        return unmatched_px4(self._router.endpoints, px4, self._px4_msgs)
+        return unmatched_topics(self._router.endpoints, self._autopilot_topics, self._releases)
 
     def _look_for_readers(self) -> None:
         """Note who subscribes now: at the end it may be gone. In lockstep the hello has said it."""
@@ -296,7 +302,7 @@ class AirNetwork:
             raise StopSession(
                 Outcome.AGENT_PROTOCOL,
                 f"the agent says it sent {count} samples on {topic}; {subscription.highest} came, on the key "
-                f"{data_key(DOMAIN, topic, subscription.kind)}",
+                f"{self._keys[topic]}",
             )
         if subscription.overflowed:
             raise StopSession(
@@ -362,7 +368,12 @@ class AirNetwork:
 
 
 def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
-    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
+    if node is None:
+        return ()
+    return tuple(
+        node.serve(topic.name, topic.kind) if topic.service else node.subscribe(topic.name, topic.kind)
+        for topic in topics
+    )
 
 
 @contextmanager
@@ -373,17 +384,22 @@ def open_air_network(
     zenoh: bool,
     in_ticks: bool = False,
     px4_msgs: str | None = None,
+    ap_dds: str | None = None,
     clock: HostClock = HOST_CLOCK,
     on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router on which truth never is, with one credential, and one more
     where a companion computer comes from outside.
     """
-    outside, topics = simspec.agent.outside_air, air_topics(simspec, px4_msgs)
+    releases = {"px4_msgs": px4_msgs, "ap_dds": ap_dds}
+    outside, topics = simspec.agent.outside_air, air_topics(simspec, **releases)
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=tuple((topic.name, topic.kind) for topic in topics if not topic.from_agent),
-        agent_writes=tuple((topic.name, topic.kind) for topic in topics if topic.from_agent),
+        agent_writes=tuple(
+            (topic.name, topic.kind) for topic in topics if topic.from_agent and not topic.service
+        ),
+        agent_calls=tuple((topic.name, topic.kind) for topic in topics if topic.service),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
         # In lockstep and warp the session waits for its agent anyway, and a lost picture would end or change it.
         large_sample_wait_s=None if simspec.pace.mode == "realtime" else LARGE_SAMPLE_WAIT_S,
@@ -394,4 +410,4 @@ def open_air_network(
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None
         if router and outside:
             stack.enter_context(open_outside_air(outside, router.access.locator))
-        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, px4_msgs)
+        yield AirNetwork(simspec, router, tap, clock, on_drop, in_ticks, releases)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from bench.contracts import CLOCK, TF, TF_STATIC, Record, SimTime, Tap, VehicleTopics, document_text
 from bench.simspec import SimSpec
 from bench.streams import (
+    AP_FROM_AGENT,
+    AP_QOS,
+    AP_SERVICES,
+    AP_TO_AGENT,
     CLOCK_QOS,
     PX4_FROM_AGENT,
     PX4_TO_AGENT,
@@ -24,8 +28,11 @@ from bench.streams import (
     QoS,
     RosMessage,
     RosNode,
+    Service,
     String,
+    Subscription,
     TFMessage,
+    ap_message,
     data_key,
     encode,
     json_value,
@@ -41,7 +48,9 @@ DOMAIN = 1
 
 @dataclass(frozen=True, slots=True)
 class AirTopic:
-    """A topic of one session's air network. `depth` is 0 for one that is not latched."""
+    """A topic of one session's air network, or a `service` of the vehicle's, whose requests are from the agent. `depth` is 0
+    for one that is not latched.
+    """
 
     name: str
     kind: type[RosMessage]
@@ -50,6 +59,13 @@ class AirTopic:
     from_agent: bool = False
     samples: Limit = TOPIC_SAMPLES
     """How many of the agent's are recorded."""
+    service: bool = False
+
+    @property
+    def direction(self) -> str:
+        if self.service:
+            return "a service"
+        return "from the agent" if self.from_agent else "to the agent"
 
     @property
     def key(self) -> str:
@@ -57,11 +73,13 @@ class AirTopic:
         return data_key(DOMAIN, self.name, self.kind)
 
 
-def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic, ...]:
+def air_topics(
+    simspec: SimSpec, px4_msgs: str | None = None, ap_dds: str | None = None
+) -> tuple[AirTopic, ...]:
     """Every topic that the agent may read, in the order of docs/streams.md, then every one that it may write. With a release
-    of `px4_msgs` also those of PX4.
+    of `px4_msgs` also those of PX4, and with `ap_dds` those of ArduPilot and its services.
     """
-    topics = VehicleTopics(simspec.vehicle.name)
+    topics, autopilot = VehicleTopics(simspec.vehicle.name), autopilot_topics(px4_msgs, ap_dds)
     cameras = [
         topic
         for camera in simspec.vehicle.cameras
@@ -86,9 +104,9 @@ def air_topics(simspec: SimSpec, px4_msgs: str | None = None) -> tuple[AirTopic,
             AirTopic(topics.camera_detections(camera), Detection2DArray, SENSOR_DATA)
             for camera in simspec.perception.more_cameras
         ),
-        *px4_to_agent(px4_msgs),
+        *(topic for topic in autopilot if not topic.from_agent),
         *(AirTopic(topic, String, from_agent=True) for topic in topics.from_agent),
-        *px4_from_agent(px4_msgs),
+        *(topic for topic in autopilot if topic.from_agent),
     )
 
 
@@ -113,9 +131,25 @@ def px4_from_agent(release: str | None) -> list[AirTopic]:
     ]
 
 
+def autopilot_topics(px4_msgs: str | None, ap_dds: str | None) -> list[AirTopic]:
+    """The topics and services of the vehicle's autopilot, in the releases of an agent's manifest."""
+    px4 = [*px4_to_agent(px4_msgs), *px4_from_agent(px4_msgs)]
+    if ap_dds is None:
+        return px4
+    out = [
+        AirTopic(name, ap_message(kind), qos, depth=qos.depth if qos.latched else 0)
+        for (name, kind), qos in zip(AP_TO_AGENT.items(), AP_QOS.values(), strict=True)
+    ]
+    into = [
+        AirTopic(name, ap_message(kind), from_agent=True, samples=PX4_SAMPLES, service=name in AP_SERVICES)
+        for name, kind in {**AP_FROM_AGENT, **AP_SERVICES}.items()
+    ]
+    return [*px4, *out, *into]
+
+
 @dataclass(slots=True)
 class RecordedPublisher:
-    """One topic towards the agent.
+    """One topic towards the agent, or the answers of a service, which leave whoever counts them.
 
     Every message is recorded unless `recorded` is false, and published once the topic is `opened` or latched; with
     `while_matched` only while the network knows of a subscription.
@@ -124,7 +158,7 @@ class RecordedPublisher:
     topic: str
     kind: type[RosMessage]
     tap: Tap
-    publisher: Publisher | None
+    publisher: Publisher | Service | None
     latched: bool = False
     opened: bool = False
     recorded: bool = True
@@ -193,6 +227,15 @@ def recorded_publisher(
     elif node is not None:
         publisher = node.publisher(topic.name, topic.kind, topic.qos)
     return RecordedPublisher(topic.name, topic.kind, tap, publisher, latched=topic.depth > 0, outbox=outbox)
+
+
+def answer_publishers(subscriptions: Iterable[Subscription], tap: Tap) -> dict[str, RecordedPublisher]:
+    """What publishes the answers of services, by service: whether or not the agent counts them."""
+    return {
+        service.topic: RecordedPublisher(service.topic, service.response, tap, service, latched=True)
+        for service in subscriptions
+        if isinstance(service, Service)
+    }
 
 
 def camera_publishers(

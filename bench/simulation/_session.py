@@ -17,7 +17,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     ConsentRequest,
-    HasPx4Topics,
+    HasCompanionTopics,
     OpenScene,
     Outcome,
     SessionFailure,
@@ -33,7 +33,7 @@ from bench.errors import SetupError
 
 from ._lockstep import open_lockstep
 from ._pace import Documents, Pace
-from ._px4_topics import Px4Companion
+from ._px4_topics import Companion
 from ._real_time import open_real_time
 from ._service_relays import Services, open_services
 from ._session_faults import camera_faults, link_faults, pace_faults
@@ -88,9 +88,9 @@ class Session:
         self._spec, self._progress = parts.plan.simspec, parts.progress
         self._world = World(parts)
         self._topics = VehicleTopics(self._spec.vehicle.name)
-        self._px4 = None
-        if parts.air.px4 and isinstance(parts.vehicle, HasPx4Topics):
-            self._px4 = Px4Companion(parts.vehicle, parts.air.px4)
+        self._companion = None
+        if parts.air.companion and isinstance(parts.vehicle, HasCompanionTopics):
+            self._companion = Companion(parts.vehicle, parts.air.companion)
         self._complete = False
 
     def run(self) -> None:
@@ -120,16 +120,16 @@ class Session:
     def _beat(self) -> None:
         now = self._progress.now
         self._world.publish(now)
-        if self._px4:
-            self._px4.publish(now)
+        if self._companion:
+            self._companion.publish(now)
         self._process(self._pace.exchange(now))
         self._world.advance(self._pace.span_s)
         self._check_end()
         self._watch.check_wall_time()
 
     def _process(self, documents: Documents) -> None:
-        if self._px4:
-            self._px4.hand_over(documents)
+        if self._companion:
+            self._companion.hand_over(documents)
         for text in documents.get(self._topics.status, ()):
             status = parse_document(AgentStatus, text)
             if status is None:

@@ -11,7 +11,7 @@ from bench.contracts import (
     AgentManifest,
     BootsFirmware,
     ChecksHost,
-    HasPx4Topics,
+    HasCompanionTopics,
     LinkSpec,
     OpenVehicle,
     Vehicle,
@@ -70,7 +70,7 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
             faults += [
                 *tick_faults(spec, vehicle),
                 *firmware_faults(spec, vehicle),
-                *px4_faults(spec, manifest, vehicle),
+                *topic_faults(spec, manifest, vehicle),
             ]
         except SetupError as error:
             faults += error.faults
@@ -170,13 +170,18 @@ def firmware_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:
     return [Fault("vehicle.autopilot.firmware", what, "fly it with --pace realtime, or in lockstep")]
 
 
-def px4_faults(spec: SimSpec, manifest: AgentManifest, vehicle: Vehicle) -> list[Fault]:
-    """A fault if the agent wants the topics of a PX4, and the vehicle has none."""
-    if not manifest.px4_msgs or (isinstance(vehicle, HasPx4Topics) and spec.vehicle.autopilot == "px4"):
-        return []
-    what = f"the manifest of agent {manifest.name!r} says px4_msgs, and this vehicle has no topics of PX4"
-    remedy = "fly it with an imitated PX4 (autopilot: px4), or leave px4_msgs out and fly by MAVLink"
-    return [Fault("vehicle.autopilot", what, remedy)]
+def topic_faults(spec: SimSpec, manifest: AgentManifest, vehicle: Vehicle) -> list[Fault]:
+    """A fault if the agent wants the topics of an autopilot that this vehicle is not flown by, or that has none."""
+    faults = []
+    for field, release, autopilot, name in (
+        ("px4_msgs", manifest.px4_msgs, "px4", "PX4"),
+        ("ap_dds", manifest.ap_dds, "ardupilot", "ArduPilot"),
+    ):
+        if release and not (isinstance(vehicle, HasCompanionTopics) and spec.vehicle.autopilot == autopilot):
+            what = f"the manifest of agent {manifest.name!r} says {field}, and this vehicle has no topics of {name}"
+            remedy = f"fly it with an imitated {name} (autopilot: {autopilot}), or leave {field} out and fly by MAVLink"
+            faults.append(Fault("vehicle.autopilot", what, remedy))
+    return faults
 
 
 def tick_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:

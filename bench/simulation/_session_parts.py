@@ -43,7 +43,7 @@ from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
 from ._session_cameras import scene_faults
-from ._session_faults import firmware_faults, px4_faults, tick_faults
+from ._session_faults import firmware_faults, tick_faults, topic_faults
 from ._truth import TruthRecorder
 
 
@@ -120,14 +120,13 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
         detectors = open_detectors(spec, scene.cast, plan.open_on_pixels)
         if isinstance(detectors[0], PictureDetector):
             progress.add(PixelDetectorBuild(description=detectors[0].description))
-        vehicle_plan = VehiclePlan(
-            spec, links, artefacts=plan.artefacts, px4_topics=manifest.px4_msgs is not None
-        )
+        has_topics = manifest.px4_msgs is not None or manifest.ap_dds is not None
+        vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts, companion_topics=has_topics)
         vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
         if faults := [
             *tick_faults(spec, vehicle),
             *firmware_faults(spec, vehicle),
-            *px4_faults(spec, manifest, vehicle),
+            *topic_faults(spec, manifest, vehicle),
         ]:
             raise SetupError(faults)
         if isinstance(vehicle, BootsFirmware):
@@ -140,6 +139,7 @@ def open_parts(plan: SessionPlan, progress: SessionProgress) -> Generator[Sessio
                 zenoh=manifest.on_zenoh,
                 in_ticks=manifest.air == "tick",
                 px4_msgs=manifest.px4_msgs,
+                ap_dds=manifest.ap_dds,
                 clock=plan.clock,
                 on_drop=lambda time, topic: truth.write_event(time, "dropping", topic),
             )

@@ -19,6 +19,12 @@ from typing import TYPE_CHECKING
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from ._ap_dds import AP_FROM_AGENT as AP_FROM_AGENT
+    from ._ap_dds import AP_QOS as AP_QOS
+    from ._ap_dds import AP_SERVICES as AP_SERVICES
+    from ._ap_dds import AP_TO_AGENT as AP_TO_AGENT
+    from ._ap_dds import ap_message as ap_message
+    from ._ap_dds import filled as filled
     from ._cdr import decode as decode
     from ._cdr import encode as encode
     from ._json import json_schema as json_schema
@@ -34,6 +40,7 @@ if TYPE_CHECKING:
     from ._node import Publisher as Publisher
     from ._node import RosNode as RosNode
     from ._node import Sample as Sample
+    from ._node import Service as Service
     from ._node import Subscription as Subscription
     from ._node import open_client as open_client
     from ._poses import decode_pose_array as decode_pose_array
@@ -43,6 +50,7 @@ if TYPE_CHECKING:
     from ._px4 import PX4_TO_AGENT as PX4_TO_AGENT
     from ._px4 import px4_message as px4_message
     from ._px4 import px4_releases_of as px4_releases_of
+    from ._router import AP_PREFIX as AP_PREFIX
     from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
     from ._router import PX4_PREFIX as PX4_PREFIX
     from ._router import AirPlan as AirPlan
@@ -51,6 +59,7 @@ if TYPE_CHECKING:
     from ._router import Topic as Topic
     from ._router import open_router as open_router
     from ._schemas import schema_text as schema_text
+    from ._schemas import service_parts as service_parts
     from ._schemas import type_hash as type_hash
     from ._types import MESSAGES as MESSAGES
     from ._types import BoundingBox2D as BoundingBox2D

@@ -97,8 +97,8 @@ def endpoint_token(
     message: str | type[Any],
     qos: QoS,
 ) -> str:
-    """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes;
-    `node` is its namespace and name.
+    """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes, SS answers
+    a service; `node` is its namespace and name.
     """
     node_id, own_id = ids
     namespace, name = node
@@ -127,3 +127,9 @@ def read_sequence(attachment: bytes) -> int | None:
     sequence, _, length, _ = _ATTACHMENT.unpack(attachment)
     # rmw_zenoh counts from 1, and independent ROS 2 clients from 0.
     return sequence if sequence >= 0 and length == _GID_BYTES else None
+
+
+def answer_attachment(attachment: bytes, source_ns: int) -> bytes:
+    """The attachment of a service's answer to a request: the request's number and id, and a time of its own."""
+    sequence, _, length, gid = _ATTACHMENT.unpack(attachment)
+    return _ATTACHMENT.pack(sequence, source_ns, length, gid)

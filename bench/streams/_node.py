@@ -26,6 +26,7 @@ from ._cdr import decode, encode
 from ._keys import (
     RELIABLE_10,
     QoS,
+    answer_attachment,
     data_key,
     endpoint_gid,
     endpoint_token,
@@ -34,6 +35,7 @@ from ._keys import (
     read_sequence,
     write_attachment,
 )
+from ._schemas import service_parts
 
 # The lease in the session file of rmw_zenoh: a link that dies silently is noticed after this time.
 _LEASE_MS = 60_000
@@ -159,6 +161,9 @@ class Subscription:
             finally:
                 self._waiting -= 1
 
+    def accept(self, number: int) -> None:
+        """The sample of this number is used: what it asks for is going to be answered, after what was accepted before."""
+
     def take_in(self, data: bytes, attachment: bytes | None) -> None:
         """Put one sample into the inbox; called by Zenoh's thread."""
         sequence = read_sequence(attachment) if attachment is not None else None
@@ -180,6 +185,47 @@ class Subscription:
                 self.highest = sequence
                 if self._waiting:
                     self._arrival.notify_all()
+
+
+class Service(Subscription):
+    """One service that a node answers, and its inbox of requests, numbered in the order in which they come, whoever asks.
+
+    Each request that `accept` names gets one answer by `put_bytes`, in that order; the others get none. `sequence` counts
+    the answers.
+    """
+
+    matched = has_reader = True
+
+    def __init__(self, name: str, kind: type[Any], key: str, capacity: int) -> None:
+        request, self.response = service_parts(kind)
+        super().__init__(name, request, capacity)
+        self.sequence = 0
+        self._key = key
+        self._asking = threading.Lock()
+        self._queries: dict[int, tuple[zenoh.Query, bytes]] = {}
+        self._accepted: deque[tuple[zenoh.Query, bytes]] = deque()
+
+    def take_query(self, query: zenoh.Query) -> None:
+        """Put one request into the inbox; called by Zenoh's thread."""
+        attachment = query.attachment.to_bytes() if query.attachment is not None else b""
+        if read_sequence(attachment) is None or query.payload is None:
+            self.malformed += 1
+            return
+        with self._asking:
+            number = self.received + 1
+            self._queries[number] = query, attachment
+            self.take_in(query.payload.to_bytes(), write_attachment(number, 0, bytes(16)))
+
+    def accept(self, number: int) -> None:
+        self._accepted.append(self._queries.pop(number))
+
+    def put_bytes(self, data: bytes) -> None:
+        """Answer the oldest of the accepted requests."""
+        query, attachment = self._accepted.popleft()
+        self.sequence += 1
+        # Whoever asked may have left, or waited long enough.
+        with suppress(zenoh.ZError):
+            query.reply(self._key, data, attachment=answer_attachment(attachment, time.time_ns()))
 
 
 class RosNode:
@@ -262,6 +308,15 @@ class RosNode:
             self._held.append(self._session.declare_subscriber(key, arrived))
         self._show(token)
         return subscription
+
+    def serve(self, name: str, kind: type[object], capacity: int = 4096) -> Service:
+        """Answer a service; `kind` is the class of its type."""
+        token = self._token("SS", name, kind, RELIABLE_10)
+        key = data_key(self._domain, name, kind)
+        service = Service(name, kind, key, capacity)
+        self._held.append(self._session.declare_queryable(key, service.take_query, complete=True))
+        self._show(token)
+        return service
 
     def close(self) -> None:
         """Withdraw everything that this node declared, the newest first. Only once nobody uses it any more."""

@@ -36,8 +36,10 @@ _ATTEMPTS = 16
 KEEP_ALIVES = 4
 # The fastest that an agent's clock is reckoned to run beside the host's; sessions in warp reach some tens.
 WARP_LEASE_FACTOR = 1000
-# Every topic of a PX4 begins so.
-PX4_PREFIX = "/fmu/"
+# Every topic of a PX4 begins so, and every topic and service of an ArduPilot.
+PX4_PREFIX, AP_PREFIX = "/fmu/", "/ap/"
+# Kinds of tokens: publishers, subscriptions, clients of services.
+_ENDS = ("MP", "MS", "SC")
 # Of a token; ROS 2 may append more to the QoS.
 _TOKEN_PARTS = 13
 # Far more than one stack has.
@@ -49,7 +51,7 @@ Topic = tuple[str, str | type[Any]]
 
 @dataclass(frozen=True, slots=True)
 class AirPlan:
-    """What the agent may read and write on the air network of one session.
+    """What the agent may read, write and call on the air network of one session.
 
     `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose
     count of samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
@@ -69,18 +71,20 @@ class AirPlan:
     large_sample_wait_s: float | None = None
     companion_token: str = field(default="", repr=False)
     in_warp: bool = False
+    agent_calls: tuple[Topic, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Endpoint:
-    """What an agent announces: a topic that it `publishes` or reads, with DDS type (`px4_msgs::msg::dds_::VehicleStatus_`) and
-    type hash as they stand in its token.
+    """What an agent announces: a topic that it `publishes` or reads, or a service that it `calls`, with DDS type
+    (`px4_msgs::msg::dds_::VehicleStatus_`) and type hash as they stand in its token.
     """
 
     publishes: bool
     topic: str
     dds_type: str
     type_hash: str
+    calls: bool = False
 
 
 class Router:
@@ -106,11 +110,11 @@ class Router:
         """Note an endpoint of another session; called by Zenoh's thread."""
         parts = str(sample.key_expr).split("/")
         # As `endpoint_token` makes it: the session is part 2, kind 5, topic 9, type and hash 10 and 11.
-        if len(parts) < _TOKEN_PARTS or parts[5] not in ("MP", "MS") or parts[2] == str(self._session.zid()):
+        if len(parts) < _TOKEN_PARTS or parts[5] not in _ENDS or parts[2] == str(self._session.zid()):
             return
         if len(self._endpoints) < _MAX_ENDPOINTS:
             topic = parts[9].replace("%", "/")
-            self._endpoints.add(Endpoint(parts[5] == "MP", topic, parts[10], parts[11]))
+            self._endpoints.add(Endpoint(parts[5] == "MP", topic, parts[10], parts[11], parts[5] == "SC"))
 
     def node(self, name: str, namespace: str = "/") -> RosNode:
         """A node in this process, which may read and write everything; it lives as long as the router."""
@@ -146,7 +150,7 @@ def open_router(plan: AirPlan) -> Iterator[Router]:
 def _check(plan: AirPlan) -> None:
     faults = [
         Fault("air network", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections")
-        for topic, _ in (*plan.agent_reads, *plan.agent_writes)
+        for topic, _ in (*plan.agent_reads, *plan.agent_writes, *plan.agent_calls)
         if not is_name(topic)
     ]
     faults += [
@@ -216,16 +220,16 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
         sending["keep_alive"] = sending.get("keep_alive", KEEP_ALIVES) * WARP_LEASE_FACTOR
         # Otherwise a small sample waits up to a millisecond for others, and nobody can see that it is on its way.
         sending["queue"]["batching"] = {"enabled": False}
-    written = _keys(plan, plan.agent_writes)
-    if written:
+    written, called = _keys(plan, plan.agent_writes), _keys(plan, plan.agent_calls)
+    if written or called:
         # Only what comes in: the samples of the bench have no limit.
-        everything = {"flows": ["ingress"], "messages": ["put"]}
+        everything = {"flows": ["ingress"], "messages": ["put", "query"]}
         settings["low_pass_filter"] = [
-            {**everything, "key_exprs": written, "size_limit": plan.agent_limit_bytes}
+            {**everything, "key_exprs": [*written, *called], "size_limit": plan.agent_limit_bytes}
         ]
-        if plan.agent_limit_hz is not None:
+        if written and plan.agent_limit_hz is not None:
             rules = [{"key_expr": key, "freq": plan.agent_limit_hz} for key in written]
-            settings["downsampling"] = [{**everything, "rules": rules}]
+            settings["downsampling"] = [{"flows": ["ingress"], "messages": ["put"], "rules": rules}]
     return settings
 
 
@@ -262,6 +266,9 @@ def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
             "history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches
         )
         yield _rule("history", "egress", ["declare_queryable", "liveliness_token"], caches)
+    if calls := _keys(plan, plan.agent_calls):
+        yield _rule("call", "ingress", ["query"], calls)
+        yield _rule("answer", "egress", ["declare_queryable", "reply"], calls)
     if writes:
         yield _rule("write", "ingress", ["put"], writes)
         yield _rule("write-match", "egress", ["declare_subscriber"], writes)
@@ -276,7 +283,7 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 
 def _agent_tokens(plan: AirPlan) -> list[str]:
     """The tokens that the agent may show: nodes of any name, endpoints of exactly the topics that it may use, and any of
-    PX4's topics, of which a wrong one is to be told.
+    an autopilot's topics, of which a wrong one is to be told.
 
     So it cannot appear as a publisher of what the bench publishes under the vehicle's name.
     """
@@ -288,5 +295,7 @@ def _agent_tokens(plan: AirPlan) -> list[str]:
         f"{node}/{kind}/*/*/*/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/**"
         for kind, (topic, type_name) in ends
     }
-    px4 = [f"{node}/{kind}/*/*/*/{mangle(PX4_PREFIX)}$*/**" for kind in ("MP", "MS")]
-    return [f"{node}/NN/*/*/*", *px4, *sorted(tokens)]
+    autopilots = [
+        f"{node}/{kind}/*/*/*/{mangle(prefix)}$*/**" for prefix in (PX4_PREFIX, AP_PREFIX) for kind in _ENDS
+    ]
+    return [f"{node}/NN/*/*/*", *autopilots, *sorted(tokens)]

@@ -16,18 +16,23 @@ from ._types import BY_NAME, RosMessage, type_name_of
 
 @value_class(frozen=True, slots=True)
 class Field:
-    """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
+    """One field: a primitive's name or a message class, alone, `size` of them, at most so many, or as many as there are."""
 
     name: str
     of: str | type[RosMessage]
-    count: Literal["one", "array", "sequence"] = "one"
+    count: Literal["one", "array", "bounded", "sequence"] = "one"
     size: int = 0
 
     @property
     def type_text(self) -> str:
         """The field's type as a `.msg` file states it: `float64[36]`, `geometry_msgs/Pose[]`."""
         base = self.of if isinstance(self.of, str) else short_name(self.of.TYPE)
-        return base + {"one": "", "array": f"[{self.size}]", "sequence": "[]"}[self.count]
+        return (
+            base
+            + {"one": "", "array": f"[{self.size}]", "bounded": f"[<={self.size}]", "sequence": "[]"}[
+                self.count
+            ]
+        )
 
 
 @cache
@@ -43,10 +48,14 @@ def _field(name: str, annotation: Any) -> Field:
     if plain is not None:
         return Field(name, plain)
     if get_origin(annotation) is Annotated:
-        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36].
-        base, _, rest = get_args(annotation)[1].partition("[")
+        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36]; [<=1] of a tuple of messages.
+        kind, text = get_args(annotation)
+        base, _, rest = text.partition("[")
+        base = base or get_args(kind)[0]
         if not rest:
             return Field(name, base)
+        if rest.startswith("<="):
+            return Field(name, base, "bounded", int(rest[2:-1]))
         return Field(name, base, "array", int(rest[:-1])) if rest != "]" else Field(name, base, "sequence")
     if get_origin(annotation) is tuple:
         return Field(name, get_args(annotation)[0], "sequence")
@@ -95,21 +104,22 @@ def _hash_of(kind: type[RosMessage]) -> str:
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
-# Of type_description_interfaces/msg/FieldType: an array adds 48, an unbounded sequence 144 to the id of its
-# elements.
+# Of type_description_interfaces/msg/FieldType: an array adds 48, a bounded sequence 96, an unbounded one 144 to the id of
+# its elements.
 _TYPE_IDS = {
     "int8": 2,
     "uint8": 3,
     "uint16": 5,
     "int32": 6,
     "uint32": 7,
+    "int64": 8,
     "uint64": 9,
     "float32": 10,
     "float64": 11,
     "bool": 15,
     "string": 17,
 }
-_COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
+_COUNT_IDS = {"one": 0, "array": 48, "bounded": 96, "sequence": 144}
 
 
 def _description(kind: type[RosMessage]) -> dict[str, Any]:
@@ -128,6 +138,12 @@ def _type_description(field: Field) -> dict[str, Any]:
         "string_capacity": 0,
         "nested_type_name": nested,
     }
+
+
+def service_parts(kind: type[RosMessage]) -> tuple[type[Any], type[Any]]:
+    """The classes of a service's requests and of its responses."""
+    request, response, _ = (part.of for part in fields_of(kind))
+    return request, response  # type: ignore[return-value]
 
 
 def schema_text(kind: str | type[Any]) -> str:

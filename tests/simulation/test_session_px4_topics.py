@@ -18,12 +18,20 @@ from test_session import session_simspec
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign.execution._flight import AgentStarter
-from bench.contracts import AgentManifest, Outcome, Px4Sample, Record, SessionResult, SimTime, UnmatchedTopics
+from bench.contracts import (
+    AgentManifest,
+    CompanionSample,
+    Outcome,
+    Record,
+    SessionResult,
+    SimTime,
+    UnmatchedTopics,
+)
 from bench.recording import open_recording
 from bench.simspec import AgentSpec, Home, Mission, Pace, SimSpec, VehicleSpec
 from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._air_network import AirNetwork, open_air_network
-from bench.simulation._px4_topics import Px4Companion
+from bench.simulation._px4_topics import Companion
 from bench.simulation._stop_session import StopSession
 from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, encode, open_client, px4_message, type_hash
 
@@ -249,12 +257,12 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
 
     class Vehicle:
         def __init__(self) -> None:
-            self.taken: list[Px4Sample] = []
+            self.taken: list[CompanionSample] = []
 
-        def take_px4(self, samples: Sequence[Px4Sample]) -> None:
+        def take_samples(self, samples: Sequence[CompanionSample]) -> None:
             self.taken.extend(samples)
 
-        def px4_samples(self) -> list[Px4Sample]:
+        def published_samples(self) -> list[CompanionSample]:
             return []
 
     command, life = px4_message("VehicleCommand", "1.17"), px4_message("OffboardControlMode", "1.17")
@@ -266,7 +274,7 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
     orders = []
     for documents in (came, dict(reversed(came.items()))):
         vehicle = Vehicle()
-        Px4Companion(vehicle, {}).hand_over(documents)
+        Companion(vehicle, {}).hand_over(documents)
         orders.append([(topic, fields.get("command")) for topic, fields in vehicle.taken])
     assert orders[0] == orders[1]
     assert orders[0] == [

@@ -11,7 +11,16 @@ import pytest
 from bench.cli._app import run as run_app
 from bench.simspec import Camera, Home, Perception, VehicleSpec, load_simspec
 from bench.simulation import air_topics
-from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, data_key, encode
+from bench.streams import (
+    AP_FROM_AGENT,
+    AP_SERVICES,
+    AP_TO_AGENT,
+    PX4_FROM_AGENT,
+    PX4_TO_AGENT,
+    String,
+    data_key,
+    encode,
+)
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 PAGE = (Path(__file__).parents[2] / "docs" / "streams.md").read_text()
@@ -56,6 +65,34 @@ def test_the_page_lists_every_topic_of_a_px4() -> None:
         assert names == {
             name for name in re.findall(r"`([a-z_]+)`", text) if name not in ("announced", "facts")
         }
+
+
+def test_the_page_lists_every_topic_and_service_of_an_ardupilot() -> None:
+    section = PAGE.partition("## ArduPilot's topics")[2].partition("\n## ")[0]
+    out, _, rest = section.partition("From the agent")
+    into, _, rest = rest.partition("Services, with")
+    services = rest.partition("Stamps, ")[0]
+    for text, table in ((out, AP_TO_AGENT), (into, AP_FROM_AGENT), (services, AP_SERVICES)):
+        names = set(re.findall(r"`([a-z_/]+)`", text)) - {"map", "base_link", "setpoints_ignored"}
+        assert names - {"/ap/v", "ap_dds"} == {name.removeprefix("/ap/") for name in table}
+
+
+def test_the_keys_of_ardupilots_topics_and_services_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        EXAMPLE.read_text().replace("  model: x500\n", "  model: x500\n  autopilot: ardupilot\n")
+    )
+    run_app(["schema", "--keys", str(scene), "--json"])
+    rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+    service, status = rows["/ap/arm_motors"], rows["/ap/status"]
+    assert (service["direction"], service["ap_dds"]) == ("a service", "2025-12")
+    assert "1/ap/arm_motors/ardupilot_msgs::srv::dds_::ArmMotors_/RIHS01_99849cee" in service["key"]
+    assert (status["direction"], status["latched"], status["reliable"]) == ("to the agent", 1, True)
+    assert rows["/ap/cmd_vel"]["direction"] == "from the agent"
+    assert rows["/ap/pose/filtered"]["reliable"] is False
+    assert not any(topic.startswith("/fmu/") or "px4_msgs" in row for topic, row in rows.items())
 
 
 def test_the_keys_of_px4s_topics_are_printed_in_the_release_of_the_manifest(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from vehicle_client import NAN, Client, Make, mavlink, simspec
 
-from bench.contracts import HasPx4Topics, Px4Sample, Vehicle, VehiclePlan
+from bench.contracts import CompanionSample, HasCompanionTopics, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
 from vehicle_models import open_wing, open_x500
 from vehicle_models.controller.px4 import PX4
@@ -37,12 +37,12 @@ class Companion:
     """A vehicle with PX4's topics. `fly` lets time pass and keeps what was published."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        assert isinstance(vehicle, HasPx4Topics)
+        assert isinstance(vehicle, HasCompanionTopics)
         self.vehicle: Any = vehicle
         self.heard: list[tuple[float, str, Any]] = []
 
     def send(self, topic: str, **fields: Any) -> None:
-        self.vehicle.take_px4([(f"/fmu/in/{topic}", fields)])
+        self.vehicle.take_samples([(f"/fmu/in/{topic}", fields)])
 
     def life(self, *flags: str) -> None:
         self.send("offboard_control_mode", **{flag: flag in flags for flag in FLAGS})
@@ -72,7 +72,7 @@ class Companion:
             if each and step % 5 == 0:
                 each()
             self.vehicle.step()
-            samples: list[Px4Sample] = self.vehicle.px4_samples()
+            samples: list[CompanionSample] = self.vehicle.published_samples()
             self.heard += [
                 (round(self.vehicle.time.s, 3), topic.removeprefix("/fmu/out/"), fields)
                 for topic, fields in samples
@@ -112,7 +112,7 @@ def build() -> Iterator[Build]:
     with ExitStack() as stack:
 
         def made(spec: SimSpec | None = None, opened: Any = open_x500) -> Companion:
-            plan = VehiclePlan(spec or simspec(), (), px4_topics=True)
+            plan = VehiclePlan(spec or simspec(), (), companion_topics=True)
             return Companion(stack.enter_context(opened(plan)))
 
         yield made
@@ -411,7 +411,7 @@ def test_a_fixed_wing_has_them_too(build: Build) -> None:
 
 def test_a_vehicle_without_the_plan_publishes_nothing() -> None:
     with open_x500(VehiclePlan(simspec(), ())) as vehicle:
-        assert isinstance(vehicle, HasPx4Topics)
-        vehicle.take_px4([("/fmu/in/offboard_control_mode", {})])
+        assert isinstance(vehicle, HasCompanionTopics)
+        vehicle.take_samples([("/fmu/in/offboard_control_mode", {})])
         vehicle.step()
-        assert vehicle.px4_samples() == []
+        assert vehicle.published_samples() == []

@@ -12,10 +12,12 @@ from bench.simspec import Camera
 
 from .._geodesy import LocalFrame
 from ._message_router import COMPONENT, MessageRouter
+from .ardupilot._topics import ApTopics
 from .files._ftp import FileTransfer
 from .files._served_files import ServedFiles
 from .guidance._fence_boundary import FenceBoundary
 from .guidance._guidance import Guidance, Manoeuvres
+from .links._enums import MAV_AUTOPILOT
 from .links._frames import Packer
 from .links._link import Link
 from .links._links import link_counters
@@ -85,15 +87,15 @@ class Equipment:
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
     serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
-    of the simulation: an agent would choose the situation in which it is tested. `px4_topics`: a companion sees PX4's topics
-    beside the links.
+    of the simulation: an agent would choose the situation in which it is tested. `companion_topics`: a companion sees
+    the autopilot's topics beside the links.
     """
 
     camera: Camera | None = None
     truth: Callable[[], tuple[Any, ...]] | None = None
     break_part: BreakPart | None = None
     simulation_control: bool = True
-    px4_topics: bool = False
+    companion_topics: bool = False
 
 
 class Controller:
@@ -101,7 +103,8 @@ class Controller:
     a step.
 
     `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of
-    the same vehicle left, and takes their place. `px4` is there where the equipment asks for PX4's topics.
+    the same vehicle left, and takes their place. `topics` are there where the equipment asks for those of an
+    autopilot.
     """
 
     def __init__(
@@ -142,19 +145,10 @@ class Controller:
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
         equipment = equipment or Equipment()
-        self.px4: Px4Topics | None = None
         self._join(self._build_services(equipment), equipment.truth)
-        if equipment.px4_topics:
-            self.px4 = Px4Topics(
-                self._context,
-                self._autopilot,
-                self._system,
-                self._modes,
-                self._setpoints,
-                self._commands,
-                self._battery,
-                self._failsafe.charge_state,
-            )
+        self.topics: Px4Topics | ApTopics | None = None
+        if equipment.companion_topics:
+            self.topics = self._open_topics()
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -164,6 +158,13 @@ class Controller:
         ]
         self._home.tick()
         self._previous_counts = persistent.counts if persistent else {}
+
+    def _open_topics(self) -> Px4Topics | ApTopics:
+        services = (self._modes, self._setpoints, self._commands, self._battery)
+        shared = (self._context, self._autopilot, self._system, *services)
+        if self._autopilot.identity.autopilot == MAV_AUTOPILOT.ARDUPILOTMEGA:
+            return ApTopics(*shared, self._sticks)
+        return Px4Topics(*shared, self._failsafe.charge_state)
 
     def _build_flight_services(self, manoeuvres: Manoeuvres | None) -> None:
         """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""
@@ -202,6 +203,9 @@ class Controller:
         own_commands = (
             OwnCommands(context, modes, self._system) if autopilot.commands.commands_devices else None
         )
+        self._sticks = ManualControl(
+            context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station
+        )
         # A failsafe has the last word on the mode, so it ticks behind all that change it.
         services: list[object] = [
             context.texts,
@@ -218,9 +222,7 @@ class Controller:
             self._home,
             self._setpoints,
             self._arming,
-            ManualControl(
-                context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station
-            ),
+            self._sticks,
             FollowTargetService(context, guidance),
             Navigator(
                 context,
@@ -338,8 +340,8 @@ class Controller:
         if self._autopilot.identity.texts_follow_answers:
             self._context.texts.keep()
         self._router.handle()
-        if self.px4:
-            self.px4.handle()
+        if self.topics:
+            self.topics.handle()
         self._context.texts.release()
         for tick in self._ticks:
             tick()
@@ -354,8 +356,8 @@ class Controller:
         """Send everything that is due now, and everything that was queued during the step."""
         self._streams.send_due()
         self._context.radio.flush()
-        if self.px4:
-            self.px4.publish()
+        if self.topics:
+            self.topics.publish()
 
     def crash(self) -> None:
         """The vehicle has hit something: the rotors stop for good."""
@@ -384,6 +386,11 @@ class Controller:
         """What the next controller of the same vehicle starts with."""
         plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
         return PersistentState(self.changed_parameters(), plans, self._signing, self._counts())
+
+    def continue_from(self, previous: Controller) -> None:
+        """Answer what a companion has asked the previous controller of the same vehicle."""
+        if isinstance(self.topics, ApTopics) and isinstance(previous.topics, ApTopics):
+            self.topics.continue_from(previous.topics)
 
     def counters(self) -> dict[str, int]:
         """Messages that were dropped or made no sense, by name; since the first start."""

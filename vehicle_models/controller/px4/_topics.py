@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.contracts import Px4Sample
+from bench.contracts import CompanionSample
 
 from ..links._enums import MAV_CMD, MAV_TYPE
 from ..links._radio import Channel
@@ -78,8 +78,8 @@ class Px4Topics:
     _commands: Commands
     _battery: BatteryMonitor
     _charge_state: Callable[[], int]
-    inbox: list[Px4Sample] = field(default_factory=list)
-    _published: list[Px4Sample] = field(default_factory=list)
+    inbox: list[CompanionSample] = field(default_factory=list)
+    _published: list[CompanionSample] = field(default_factory=list)
     _told: dict[str, tuple[_Sample, int]] = field(default_factory=dict)  # what a topic said last, and when
     _level: str = _LEVELS[0]
     _fix: int = 0
@@ -106,7 +106,7 @@ class Px4Topics:
             if not self._handlers[topic](sample):
                 self._setpoints.ignored += 1
 
-    def take_published(self) -> list[Px4Sample]:
+    def take_published(self) -> list[CompanionSample]:
         """What was published since the last call."""
         published, self._published = self._published, []
         return published

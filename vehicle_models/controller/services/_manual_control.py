@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -135,9 +135,12 @@ class ManualControl:
     def _take_override(self, m: Any, sender: MessageSender) -> None:
         if not self._policy.radio_overrides or not self._is_ground_station(sender.system):
             return
+        self.override([getattr(m, f"chan{channel + 1}_raw") for channel in range(_CHANNELS)])
+
+    def override(self, channels_us: Iterable[int]) -> None:
+        """Override the first of the radio's channels; 0 gives one back to it, 65535 leaves it as it is."""
         lowest_us, highest_us = _PWM_RANGE_US
-        for channel in range(_CHANNELS):
-            pwm_us = getattr(m, f"chan{channel + 1}_raw")
+        for channel, pwm_us in enumerate(channels_us):
             if pwm_us == _RELEASE_US:
                 self._overrides_us.pop(channel, None)
             elif pwm_us != _KEEP_US:
