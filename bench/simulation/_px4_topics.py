@@ -8,7 +8,17 @@ from dataclasses import fields
 from typing import Any
 
 from bench.contracts import HasPx4Topics, SimTime
-from bench.streams import PX4_FROM_AGENT, PX4_PREFIX, Endpoint, dds_name, px4_releases_of, type_hash
+from bench.streams import (
+    PX4_FROM_AGENT,
+    PX4_PREFIX,
+    PX4_RELEASES,
+    Endpoint,
+    dds_name,
+    px4_names,
+    px4_plain_name,
+    px4_releases_of,
+    type_hash,
+)
 
 from ._air_topics import AirTopic, RecordedPublisher
 
@@ -22,27 +32,38 @@ class Px4Companion:
     """Carries samples between a vehicle and the air network; `publishers` are those of the topics to the agent."""
 
     def __init__(self, vehicle: HasPx4Topics, publishers: Mapping[str, RecordedPublisher]) -> None:
-        self._vehicle, self._publishers = vehicle, publishers
+        self._vehicle = vehicle
+        self._publishers: dict[str, list[RecordedPublisher]] = {}
+        for name, publisher in publishers.items():
+            # What is said under a versioned name too is recorded once, and sent there to those who listen.
+            topic = px4_plain_name(name)
+            publisher.recorded = name == topic
+            publisher.while_matched = name != topic
+            self._publishers.setdefault(topic, []).append(publisher)
         self._names = {
             topic: tuple(field.name for field in fields(publisher.kind))  # type: ignore[arg-type]
-            for topic, publisher in publishers.items()
+            for topic, (publisher, *_) in self._publishers.items()
         }
 
     def publish(self, now: SimTime) -> None:
         """Publish what the autopilot has said up to this moment, in its order."""
         for topic, values in self._vehicle.px4_samples():
-            publisher = self._publishers[topic]
             known = {name: values[name] for name in self._names[topic] if name in values}
-            publisher.publish(now, publisher.kind(**known))
+            for publisher in self._publishers[topic]:
+                if publisher.recorded or publisher.listened:
+                    publisher.publish(now, publisher.kind(**known))
 
     def hand_over(self, published: Mapping[str, list[Any]]) -> None:
         """Hand the autopilot what the agent has published: topic by topic in a fixed order, each in its own."""
+        messages_by_topic: dict[str, list[Any]] = {}
+        for name, messages in published.items():
+            messages_by_topic.setdefault(px4_plain_name(name), []).extend(messages)
         # Signs of life and setpoints before commands: which topic came first within a step is the host's doing.
         self._vehicle.take_px4(
             [
                 (topic, {field.name: getattr(message, field.name) for field in fields(message)})
                 for topic in PX4_FROM_AGENT
-                for message in published.get(topic, ())
+                for message in messages_by_topic.get(topic, ())
             ]
         )
 
@@ -67,6 +88,9 @@ def _sentence(endpoint: Endpoint, known: Mapping[str, AirTopic], release: str | 
         return f'{deed}, but its manifest has no px4_msgs: write px4_msgs: "1.17", or the release it is built with'
     topic = known.get(endpoint.topic)
     if topic is None:
+        plain_name = px4_plain_name(endpoint.topic)
+        if releases := [other for other in PX4_RELEASES if endpoint.topic in px4_names(plain_name, other)]:
+            return f'{deed}, a topic of px4_msgs {" and ".join(releases)}; the manifest says px4_msgs: "{release}"'
         near = difflib.get_close_matches(endpoint.topic, known, n=1)
         return f"{deed}, which this bench does not have; " + (
             f"the nearest is {near[0]}" if near else f"there are {', '.join(known)}"

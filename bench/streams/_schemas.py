@@ -43,8 +43,10 @@ def _field(name: str, annotation: Any) -> Field:
     if plain is not None:
         return Field(name, plain)
     if get_origin(annotation) is Annotated:
-        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36].
-        base, _, rest = get_args(annotation)[1].partition("[")
+        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36]; [5] of a tuple of messages.
+        kind, text = get_args(annotation)
+        base, _, rest = text.partition("[")
+        base = base or get_args(kind)[0]
         if not rest:
             return Field(name, base)
         return Field(name, base, "array", int(rest[:-1])) if rest != "]" else Field(name, base, "sequence")
