@@ -23,6 +23,7 @@ from bench.streams import (
     encode,
     px4_message,
     px4_names,
+    px4_plain_name,
     px4_releases_of,
     schema_text,
     type_hash,
@@ -122,5 +123,54 @@ def test_releases_differ_in_what_they_do_not_share() -> None:
     }
     with pytest.raises(KeyError):
         px4_message("VehicleStatus", "1.15")
+    with pytest.raises(KeyError):
+        px4_message("SetpointConfig", "1.17")
+    assert px4_releases_of("SetpointConfig", type_hash(px4_message("SetpointConfig", "1.18"))) == [
+        "1.18",
+        "main",
+    ]
     assert px4_releases_of("VehicleStatus", "RIHS01_0") == []
     assert px4_releases_of("ActuatorMotors", "RIHS01_0") == []
+
+
+# Of the topics of PX4's uXRCE-DDS: MESSAGE_VERSION where it is above 0.
+VERSIONED = {
+    "1.16": {"vehicle_status": 1},
+    "1.17": {
+        **dict.fromkeys(("vehicle_status", "vehicle_local_position", "battery_status", "home_position"), 1),
+        **dict.fromkeys(("arming_check_request", "arming_check_reply", "vehicle_attitude_setpoint"), 1),
+    },
+    "1.18": {
+        **dict.fromkeys(
+            ("vehicle_local_position", "battery_status", "home_position", "vehicle_command_ack"), 1
+        ),
+        **dict.fromkeys(("arming_check_request", "arming_check_reply", "vehicle_attitude_setpoint"), 1),
+        "vehicle_status": 4,
+        "register_ext_component_request": 2,
+        "register_ext_component_reply": 1,
+    },
+}
+
+
+@pytest.mark.parametrize("release", PX4_RELEASES)
+def test_topics_whose_message_has_a_version_have_a_second_name(release: str) -> None:
+    names = {topic: px4_names(topic, release) for topic in (*PX4_TO_AGENT, *PX4_FROM_AGENT)}
+    absent = {topic for topic, found in names.items() if not found}
+    newer = {"/fmu/in/setpoint_config", "/fmu/out/setpoint_config_reply"}
+    assert absent == ({"/fmu/in/config_control_setpoints"} if release == "1.18" else newer)
+    versioned = {found[1] for found in names.values() if len(found) > 1}
+    assert {name.rpartition("/")[2] for name in versioned} == {
+        f"{topic}_v{version}" for topic, version in VERSIONED[release].items()
+    }
+    assert {px4_plain_name(name) for found in names.values() for name in found} == set(names) - absent
+    assert px4_names("/fmu/out/nothing", release) == ()
+
+
+def test_a_nested_array_of_another_length_is_refused_both_ways() -> None:
+    kind, event = px4_message("ArmingCheckReply", "1.17"), px4_message("Event", "1.17")
+    for count in (4, 6):
+        with pytest.raises(ValueError, match="elements in place of 5"):
+            encode(kind(events=(event(),) * count))  # type: ignore[call-arg]
+    whole = encode(kind(num_events=2))  # type: ignore[call-arg]
+    assert decode(kind, whole[:-1]) is None
+    assert decode(kind, whole + bytes(4)) is None
