@@ -212,14 +212,14 @@ def test_a_wildcard_receives_the_topics_on_the_list_that_it_matches(
     bench: Bench, agent: Agent, pattern: str, topics: set[str]
 ) -> None:
     """And nothing that another client of the same agent writes."""
-    with open_client(bench.router.access, "second") as second:
-        wide: Any = second._session.declare_subscriber(pattern)
-        clock = second.subscribe("/clock", Clock)
-        assert wait_until(lambda: bench.clock.has_reader)
+    with open_client(bench.router.access, "second") as node:
+        wide: Any = node._session.declare_subscriber(pattern)
+        second = Agent(bench, node)
+        # Zenoh gives a session its own samples back, whatever the router does.
+        drain(wide)
         agent.flush_sent()
         bench.mission.put(String("order"))
-        while not clock.highest:
-            bench.clock.put(Clock(Time(2)))
+        second.flush_received()
         assert {str(sample.key_expr) for sample in drain(wide)} == topics
 
 
