@@ -300,7 +300,7 @@ def test_a_lost_mode_lands_at_home_and_is_forgotten_when_it_is_not_chosen_any_mo
 
 
 def test_after_four_failures_a_reply_helps_no_more() -> None:
-    registration = _Registration(name("a"), "a", None, True)
+    registration = _Registration(name("a"), "a", None, -1, True)
     reply = {"can_arm_and_run": True}
     for failure in range(1, 5):
         while not registration.unresponsive:

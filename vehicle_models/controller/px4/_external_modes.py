@@ -28,12 +28,8 @@ _SLOTS = tuple(mode for mode in MODES.modes if mode.behaviour is Behaviour.EXTER
 _ALL_SLOTS = sum(1 << NAV_STATES[mode.name] for mode in _SLOTS)
 DEFAULT_LEVEL = "position"
 # The highest flag_control_NAME_enabled of config_control_setpoints (up to 1.17) decides, as in OffboardControlMode.
-_LEVEL_FLAGS = {
-    "position": "position",
-    "velocity": "velocity",
-    "acceleration": "acceleration",
-    "attitude": "attitude",
-    "rates": "body_rate",
+_LEVEL_FLAGS = {name: name for name in ("position", "velocity", "acceleration", "attitude")} | {
+    "rates": "body_rate"
 }
 # SetpointConfig (from 1.18): goto, trajectory, rates, attitude. PX4 knows the others up to 16; they are not flown here.
 _GOTO, _LAST_TYPE = 2, 16
@@ -44,8 +40,6 @@ _NEEDED_BY_LEVEL = {
     "attitude": ("angular_velocity", "attitude"),
     "position": ("angular_velocity", "attitude", "local_alt", "local_position"),
 }
-
-
 # Of the mode_req_NAME in a reply: what a flight may lack.
 _REQUIREMENTS: Mapping[str, Callable[[FlightState], bool]] = {
     "local_alt": knows_position,
@@ -66,6 +60,7 @@ class _Registration:
     name: tuple[int, ...]
     label: str
     mode: FlightMode | None
+    nav_state: int
     selectable: bool
     level: str = DEFAULT_LEVEL
     reply: _Sample = field(default_factory=dict)
@@ -73,6 +68,7 @@ class _Registration:
     missed: int = 0
     unresponsive: bool = False
     times_unresponsive: int = 0
+    leaving: bool = False
 
     def take_reply(self, reply: _Sample) -> None:
         self.reply, self.replied, self.missed = reply, True, 0
@@ -110,7 +106,6 @@ class ExternalModes:
         self._registrations: dict[int, _Registration] = {}  # by arming_check_id
         # Of names that had a slot once: they get it again (COM_MODE0_HASH and further parameters of PX4).
         self._remembered: dict[tuple[int, ...], FlightMode] = {}
-        self._leaving: list[_Sample] = []
         self._request_id, self._requested_ns, self._counted = 0, -_REQUEST_NS, True
 
     def handlers(self) -> dict[str, Callable[[_Sample], bool]]:
@@ -129,10 +124,12 @@ class ExternalModes:
         if not self._registrations and not flight.external_modes:
             return
         if self._changeable:
-            self._remove_leaving()
+            self._remove()
         waited_ns = flight.time_ns - self._requested_ns
         if waited_ns > _REPLY_NS and not self._counted:
-            self._count_missing()
+            self._counted = True
+            for registration in self._registrations.values():
+                registration.count_missing()
         if self._registrations and waited_ns > _REQUEST_NS:
             self._request()
         registrations = self._registrations.values()
@@ -152,18 +149,13 @@ class ExternalModes:
         for registration in self._registrations.values():
             if registration.mode is None or registration.unresponsive:
                 continue
-            bit = 1 << NAV_STATES[registration.mode.name]
+            bit = 1 << registration.nav_state
             if registration.reply.get("can_arm_and_run"):
                 masks["mode_req_other"] &= ~bit
             for name, needed in registration.reply.items():
                 if name.startswith("mode_req_") and needed:
                     masks[name] = masks.get(name, 0) | bit
         return masks
-
-    @property
-    def selectable(self) -> int:
-        """Mask of the registered nav_states."""
-        return sum(1 << NAV_STATES[name] for name in self._context.flight.external_modes)
 
     @property
     def _changeable(self) -> bool:
@@ -187,25 +179,25 @@ class ExternalModes:
 
     def _refusal(self, m: _Sample) -> str:
         """Why a request is refused; empty when it is not."""
-        taken = [each for each in self._registrations.values() if each.mode]
         reasons = {
             "armed, and COM_MODE_ARM_CHK is 0": not self._changeable,
             "no mode executors and no replaced modes here": m["register_mode_executor"]
             or m["enable_replace_internal_mode"],
             "a mode needs an arming check": m["register_mode"] and not m["register_arming_check"],
-            "no free arming check": m["register_arming_check"] and len(self._registrations) >= _MAX_CHECKS,
-            "no free mode": m["register_mode"] and len(taken) >= len(_SLOTS),
+            "eight have registered already": m["register_arming_check"]
+            and len(self._registrations) >= _MAX_CHECKS,
         }
         return next((reason for reason, holds in reasons.items() if holds), "")
 
     def _add(self, m: _Sample) -> dict[str, int]:
         check = next(number for number in range(_MAX_CHECKS) if number not in self._registrations)
         mode = self._slot(m["name"]) if m["register_mode"] else None
+        nav_state = NAV_STATES[mode.name] if mode else _NONE
         selectable = not m.get("not_user_selectable", False)
         text = bytes(m["name"]).split(b"\0")[0].decode("ascii", "ignore")
         label = "".join(filter(str.isprintable, text))
-        self._registrations[check] = _Registration(m["name"], label, mode, selectable)
-        return {"arming_check_id": check, "mode_id": NAV_STATES[mode.name] if mode else _NONE}
+        self._registrations[check] = _Registration(m["name"], label, mode, nav_state, selectable)
+        return {"arming_check_id": check, "mode_id": nav_state}
 
     def _slot(self, name: tuple[int, ...]) -> FlightMode:
         """The name's slot of last time, else one that no name had, else any."""
@@ -222,26 +214,20 @@ class ExternalModes:
         return slot
 
     def _unregister(self, m: _Sample) -> bool:
-        """Noted only: PX4 lets nothing leave in flight where COM_MODE_ARM_CHK forbids it."""
-        self._leaving.append(m)
+        registration = self._registrations.get(m["arming_check_id"])
+        if registration is None or (registration.name, registration.nav_state) != (m["name"], m["mode_id"]):
+            return False
+        registration.leaving = True
         return True
 
-    def _remove_leaving(self) -> None:
-        asked = self._context.flight.asked_mode
-        for m in self._leaving:
-            registration = self._registrations.get(m["arming_check_id"])
-            if (
-                registration
-                and registration.name == m["name"]
-                and self._nav_state(registration) == m["mode_id"]
-            ):
-                del self._registrations[m["arming_check_id"]]
-                if registration.mode and registration.mode is asked:
-                    self._modes.switch(MODES.hold)
-        self._leaving.clear()
+    def _remove(self) -> None:
+        """Those that leave, and the unresponsive ones that nobody has chosen."""
         for number, registration in list(self._registrations.items()):
-            if registration.unresponsive and registration.mode is not asked:
+            chosen = registration.mode is not None and registration.mode is self._context.flight.asked_mode
+            if registration.leaving or (registration.unresponsive and not chosen):
                 del self._registrations[number]
+                if chosen:
+                    self._modes.switch(MODES.hold)
 
     # Arming checks.
 
@@ -251,13 +237,6 @@ class ExternalModes:
             return False
         registration.take_reply(m)
         return True
-
-    def _count_missing(self) -> None:
-        self._counted = True
-        for number, registration in list(self._registrations.items()):
-            registration.count_missing()
-            if registration.unresponsive and registration.mode is None:
-                del self._registrations[number]
 
     def _request(self) -> None:
         self._request_id = (self._request_id + 1) % 256
@@ -273,12 +252,7 @@ class ExternalModes:
 
     def _registered(self, nav_state: int) -> _Registration | None:
         registrations = self._registrations.values()
-        return next(
-            (each for each in registrations if each.mode and self._nav_state(each) == nav_state), None
-        )
-
-    def _nav_state(self, registration: _Registration) -> int:
-        return NAV_STATES[registration.mode.name] if registration.mode else _NONE
+        return next((each for each in registrations if each.mode and each.nav_state == nav_state), None)
 
     def _take_flags(self, m: _Sample) -> bool:
         registration = self._registered(m["source_id"])

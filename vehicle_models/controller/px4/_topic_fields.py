@@ -84,12 +84,12 @@ _REQUIREMENTS = {
 }
 
 
-def status_masks(external: int) -> dict[str, int]:
-    """Which nav_states there are, and can be asked for; `external`: those of registered modes."""
+def status_masks(flight: FlightState) -> dict[str, int]:
+    """Which nav_states there are, and which can be asked for."""
     # PX4 counts all eight, registered or not: a switch of a radio may ask for one that is yet to come.
     return {
         "valid_nav_states_mask": sum(1 << state for state in NAV_STATES.values()),
-        "can_set_nav_states_mask": _FLYING | external,
+        "can_set_nav_states_mask": _FLYING | sum(1 << NAV_STATES[name] for name in flight.external_modes),
     }
 
 

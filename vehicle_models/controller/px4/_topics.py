@@ -253,7 +253,7 @@ class Px4Topics:
             "nav_state": NAV_STATES[mode.name],
             "nav_state_display": NAV_STATES[mode.name],
             "accepts_offboard_setpoints": mode.behaviour is Behaviour.OFFBOARD,
-            **fields_of.status_masks(self._external.selectable),
+            **fields_of.status_masks(flight),
             "vehicle_type": 2 if self._wing else 1,
             "failsafe": flight.failsafe is not None,
             "system_type": int(self._autopilot.identity.vehicle_type),
