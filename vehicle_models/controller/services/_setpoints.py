@@ -332,7 +332,9 @@ class Setpoints:
     def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
         """Fly what a client sent over MAVLink, where each setpoint is a sign of life."""
         self.keep_alive()
-        self._fly(target, accelerates)
+        # An external mode has setpoints of its companion alone, as PX4's MAVLink publishes them in offboard only (source).
+        if self._context.flight.mode.behaviour is not Behaviour.EXTERNAL:
+            self._fly(target, accelerates)
 
     def _fly(self, target: FlightTarget, accelerates: tuple[bool, bool] = (False, False)) -> None:
         flight = self._context.flight
