@@ -33,7 +33,7 @@ def px4_message(name: str, release: str) -> type[RosMessage]:
     """The class of a message (`VehicleStatus`) as a release has it. KeyError for what it does not have."""
     for layout in _TABLE["messages"][name]:
         if release in layout["releases"]:
-            fields = [_field(*text.split(), release) for text in layout["fields"]]
+            fields = [_field(release, *text.split()) for text in layout["fields"]]
             return make_dataclass(name, fields, namespace={"TYPE": f"px4_msgs/msg/{name}"}, slots=True)
     raise KeyError((name, release))
 
@@ -67,7 +67,7 @@ def px4_releases_of(name: str, hashed: str) -> list[str]:
     return [release for release in have if type_hash(px4_message(name, release)) == hashed]
 
 
-def _field(kind: str, name: str, release: str) -> tuple[str, Any, Any]:
+def _field(release: str, kind: str, name: str) -> tuple[str, Any, Any]:
     """Name, annotation and default of a field, from its line in a `.msg` file."""
     base, _, count = kind.partition("[")
     zero: object = False if base == "bool" else 0.0 if base.startswith("float") else 0

@@ -58,13 +58,15 @@ def random_message(kind: Any, random: Random, release: str) -> Any:
 def as_rosbags(message: Any, store: Any) -> Any:
     """The same message of the class that rosbags makes of the schema."""
 
+    kind: Any = type(message)
+
     def value(name: str) -> Any:
         mine = getattr(message, name)
         if not isinstance(mine, tuple):
             return mine
         if hasattr(mine[0], "TYPE"):
             return [as_rosbags(element, store) for element in mine]
-        return np.array(mine, dtype=next(of.of for of in fields_of(type(message)) if of.name == name))
+        return np.array(mine, dtype=next(of.of for of in fields_of(kind) if of.name == name))
 
     return store.types[message.TYPE](**{field.name: value(field.name) for field in fields(message)})
 

@@ -234,7 +234,7 @@ def test_a_wildcard_with_history_receives_the_latched_samples(bench: Bench, agen
     assert wait_until(lambda: len(received) >= 3)
     assert [sample.payload.to_bytes()[8:9] for sample in received] == [b"b", b"c", b"d"]
     assert {str(sample.key_expr) for sample in received} == {LATCHED}
-    wide.undeclare()
+    wide.undeclare()  # type: ignore[no-untyped-call]
 
 
 @pytest.mark.parametrize("pattern", ["7/**", "**", "7/*/**"])

@@ -326,7 +326,9 @@ def test_a_reply_to_another_request_counts_as_none(build: Build) -> None:
 def test_what_a_mode_needs_decides_about_arming(need: str, build: Build) -> None:
     """Before the position is known nothing that needs one; without sticks or a mission nothing that needs those."""
     companion = build()
-    mode = Mode(companion, **({f"mode_req_{need}": True} if need else {}))
+    mode = Mode(companion)
+    if need:
+        mode.reply[f"mode_req_{need}"] = True
     mode.register()
     mode.fly(1.0)
     assert companion.command(SET_NAV_STATE, float(EXTERNAL1)) == [ACCEPTED]
