@@ -80,7 +80,9 @@ class FlyOptions:
             f"--firmware {self.firmware}": plugin,
         }
         if self.speed != 1.0 and (option := next((name for name, value in outside.items() if value), None)):
-            what = f"another computer, or the firmware of a plug-in, keeps real time, and {self.speed:g} is not"
+            what = (
+                f"another computer, or the firmware of a plug-in, keeps real time, and {self.speed:g} is not"
+            )
             raise SetupError("--speed", what, f"leave it out with {option}")
         if self.firmware and self.params is not None:
             raise SetupError("--params", "a real autopilot keeps its parameters itself", "leave out --params")

@@ -37,6 +37,7 @@ from bench.streams import (
     encode,
     json_value,
     px4_message,
+    px4_names,
 )
 
 from ._allowance import PX4_SAMPLES, TOPIC_SAMPLES, Limit
@@ -117,7 +118,8 @@ def px4_to_agent(release: str | None) -> list[AirTopic]:
     # Whoever comes late still learns home, which is said once; as over uXRCE-DDS.
     return [
         AirTopic(name, px4_message(kind, release), SENSOR_DATA, depth=int(kind == "HomePosition"))
-        for name, kind in PX4_TO_AGENT.items()
+        for topic, kind in PX4_TO_AGENT.items()
+        for name in px4_names(topic, release)
     ]
 
 
@@ -127,7 +129,8 @@ def px4_from_agent(release: str | None) -> list[AirTopic]:
         return []
     return [
         AirTopic(name, px4_message(kind, release), from_agent=True, samples=PX4_SAMPLES)
-        for name, kind in PX4_FROM_AGENT.items()
+        for topic, kind in PX4_FROM_AGENT.items()
+        for name in px4_names(topic, release)
     ]
 
 

@@ -14,9 +14,12 @@ from bench.streams import (
     AP_SERVICES,
     PX4_FROM_AGENT,
     PX4_PREFIX,
+    PX4_RELEASES,
     Endpoint,
     dds_name,
     filled,
+    px4_names,
+    px4_plain_name,
     px4_releases_of,
     type_hash,
 )
@@ -38,28 +41,39 @@ class Companion:
     """
 
     def __init__(self, vehicle: HasCompanionTopics, publishers: Mapping[str, RecordedPublisher]) -> None:
-        self._vehicle, self._publishers = vehicle, publishers
+        self._vehicle = vehicle
+        self._publishers: dict[str, list[RecordedPublisher]] = {}
+        for name, publisher in publishers.items():
+            # What is said under a versioned name too is recorded once, and sent there to those who listen.
+            topic = px4_plain_name(name)
+            publisher.recorded = name == topic
+            publisher.while_matched = name != topic
+            self._publishers.setdefault(topic, []).append(publisher)
         self._names = {
             topic: tuple(field.name for field in fields(publisher.kind))  # type: ignore[arg-type]
-            for topic, publisher in publishers.items()
+            for topic, (publisher, *_) in self._publishers.items()
         }
 
     def publish(self, now: SimTime) -> None:
         """Publish what the autopilot has said up to this moment, in its order."""
         for topic, values in self._vehicle.published_samples():
-            publisher = self._publishers[topic]
             known = {name: values[name] for name in self._names[topic] if name in values}
-            publisher.publish(now, filled(publisher.kind, known))
+            for publisher in self._publishers[topic]:
+                if publisher.recorded or publisher.listened:
+                    publisher.publish(now, filled(publisher.kind, known))
 
     def hand_over(self, published: Mapping[str, list[Any]]) -> None:
         """Hand the autopilot what the agent has published: topic by topic in a fixed order, each in its own."""
+        messages_by_topic: dict[str, list[Any]] = {}
+        for name, messages in published.items():
+            messages_by_topic.setdefault(px4_plain_name(name), []).extend(messages)
         # Signs of life and setpoints before commands, and services before what is flown in the mode that they enter: which
         # topic came first within a step is the host's doing.
         self._vehicle.take_samples(
             [
                 (topic, {field.name: getattr(message, field.name) for field in fields(message)})
                 for topic in _IN_ORDER
-                for message in published.get(topic, ())
+                for message in messages_by_topic.get(topic, ())
             ]
         )
 
@@ -94,6 +108,9 @@ def _sentence(
         return f'{deed}, but its manifest has no {field}: write {field}: "{example}", or the release it is built with'
     topic = known.get(endpoint.topic)
     if topic is None:
+        plain_name = px4_plain_name(endpoint.topic)
+        if releases := [other for other in PX4_RELEASES if endpoint.topic in px4_names(plain_name, other)]:
+            return f'{deed}, a topic of px4_msgs {" and ".join(releases)}; the manifest says px4_msgs: "{release}"'
         near = difflib.get_close_matches(endpoint.topic, known, n=1)
         return f"{deed}, which this bench does not have; " + (
             f"the nearest is {near[0]}" if near else f"there are {', '.join(known)}"

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from ._px4 import PX4_RELEASES as PX4_RELEASES
     from ._px4 import PX4_TO_AGENT as PX4_TO_AGENT
     from ._px4 import px4_message as px4_message
+    from ._px4 import px4_names as px4_names
+    from ._px4 import px4_plain_name as px4_plain_name
     from ._px4 import px4_releases_of as px4_releases_of
     from ._router import AP_PREFIX as AP_PREFIX
     from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES

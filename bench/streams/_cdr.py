@@ -98,7 +98,7 @@ def _leaves(kind: type[RosMessage], path: str = "") -> Iterator[tuple[str, Field
     path.
     """
     for field in fields_of(kind):
-        if isinstance(field.of, str) or field.count == "sequence":
+        if isinstance(field.of, str) or field.count != "one":
             yield path + field.name, field
         else:
             yield from _leaves(field.of, f"{path}{field.name}.")
@@ -168,7 +168,7 @@ def _writer(run: list[tuple[str, Field]]) -> _Write:
         if field.count == "array":
             return _write_array(get, _FORMATS[field.of], field.size)
         return _write_octets(get) if field.of == "uint8" else _write_numbers(get, _FORMATS[field.of])
-    return _write_messages(get, field.of)
+    return _write_messages(get, field.of, field.size)
 
 
 def _write_run(run: list[tuple[str, Field]]) -> _Write:
@@ -240,12 +240,16 @@ def _write_numbers(get: Callable[[Any], tuple[float, ...]], code: str) -> _Write
     return write
 
 
-def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[RosMessage]) -> _Write:
+def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[RosMessage], size: int) -> _Write:
+    """A sequence of messages; with a `size` an array, which has no count."""
     writers = _writers(kind)
 
     def write(out: bytearray, message: Any) -> None:
         elements = get(message)
-        out += _U32[len(out) & 7].pack(len(elements))
+        if not size:
+            out += _U32[len(out) & 7].pack(len(elements))
+        elif len(elements) != size:
+            raise struct.error(f"{len(elements)} elements in place of {size}")
         for element in elements:
             for step in writers:
                 step(out, element)
@@ -271,7 +275,7 @@ def _reader(kind: type[RosMessage], order: str) -> tuple[_Read, _Build]:
 @cache
 def _builder(kind: type[RosMessage]) -> _Build:
     parts = [
-        None if isinstance(field.of, str) or field.count == "sequence" else _builder(field.of)
+        None if isinstance(field.of, str) or field.count != "one" else _builder(field.of)
         for field in fields_of(kind)
     ]
     if not any(parts):
@@ -290,7 +294,7 @@ def _step(run: list[tuple[str, Field]], order: str) -> _Read:
         if first.count == "array":
             return _read_array(_FORMATS[first.of], first.size, order)
         return _read_octets(order) if first.of == "uint8" else _read_numbers(_FORMATS[first.of], order)
-    return _read_messages(first.of, order)
+    return _read_messages(first.of, order, first.size)
 
 
 def _read_run(formats: str, order: str) -> _Read:
@@ -374,13 +378,13 @@ def _read_numbers(code: str, order: str) -> _Read:
     return read
 
 
-def _read_messages(kind: type[RosMessage], order: str) -> _Read:
+def _read_messages(kind: type[RosMessage], order: str, size: int) -> _Read:
     count = _counter(order)
     inner, build = _reader(kind, order)
     least = _least_size(kind)
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
-        length, at = count(data, at)
+        length, at = (size, at) if size else count(data, at)
         # Before the loop: a sender could claim four billion elements in a few bytes.
         if length * least > len(data) - at:
             raise _Malformed
@@ -402,4 +406,5 @@ def _least_size(kind: type[RosMessage]) -> int:
 def _least(field: Field) -> int:
     if field.count == "sequence" or field.of == "string":
         return 4
-    return _SIZES[_FORMATS[str(field.of)]] * max(field.size, 1)
+    least = _SIZES[_FORMATS[field.of]] if isinstance(field.of, str) else _least_size(field.of)
+    return least * max(field.size, 1)

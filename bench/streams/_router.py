@@ -260,11 +260,11 @@ def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
     caches = [f"{key}/@adv/**" for key in reads]
     graph = [f"{GRAPH}/{plan.domain}/**"]
     if reads:
-        yield _rule("read-ask", "ingress", ["declare_subscriber"], reads)
+        # A wildcard may ask for more than the list; what is answered is the list alone.
+        yield _rule("read-ask", "ingress", ["declare_subscriber"], ["**"])
         yield _rule("read", "egress", ["put", "reply"], reads)
-        yield _rule(
-            "history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches
-        )
+        asks = ["query", "declare_liveliness_subscriber", "liveliness_query"]
+        yield _rule("history-ask", "ingress", asks, ["**/@adv/**"])
         yield _rule("history", "egress", ["declare_queryable", "liveliness_token"], caches)
     if calls := _keys(plan, plan.agent_calls):
         yield _rule("call", "ingress", ["query"], calls)

@@ -48,7 +48,7 @@ def _field(name: str, annotation: Any) -> Field:
     if plain is not None:
         return Field(name, plain)
     if get_origin(annotation) is Annotated:
-        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36]; [<=1] of a tuple of messages.
+        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36]; [5] or [<=1] of a tuple of messages.
         kind, text = get_args(annotation)
         base, _, rest = text.partition("[")
         base = base or get_args(kind)[0]

@@ -33,7 +33,16 @@ from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._air_network import AirNetwork, open_air_network
 from bench.simulation._px4_topics import Companion
 from bench.simulation._stop_session import StopSession
-from bench.streams import PX4_FROM_AGENT, PX4_TO_AGENT, String, encode, open_client, px4_message, type_hash
+from bench.streams import (
+    PX4_FROM_AGENT,
+    PX4_TO_AGENT,
+    String,
+    encode,
+    open_client,
+    px4_message,
+    px4_names,
+    type_hash,
+)
 
 COMPANION = Path(__file__).with_name("px4_companion.py")
 
@@ -157,11 +166,21 @@ def test_what_an_agent_gets_wrong_is_told_with_what_it_meant() -> None:
         node.publisher("/fmu/out/vehicle_attitude", px4_message("VehicleAttitude", "1.17"))
         node.subscribe("/fmu/out/battery_status", String)
         node.subscribe("/vehicle_1/nothing", String)
-        texts = {text.split(" /fmu")[1].split()[0].strip(","): text for text in unmatched_of(air, 5)}
+        node.subscribe("/fmu/out/vehicle_local_position_v1", px4_message("VehicleLocalPosition", "1.17"))
+        node.subscribe("/fmu/out/vehicle_status_v4", px4_message("VehicleStatus", "1.18"))
+        node.publisher("/fmu/in/setpoint_config", px4_message("SetpointConfig", "1.18"))
+        registration = px4_message("RegisterExtComponentRequest", "1.18")
+        node.publisher("/fmu/in/register_ext_component_request", registration)
+        texts = {text.split(" /fmu")[1].split()[0].strip(","): text for text in unmatched_of(air, 8)}
     assert sorted(texts) == [
-        *("/in/trajectory_setpoints", "/in/vehicle_attitude_setpoint", "/out/battery_status"),
-        *("/out/vehicle_attitude", "/out/vehicle_status"),
+        *("/in/register_ext_component_request", "/in/setpoint_config", "/in/trajectory_setpoints"),
+        *("/in/vehicle_attitude_setpoint", "/out/battery_status", "/out/vehicle_attitude"),
+        *("/out/vehicle_status", "/out/vehicle_status_v4"),
     ]
+    of_another_release = 'a topic of px4_msgs 1.18; the manifest says px4_msgs: "1.17"'
+    for topic in ("/in/setpoint_config", "/out/vehicle_status_v4"):
+        assert texts[topic].endswith(of_another_release)
+    assert "in px4_msgs 1.18 and main;" in texts["/in/register_ext_component_request"]
     status = texts["/out/vehicle_status"]
     assert "subscribes to /fmu/out/vehicle_status with RIHS01_573d6f1a" in status
     assert (
@@ -201,9 +220,17 @@ def test_a_hello_with_a_topic_of_px4_that_it_cannot_read_ends_the_session(
         air.open_for([topic])
 
 
-def test_the_bench_announces_all_topics_of_px4_with_their_hashes() -> None:
+@pytest.mark.parametrize("release", ["1.16", "1.17"])
+def test_the_bench_announces_all_topics_of_px4_with_their_hashes(release: str) -> None:
     """As a stack looks for them before it speaks: a publisher of each topic out, a subscription of each topic in."""
-    with open_air_network(spec(), lambda record: None, zenoh=True, px4_msgs="1.16") as air:
+    expected = {
+        (way, name.replace("/", "%"), f"px4_msgs::msg::dds_::{kind}_", type_hash(px4_message(kind, release)))
+        for way, table in (("MP", PX4_TO_AGENT), ("MS", PX4_FROM_AGENT))
+        for topic, kind in table.items()
+        for name in px4_names(topic, release)
+    }
+    assert ("MP", "%fmu%out%vehicle_status_v1") in {token[:2] for token in expected}
+    with open_air_network(spec(), lambda record: None, zenoh=True, px4_msgs=release) as air:
         access = air.access
         assert access is not None
         tokens: list[str] = []
@@ -222,16 +249,11 @@ def test_the_bench_announces_all_topics_of_px4_with_their_hashes() -> None:
                 history=True,
             )
             deadline_s = time.monotonic() + 30.0
-            while sum("%fmu%" in token for token in tokens) < len(PX4_TO_AGENT) + len(PX4_FROM_AGENT):
+            while sum("%fmu%" in token for token in tokens) < len(expected):
                 assert time.monotonic() < deadline_s
                 time.sleep(0.001)
             watch.undeclare()  # type: ignore[no-untyped-call]
     found = {tuple(token.split("/")[5:6] + token.split("/")[9:12]) for token in tokens if "%fmu%" in token}
-    expected = {
-        (way, topic.replace("/", "%"), f"px4_msgs::msg::dds_::{kind}_", type_hash(px4_message(kind, "1.16")))
-        for way, table in (("MP", PX4_TO_AGENT), ("MS", PX4_FROM_AGENT))
-        for topic, kind in table.items()
-    }
     assert found == expected
 
 
@@ -282,6 +304,70 @@ def test_samples_reach_the_autopilot_in_one_order_whichever_came_first() -> None
         ("/fmu/in/vehicle_command", 176),
         ("/fmu/in/vehicle_command", 400),
     ]
+
+
+def test_a_sample_under_a_versioned_name_is_handed_over_as_under_its_own() -> None:
+    """And what the autopilot says is sent under both names to those who listen, and recorded once."""
+    reply, status = px4_message("ArmingCheckReply", "1.17"), px4_message("VehicleStatus", "1.17")
+    taken: list[CompanionSample] = []
+
+    class Vehicle:
+        def take_samples(self, samples: Sequence[CompanionSample]) -> None:
+            taken.extend(samples)
+
+        def published_samples(self) -> list[CompanionSample]:
+            return [("/fmu/out/vehicle_status", {"nav_state": 23})]
+
+    records: list[Record] = []
+    with (
+        open_air_network(spec(), records.append, zenoh=True, px4_msgs="1.17") as air,
+        open_client(air.access, "stack") as node,  # type: ignore[arg-type]
+    ):
+        heard = [node.subscribe(f"/fmu/out/vehicle_status{end}", status) for end in ("", "_v1")]
+        air.open_for([subscription.topic for subscription in heard])
+        for end in ("", "_v1"):
+            node.publisher(f"/fmu/in/arming_check_reply{end}", reply).put(reply(registration_id=len(end)))  # type: ignore[call-arg]
+        stated = {f"/fmu/in/arming_check_reply{end}": 1 for end in ("", "_v1")}
+        companion = Companion(Vehicle(), air.companion)
+        companion.hand_over(air.receive(SimTime(0), stated, 30.0))
+        companion.publish(SimTime(0))
+        assert all(subscription.wait(1, 30.0) for subscription in heard)
+    assert [(topic, fields["registration_id"]) for topic, fields in taken] == [
+        ("/fmu/in/arming_check_reply", 0),
+        ("/fmu/in/arming_check_reply", 3),
+    ]
+    assert [record.topic for record in records] == [*stated, "/fmu/out/vehicle_status"]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "matches"),
+    [
+        ("**", ["/fmu/out/vehicle_status", "/vehicle_1/detections"]),
+        ("1/fmu/**", ["/fmu/out/vehicle_status"]),
+        ("*/fmu/out/vehicle_status/**", ["/fmu/out/vehicle_status"]),
+        ("1/vehicle_1/*/**", ["/vehicle_1/detections"]),
+    ],
+)
+def test_a_wildcard_counts_as_a_subscription_of_each_topic_that_it_matches(
+    pattern: str, matches: list[str]
+) -> None:
+    """Inside /fmu and outside; the hello of lockstep names topics, not wildcards."""
+    with (
+        open_air_network(spec(), lambda record: None, zenoh=True, px4_msgs="1.17") as air,
+        open_client(air.access, "stack") as node,  # type: ignore[arg-type]
+    ):
+        wide: Any = node._session.declare_subscriber(pattern)
+        air.open_for(matches)
+        for publisher in (air.companion["/fmu/out/vehicle_status"], air.detections):
+            assert publisher.publisher is not None
+            assert publisher.publisher.has_reader is (publisher.topic in matches)
+            publisher.publish(SimTime(0), publisher.kind())
+        keys = [str(wide.recv().key_expr) for _ in matches]
+        assert [key.split("/px4_msgs")[0].split("/vision_msgs")[0] for key in keys] == [
+            f"1{topic}" for topic in matches
+        ]
+        with pytest.raises(StopSession, match="in any session"):
+            air.open_for(["/fmu/**"])
 
 
 @pytest.mark.slow

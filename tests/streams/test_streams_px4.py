@@ -22,10 +22,13 @@ from bench.streams import (
     decode,
     encode,
     px4_message,
+    px4_names,
+    px4_plain_name,
     px4_releases_of,
     schema_text,
     type_hash,
 )
+from bench.streams._schemas import fields_of
 
 # From PX4/px4_msgs by a generator of its own; two thirds are confirmed by generated code, documentation or programs.
 with Path(__file__).with_name("px4_hashes.csv").open(encoding="utf-8") as _file:
@@ -34,16 +37,38 @@ RANGES = {"int8": (-128, 127), "int32": (-(2**31), 2**31 - 1)}
 UNSIGNED_BITS = {"uint8": 8, "uint16": 16, "uint32": 32, "uint64": 64}
 
 
-def random_value(kind: str, random: Random) -> Any:
+def random_value(kind: str, random: Random, release: str) -> Any:
     base, _, count = kind.partition("[")
     if count:
-        return tuple(random_value(base, random) for _ in range(int(count[:-1])))
+        return tuple(random_value(base, random, release) for _ in range(int(count[:-1])))
+    if "/" in base:
+        return random_message(px4_message(base.rpartition("/")[2], release), random, release)
     if base == "bool":
         return random.random() < 0.5
     if base.startswith("float"):
         return float(np.float32(random.uniform(-1e6, 1e6)))
     low, high = RANGES.get(base) or (0, 2 ** UNSIGNED_BITS[base] - 1)
     return random.randint(low, high)
+
+
+def random_message(kind: Any, random: Random, release: str) -> Any:
+    return kind(**{field.name: random_value(field.type_text, random, release) for field in fields_of(kind)})
+
+
+def as_rosbags(message: Any, store: Any) -> Any:
+    """The same message of the class that rosbags makes of the schema."""
+
+    kind: Any = type(message)
+
+    def value(name: str) -> Any:
+        mine = getattr(message, name)
+        if not isinstance(mine, tuple):
+            return mine
+        if hasattr(mine[0], "TYPE"):
+            return [as_rosbags(element, store) for element in mine]
+        return np.array(mine, dtype=next(of.of for of in fields_of(kind) if of.name == name))
+
+    return store.types[message.TYPE](**{field.name: value(field.name) for field in fields(message)})
 
 
 @pytest.mark.parametrize(("message", "release", "size", "hashed"), ROWS)
@@ -59,25 +84,18 @@ def test_hash_and_size_of_every_layout_are_those_of_px4_msgs(
 @pytest.mark.parametrize("release", PX4_RELEASES)
 def test_random_messages_are_encoded_as_rosbags_does(release: str) -> None:
     random = Random(42)
-    for name in {*PX4_TO_AGENT.values(), *PX4_FROM_AGENT.values()}:
+    for topic, name in {**PX4_TO_AGENT, **PX4_FROM_AGENT}.items():
+        if not px4_names(topic, release):
+            continue
         kind = px4_message(name, release)
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(schema_text(kind), f"px4_msgs/msg/{name}"))
-        lines = [line.split() for line in schema_text(kind).splitlines()]
-        values = {field: random_value(of, random) for of, field in lines}
-        mine = kind(**values)
-        arrays = {
-            field: np.array(value, dtype=of.partition("[")[0])
-            if isinstance(value := values[field], tuple)
-            else value
-            for of, field in lines
-        }
-        theirs = store.types[f"px4_msgs/msg/{name}"](**arrays)
+        mine = random_message(kind, random, release)
+        theirs = as_rosbags(mine, store)
         expected = bytes(store.serialize_cdr(theirs, f"px4_msgs/msg/{name}"))
         assert encode(mine) == expected[: len(encode(mine))]
         assert not any(expected[len(encode(mine)) :])
         assert decode(kind, encode(mine)) == mine
-        assert [field.name for field in fields(mine)] == [field for _, field in lines]  # type: ignore[arg-type]
 
 
 def test_a_setpoint_is_the_bytes_that_px4_reads() -> None:
@@ -107,5 +125,54 @@ def test_releases_differ_in_what_they_do_not_share() -> None:
     }
     with pytest.raises(KeyError):
         px4_message("VehicleStatus", "1.15")
+    with pytest.raises(KeyError):
+        px4_message("SetpointConfig", "1.17")
+    assert px4_releases_of("SetpointConfig", type_hash(px4_message("SetpointConfig", "1.18"))) == [
+        "1.18",
+        "main",
+    ]
     assert px4_releases_of("VehicleStatus", "RIHS01_0") == []
     assert px4_releases_of("ActuatorMotors", "RIHS01_0") == []
+
+
+# Of the topics of PX4's uXRCE-DDS: MESSAGE_VERSION where it is above 0.
+VERSIONED = {
+    "1.16": {"vehicle_status": 1},
+    "1.17": {
+        **dict.fromkeys(("vehicle_status", "vehicle_local_position", "battery_status", "home_position"), 1),
+        **dict.fromkeys(("arming_check_request", "arming_check_reply", "vehicle_attitude_setpoint"), 1),
+    },
+    "1.18": {
+        **dict.fromkeys(
+            ("vehicle_local_position", "battery_status", "home_position", "vehicle_command_ack"), 1
+        ),
+        **dict.fromkeys(("arming_check_request", "arming_check_reply", "vehicle_attitude_setpoint"), 1),
+        "vehicle_status": 4,
+        "register_ext_component_request": 2,
+        "register_ext_component_reply": 1,
+    },
+}
+
+
+@pytest.mark.parametrize("release", PX4_RELEASES)
+def test_topics_whose_message_has_a_version_have_a_second_name(release: str) -> None:
+    names = {topic: px4_names(topic, release) for topic in (*PX4_TO_AGENT, *PX4_FROM_AGENT)}
+    absent = {topic for topic, found in names.items() if not found}
+    newer = {"/fmu/in/setpoint_config", "/fmu/out/setpoint_config_reply"}
+    assert absent == ({"/fmu/in/config_control_setpoints"} if release == "1.18" else newer)
+    versioned = {found[1] for found in names.values() if len(found) > 1}
+    assert {name.rpartition("/")[2] for name in versioned} == {
+        f"{topic}_v{version}" for topic, version in VERSIONED[release].items()
+    }
+    assert {px4_plain_name(name) for found in names.values() for name in found} == set(names) - absent
+    assert px4_names("/fmu/out/nothing", release) == ()
+
+
+def test_a_nested_array_of_another_length_is_refused_both_ways() -> None:
+    kind, event = px4_message("ArmingCheckReply", "1.17"), px4_message("Event", "1.17")
+    for count in (4, 6):
+        with pytest.raises(ValueError, match="elements in place of 5"):
+            encode(kind(events=(event(),) * count))  # type: ignore[call-arg]
+    whole = encode(kind(num_events=2))  # type: ignore[call-arg]
+    assert decode(kind, whole[:-1]) is None
+    assert decode(kind, whole + bytes(4)) is None

@@ -204,6 +204,39 @@ def test_a_subscription_outside_the_allow_list_receives_nothing(
     assert b"secret" not in [sample.payload.to_bytes() for sample in drain(wide)]
 
 
+@pytest.mark.parametrize(
+    ("pattern", "topics"),
+    [("**", {READ, LATCHED}), ("7/**", {READ, LATCHED}), ("*/clock/**", {READ}), (f"{READ[:-4]}$*", {READ})],
+)
+def test_a_wildcard_receives_the_topics_on_the_list_that_it_matches(
+    bench: Bench, agent: Agent, pattern: str, topics: set[str]
+) -> None:
+    """And nothing that another client of the same agent writes."""
+    with open_client(bench.router.access, "second") as node:
+        wide: Any = node._session.declare_subscriber(pattern)
+        second = Agent(bench, node)
+        # Zenoh gives a session its own samples back, whatever the router does.
+        drain(wide)
+        agent.flush_sent()
+        bench.mission.put(String("order"))
+        second.flush_received()
+        assert {str(sample.key_expr) for sample in drain(wide)} == topics
+
+
+def test_a_wildcard_with_history_receives_the_latched_samples(bench: Bench, agent: Agent) -> None:
+    for text in "abcd":
+        bench.mission.put(String(text))
+    history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=3)
+    received: list[zenoh.Sample] = []
+    wide = zenoh.ext.declare_advanced_subscriber(
+        agent.session, "7/**", received.append, history=history, subscriber_detection=True
+    )
+    assert wait_until(lambda: len(received) >= 3)
+    assert [sample.payload.to_bytes()[8:9] for sample in received] == [b"b", b"c", b"d"]
+    assert {str(sample.key_expr) for sample in received} == {LATCHED}
+    wide.undeclare()  # type: ignore[no-untyped-call]
+
+
 @pytest.mark.parametrize("pattern", ["7/**", "**", "7/*/**"])
 def test_a_permitted_subscription_receives_only_its_key(bench: Bench, agent: Agent, pattern: str) -> None:
     """A sample that is put on a pattern covering the permitted key does not reach the agent."""

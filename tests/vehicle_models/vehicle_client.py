@@ -178,13 +178,15 @@ def make() -> Iterator[Make]:
             streams: str = "none",
             tap: MavlinkTap | None = None,
             system: int = 245,
+            companion_topics: bool = False,
         ) -> Client:
             client = Client(system)
             # PX4 sends its texts to ground stations alone.
             client.is_station = spec is None or spec.vehicle.autopilot == "px4"
             stack.callback(client.socket.close)
             link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)
-            client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec or simspec(), (link,)), tap))
+            plan = VehiclePlan(spec or simspec(), (link,), companion_topics=px4_topics)
+            client.vehicle = stack.enter_context(open_x500(plan, tap))
             client.fly(1.1)
             return client
 

@@ -100,7 +100,7 @@ class Guidance:
                 self.manoeuvre = self.manoeuvres.go_home(
                     flight, self.return_point(flight) or flight.home, self.limits
                 )
-            case Behaviour.OFFBOARD:
+            case Behaviour.OFFBOARD | Behaviour.EXTERNAL:
                 self.manoeuvre = self.manoeuvres.follow(flight)
             case Behaviour.PILOT if flight.mode.stick:
                 self.manoeuvre = ManualFlight(flight, flight.mode.stick)

@@ -73,6 +73,7 @@ class FailsafeSettings:
     station_back_texts: tuple[StatusText, ...] = ()
     station_lost_event: StatusText | None = None  # an event without a text, whatever the reaction
     setpoints: Reaction | None = None
+    external_mode: Reaction | None = None  # to a companion's mode that cannot be flown any more
     sticks: Reaction | None = None
     battery: tuple[BatteryStep, ...] = ()
     position: Reaction | None = None  # in a mode that needs a position

@@ -38,8 +38,18 @@ def knows_position(flight: FlightState) -> bool:
     return flight.time_s >= POSITION_S
 
 
+def is_placed(flight: FlightState) -> bool:
+    """Whether there is a position that counts."""
+    return flight.position_ok and knows_position(flight)
+
+
 def _armable(flight: FlightState) -> bool:
     behaviour = flight.mode.behaviour
+    if flight.companion_objects:
+        return False
+    if behaviour is Behaviour.EXTERNAL:
+        external = flight.external_modes.get(flight.mode.name)
+        return external is not None and external.armable
     if behaviour is Behaviour.MISSION:
         return flight.mission_ready and flight.position_ok
     piloted = behaviour is Behaviour.PILOT and flight.sticks is not None
@@ -91,7 +101,7 @@ def _refuse_mode(
     if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
         return None
     unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE)
-    unavailable |= wanted.name.startswith("EXTERNAL")
+    unavailable |= wanted.behaviour is Behaviour.EXTERNAL and not flight.runs(wanted)
     unavailable |= wanted.behaviour is Behaviour.PILOT and flight.sticks is None
     if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
         return _not_available(wanted)

@@ -72,6 +72,8 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
         station=_reaction(_ACTIONS.get(int(p["NAV_DLL_ACT"])), hold_s),
         station_lost_event=(WARNING, "Connection to ground station lost"),
         setpoints=Reaction(setpoint_action, action_texts=_ACTIVATED, resumes=True),
+        # Its commander's last resort for any mode that cannot run (source).
+        external_mode=Reaction(Behaviour.RETURN, action_texts=_ACTIVATED, resumes=True),
         sticks=_reaction(_ACTIONS.get(int(p["NAV_RCL_ACT"])), hold_s),
         battery=_battery(p, hold_s),
         position=Reaction(Behaviour.LAND, action_texts=_ACTIVATED, resumes=True),

@@ -6,7 +6,7 @@ What is not here is zero: reset counters, most variances, and the reasons for ar
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from bench.contracts import Vector
@@ -21,7 +21,7 @@ from ..state._flight_state import (
     StickControl,
 )
 from ..telemetry._attitude import Quaternion, turned_to_ned
-from ._modes import MODES, NAV_STATES, knows_position
+from ._modes import MODES, NAV_STATES, is_placed, knows_position
 
 Fields = dict[str, Any]
 
@@ -54,7 +54,7 @@ _MOVES_MPS = 0.5
 
 def _mask(holds: Callable[[FlightMode], bool]) -> int:
     """Bits of the nav_states of PX4's own modes for which something holds."""
-    own = (mode for mode in MODES.modes if not mode.name.startswith("EXTERNAL"))
+    own = (mode for mode in MODES.modes if mode.behaviour is not Behaviour.EXTERNAL)
     return sum(1 << NAV_STATES[mode.name] for mode in own if holds(mode))
 
 
@@ -82,7 +82,15 @@ _REQUIREMENTS = {
     "mode_req_prevent_arming": _behaves(Behaviour.RETURN, Behaviour.LAND) | _TERMINATION,
     "mode_req_manual_control": _behaves(Behaviour.PILOT),
 }
-STATUS_MASKS = {"valid_nav_states_mask": _FLYING | _TERMINATION, "can_set_nav_states_mask": _FLYING}
+
+
+def status_masks(flight: FlightState) -> dict[str, int]:
+    """Which nav_states there are, and which can be asked for."""
+    # PX4 counts all eight, registered or not: a switch of a radio may ask for one that is yet to come.
+    return {
+        "valid_nav_states_mask": sum(1 << state for state in NAV_STATES.values()),
+        "can_set_nav_states_mask": _FLYING | sum(1 << NAV_STATES[name] for name in flight.external_modes),
+    }
 
 
 def control_mode(flight: FlightState, level: str, wing: bool) -> Fields:
@@ -90,11 +98,12 @@ def control_mode(flight: FlightState, level: str, wing: bool) -> Fields:
     mode = flight.mode
     behaviour = mode.behaviour
     names = _BY_STICK[mode.stick] if mode.stick else _ALL
-    if behaviour is Behaviour.OFFBOARD:
+    by_companion = behaviour in (Behaviour.OFFBOARD, Behaviour.EXTERNAL)
+    if by_companion:
         names = _BY_LEVEL.get(level, ())
     terminated = behaviour is Behaviour.TERMINATE
     names = () if terminated else names
-    by_itself = behaviour not in (Behaviour.OFFBOARD, Behaviour.PILOT, Behaviour.TERMINATE)
+    by_itself = not by_companion and behaviour is not Behaviour.PILOT and not terminated
     return {
         **{f"flag_control_{name}_enabled": name in names for name in _ALL},
         "flag_armed": flight.armed,
@@ -107,12 +116,15 @@ def control_mode(flight: FlightState, level: str, wing: bool) -> Fields:
     }
 
 
-def failsafe_flags(flight: FlightState, alive: bool, warning: int) -> Fields:
-    """FailsafeFlags; `alive`: the companion's sign of life is good enough for the offboard mode."""
-    lost = not _is_placed(flight)
+def failsafe_flags(flight: FlightState, alive: bool, warning: int, external: Mapping[str, int]) -> Fields:
+    """FailsafeFlags; `alive`: the companion's sign of life is good enough for the offboard mode; `external`: what its own
+    modes require.
+    """
+    lost = not is_placed(flight)
     names = ("local_position", "local_velocity", "global_position")
     return {
         **_REQUIREMENTS,
+        **{name: _REQUIREMENTS.get(name, 0) | mask for name, mask in external.items()},
         **{f"{name}_invalid": lost for name in names},
         "local_position_invalid_relaxed": lost,
         "global_position_invalid_relaxed": lost,
@@ -144,7 +156,7 @@ def attitude(body: Quaternion) -> Fields:
 def local_position(flight: FlightState, body: Quaternion, force_mps2: Vector) -> Fields:
     """VehicleLocalPosition; `force_mps2` is what the accelerometer measures."""
     north, east, down = turned_to_ned(body, force_mps2)
-    placed, known, origin = _is_placed(flight), knows_position(flight), flight.origin
+    placed, known, origin = is_placed(flight), knows_position(flight), flight.origin
     return {
         **dict.fromkeys(("xy_valid", "v_xy_valid", "xy_global"), placed),
         **dict.fromkeys(("z_valid", "v_z_valid", "z_global"), known),
@@ -168,7 +180,7 @@ def local_position(flight: FlightState, body: Quaternion, force_mps2: Vector) ->
 
 
 def odometry(flight: FlightState, body: Quaternion) -> Fields:
-    placed = _is_placed(flight)
+    placed = is_placed(flight)
     return {
         "pose_frame": _NED,
         "position": _position_ned(flight) if placed else (_NAN,) * 3,
@@ -187,7 +199,7 @@ def global_position(flight: FlightState) -> Fields:
         "lon": flight.longitude_e7 * 1e-7,
         "alt": flight.altitude_m,
         "alt_ellipsoid": flight.altitude_m,
-        "lat_lon_valid": _is_placed(flight),
+        "lat_lon_valid": is_placed(flight),
         "alt_valid": True,
         **_SIGMAS,
         "terrain_alt": _NAN,
@@ -256,10 +268,6 @@ def home_position(home: ReferencePoint) -> Fields:
         "yaw": home.yaw_rad,
         **dict.fromkeys(("valid_alt", "valid_hpos", "valid_lpos"), True),
     }
-
-
-def _is_placed(flight: FlightState) -> bool:
-    return flight.position_ok and knows_position(flight)
 
 
 def _position_ned(flight: FlightState) -> Vector:

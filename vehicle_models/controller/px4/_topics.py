@@ -21,6 +21,7 @@ from ..state._service_context import ServiceContext
 from ..telemetry._attitude import quaternion
 from ..telemetry._battery_monitor import BatteryMonitor
 from . import _topic_fields as fields_of
+from ._external_modes import ExternalModes
 from ._modes import MODES, NAV_STATES
 
 _Sample = Mapping[str, Any]
@@ -37,6 +38,8 @@ _LEVELS = (
     "direct_actuator",
 )
 _TRAJECTORY_LEVELS, _FLOWN_LEVELS = _LEVELS[:3], _LEVELS[:5]
+_GOTO_LIMITS = ("horizontal_speed", "vertical_speed", "heading_rate")
+_LANDING, _TAKEOFF = (Behaviour.LAND, Behaviour.RETURN), NAV_STATES["AUTO_TAKEOFF"]
 # Of VehicleCommand alone: param1 is a nav_state.
 _SET_NAV_STATE = 100001
 # Those that PX4's commander and navigator take; the others that are carried out belong to its MAVLink.
@@ -87,16 +90,23 @@ class Px4Topics:
     _mode_us: int = 0
     _armed_us: int = 0
     _takeoff_us: int = 0
+    _flew: bool = False
 
     def __post_init__(self) -> None:
         self._flight = self._context.flight
         self._channel = _Acknowledgements(self._publish)
+        self._wing = self._autopilot.identity.vehicle_type == MAV_TYPE.FIXED_WING
+        self._external = ExternalModes(self._context, self._modes, self._wing, self._publish)
+        self._modes.on_taken_off.append(lambda: self._complete(_TAKEOFF))
         self._handlers: Mapping[str, Callable[[_Sample], bool]] = {
             "/fmu/in/offboard_control_mode": self._take_level,
             "/fmu/in/trajectory_setpoint": self._take_trajectory,
             "/fmu/in/vehicle_attitude_setpoint": self._take_attitude,
             "/fmu/in/vehicle_rates_setpoint": self._take_rates,
+            "/fmu/in/goto_setpoint": self._take_goto,
+            "/fmu/in/mode_completed": self._take_completed,
             "/fmu/in/vehicle_command": self._take_command,
+            **self._external.handlers(),
         }
 
     def handle(self) -> None:
@@ -105,6 +115,7 @@ class Px4Topics:
         for topic, sample in samples:
             if not self._handlers[topic](sample):
                 self._setpoints.ignored += 1
+        self._external.tick()
 
     def take_published(self) -> list[CompanionSample]:
         """What was published since the last call."""
@@ -117,12 +128,15 @@ class Px4Topics:
         body, force_mps2 = quaternion(flight), self._context.airframe.specific_force_mps2()
         # MAV_BATTERY_CHARGE_STATE begins one higher than BatteryStatus.warning.
         warning = max(self._charge_state() - 1, 0)
-        alive, wing = self._setpoints.fresh(), self._autopilot.identity.vehicle_type == MAV_TYPE.FIXED_WING
-        self._publish_state("vehicle_status", _STATUS_NS, self._status(alive, wing))
-        self._publish_state(
-            "vehicle_control_mode", _STATUS_NS, fields_of.control_mode(flight, self._level, wing)
-        )
-        self._publish_state("failsafe_flags", _STATUS_NS, fields_of.failsafe_flags(flight, alive, warning))
+        alive = self._setpoints.fresh()
+        if self._flew and flight.armed and not flight.flying and flight.mode.behaviour in _LANDING:
+            self._complete(NAV_STATES[flight.mode.name])
+        self._flew = flight.flying
+        self._publish_state("vehicle_status", _STATUS_NS, self._status(alive))
+        shown = fields_of.control_mode(flight, self._controlled, self._wing)
+        self._publish_state("vehicle_control_mode", _STATUS_NS, shown)
+        flags = fields_of.failsafe_flags(flight, alive, warning, self._external.requirements())
+        self._publish_state("failsafe_flags", _STATUS_NS, flags)
         self._publish_state("vehicle_land_detected", _SLOW_NS, fields_of.land_detected(flight))
         self._publish("vehicle_attitude", fields_of.attitude(body))
         self._publish("vehicle_local_position", fields_of.local_position(flight, body, force_mps2))
@@ -150,20 +164,30 @@ class Px4Topics:
 
     def _take_trajectory(self, m: _Sample) -> bool:
         vectors = m["position"], m["velocity"], m["acceleration"]
-        return self._level in _TRAJECTORY_LEVELS and self._setpoints.take_trajectory(
+        return self._controlled in _TRAJECTORY_LEVELS and self._setpoints.take_trajectory(
             *vectors, m["yaw"], m["yawspeed"]
         )
 
     def _take_attitude(self, m: _Sample) -> bool:
         rate = m["yaw_sp_move_rate"]
-        return self._level == "attitude" and self._setpoints.take_attitude(
+        return self._controlled == "attitude" and self._setpoints.take_attitude(
             m["q_d"], 0.0 if math.isnan(rate) else rate, -m["thrust_body"][2]
         )
 
     def _take_rates(self, m: _Sample) -> bool:
-        return self._level == "body_rate" and self._setpoints.take_rates(
+        return self._controlled == "body_rate" and self._setpoints.take_rates(
             (m["roll"], m["pitch"], m["yaw"]), -m["thrust_body"][2]
         )
+
+    def _take_goto(self, m: _Sample) -> bool:
+        most = [m[f"max_{name}"] if m[f"flag_set_max_{name}"] else math.inf for name in _GOTO_LIMITS]
+        heading = m["heading"] if m["flag_control_heading"] else math.nan
+        return self._controlled == "position" and self._setpoints.take_goto(m["position"], heading, *most)
+
+    def _take_completed(self, m: _Sample) -> bool:
+        """Inside PX4 it is one topic, so whoever waits for a mode hears of the companion's too."""
+        self._complete(m["nav_state"], m["result"])
+        return True
 
     def _take_command(self, m: _Sample) -> bool:
         if m["target_system"] in (0, self._system) and m["target_component"] in (0, 1):
@@ -189,7 +213,15 @@ class Px4Topics:
         refusal = self._modes.request(custom)
         return refusal.result or CommandResult.DENIED if refusal else CommandResult.ACCEPTED
 
+    @property
+    def _controlled(self) -> str:
+        """The level at which the companion controls, in the mode that is flown."""
+        return self._external.level if self._flight.mode.behaviour is Behaviour.EXTERNAL else self._level
+
     # To the companion.
+
+    def _complete(self, nav_state: int, result: int = 0) -> None:
+        self._publish("mode_completed", {"nav_state": nav_state, "result": result})
 
     def _publish(self, topic: str, fields: _Sample) -> None:
         stamps = dict.fromkeys(("timestamp", "timestamp_sample"), self._flight.time_us)
@@ -203,7 +235,7 @@ class Px4Topics:
             self._told[topic] = fields, now_ns
             self._publish(topic, fields)
 
-    def _status(self, alive: bool, wing: bool) -> _Sample:
+    def _status(self, alive: bool) -> _Sample:
         """VehicleStatus."""
         flight, policy, now_us = self._flight, self._autopilot.modes, self._flight.time_us
         mode = flight.mode
@@ -221,8 +253,8 @@ class Px4Topics:
             "nav_state": NAV_STATES[mode.name],
             "nav_state_display": NAV_STATES[mode.name],
             "accepts_offboard_setpoints": mode.behaviour is Behaviour.OFFBOARD,
-            **fields_of.STATUS_MASKS,
-            "vehicle_type": 2 if wing else 1,
+            **fields_of.status_masks(flight),
+            "vehicle_type": 2 if self._wing else 1,
             "failsafe": flight.failsafe is not None,
             "system_type": int(self._autopilot.identity.vehicle_type),
             "system_id": self._system,

@@ -22,7 +22,7 @@ from ..telemetry._battery_monitor import BatteryMonitor
 
 _STRENGTH = {Behaviour.HOLD: 1, Behaviour.RETURN: 2, Behaviour.LAND: 3, Behaviour.TERMINATE: 4}
 # Looked up once, because every step compares with them.
-_OFFBOARD, _PILOT = Behaviour.OFFBOARD, Behaviour.PILOT
+_OFFBOARD, _EXTERNAL, _PILOT = Behaviour.OFFBOARD, Behaviour.EXTERNAL, Behaviour.PILOT
 # MAV_BATTERY_CHARGE_STATE
 _BATTERY_OK = 1
 
@@ -142,7 +142,7 @@ class Failsafe:
             self._acting = True
             self._modes.switch(previous, by_failsafe=True)
             self._acting = False
-            if previous.behaviour is Behaviour.OFFBOARD:
+            if previous.behaviour in (_OFFBOARD, _EXTERNAL):
                 self._setpoints.resume()
 
     def charge_state(self) -> int:
@@ -162,13 +162,18 @@ class Failsafe:
             self.clear(Cause.GROUND_STATION)
 
     def _watch_setpoints(self, flight: FlightState) -> None:
-        reaction = self._settings.setpoints
-        if reaction is None:
-            return
         if self._active and Cause.SETPOINTS in self._active:
-            if flight.flying and self._setpoints.fresh():
+            asked = flight.asked_mode
+            external = asked is not None and asked.behaviour is _EXTERNAL
+            if flight.flying and (flight.runs(asked) if asked and external else self._setpoints.fresh()):
                 self.clear(Cause.SETPOINTS)
-        elif flight.mode.behaviour is _OFFBOARD and not self._setpoints.fresh():
+            return
+        reaction = None
+        if flight.mode.behaviour is _OFFBOARD and not self._setpoints.fresh():
+            reaction = self._settings.setpoints
+        elif flight.mode.behaviour is _EXTERNAL and not flight.runs(flight.mode):
+            reaction = self._settings.external_mode
+        if reaction:
             self.trigger(Cause.SETPOINTS, reaction)
 
     def _watch_sticks(self, flight: FlightState) -> None:

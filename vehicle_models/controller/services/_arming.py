@@ -73,7 +73,8 @@ class Arming:
         context.texts.announce(event)
         if self._policy.after_landing and event is not FlightEvent.CRASHED:
             asked = flight.asked_mode
-            self._modes.switch(asked if asked and asked.behaviour in _KEPT else self._policy.after_landing)
+            kept = asked and (asked.behaviour in _KEPT or flight.runs(asked))
+            self._modes.switch(asked if asked and kept else self._policy.after_landing)
 
     def _disarm_after(self, since_ns: int, span_s: float | None, event: FlightEvent) -> None:
         if span_s is not None and self._context.flight.time_ns - since_ns >= round(span_s * 1e9):

@@ -8,7 +8,7 @@ from typing import Any
 from ..links._enums import MAV_CMD
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
-from ..state._flight_state import FlightMode
+from ..state._flight_state import Behaviour, FlightMode
 from ..state._service import (
     Command,
     CommandHandler,
@@ -117,14 +117,16 @@ class Identity:
 
     def _mode(self, index: int, mode: FlightMode) -> Fields:
         standard_mode = self._modes.standard_modes.get(mode.name, 0)
-        external = mode.name.startswith("EXTERNAL")
-        name = "(Mode not available)" if external else mode.label
+        external = mode.behaviour is Behaviour.EXTERNAL
+        registered = self._flight.external_modes.get(mode.name)
+        name = registered.label if registered else "(Mode not available)" if external else mode.label
+        selectable = registered.selectable if registered else not external
         return {
             "number_modes": len(self._modes.modes),
             "mode_index": index,
             "standard_mode": standard_mode,
             "custom_mode": mode.custom,
-            "properties": _NOT_USER_SELECTABLE if external else 0,
+            "properties": 0 if selectable else _NOT_USER_SELECTABLE,
             # A standard mode is known by its number and needs no name.
             "mode_name": b"" if standard_mode else name.encode(),
         }

@@ -34,6 +34,8 @@ class Modes:
     _guidance: Guidance
     _has_setpoints: Callable[[], bool]
     on_change: list[Callable[[], None]] = field(default_factory=list)
+    on_taken_off: list[Callable[[], None]] = field(default_factory=list)
+    """When a takeoff that is a mode of its own has reached its height."""
 
     def __post_init__(self) -> None:
         self._by_behaviour = {
@@ -60,6 +62,8 @@ class Modes:
             self.switch(self._policy.hold)
             if isinstance(takeoff, Takeoff):
                 self._guidance.manoeuvre = takeoff.hold(flight)
+            for listener in self.on_taken_off:
+                listener()
 
     @property
     def terminated(self) -> bool:

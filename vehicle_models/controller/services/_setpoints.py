@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.contracts import Vector
@@ -26,6 +26,7 @@ _SET_POSITION_TARGET_LOCAL_NED, _SET_POSITION_TARGET_GLOBAL_INT = 84, 86
 # Metres or anything else: a larger number is a client's error.
 _MAX_SETPOINT = 1e6
 _NAN3 = (math.nan,) * 3
+_FOLLOWING = (Behaviour.OFFBOARD, Behaviour.EXTERNAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +129,26 @@ class Setpoints:
             return False
         yaw_rad = self._context.flight.yaw_rad
         self._fly(self._tilted(0.0, 0.0, yaw_rad, rates_radps[2], thrust, rates_radps))
+        return True
+
+    def take_goto(
+        self, position: Vector, yaw_rad: float, speed_mps: float, climb_mps: float, turn_radps: float
+    ) -> bool:
+        """A place in north, east, down, a heading or NaN, and the most of each speed, or infinity."""
+        setpoint = _Setpoint(position, _NAN3, _NAN3, yaw_rad, math.nan)
+        if not (
+            setpoint.sane and math.isfinite(sum(position)) and min(speed_mps, climb_mps, turn_radps) > 0.0
+        ):
+            return False
+        target, accelerates = self._target(setpoint)
+        limited = replace(
+            target,
+            speed_max_mps=min(target.speed_max_mps, speed_mps),
+            climb_max_mps=min(target.climb_max_mps, climb_mps),
+            descent_max_mps=min(target.descent_max_mps, climb_mps),
+            turn_max_radps=min(target.turn_max_radps, turn_radps),
+        )
+        self._fly(limited, accelerates)
         return True
 
     def resume(self) -> None:
@@ -311,13 +332,15 @@ class Setpoints:
     def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
         """Fly what a client sent over MAVLink, where each setpoint is a sign of life."""
         self.keep_alive()
-        self._fly(target, accelerates)
+        # An external mode has setpoints of its companion alone, as PX4's MAVLink publishes them in offboard only (source).
+        if self._context.flight.mode.behaviour is not Behaviour.EXTERNAL:
+            self._fly(target, accelerates)
 
     def _fly(self, target: FlightTarget, accelerates: tuple[bool, bool] = (False, False)) -> None:
         flight = self._context.flight
         self._last = target, accelerates
         flight.had_setpoints = True
-        if flight.mode.behaviour is Behaviour.OFFBOARD:
+        if flight.mode.behaviour in _FOLLOWING:
             self._manoeuvre().give(target, flight, accelerates)
 
     def _manoeuvre(self) -> FollowSetpoints:

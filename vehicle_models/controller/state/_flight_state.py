@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import Protocol
@@ -37,6 +38,7 @@ class Behaviour(Enum):
     LAND = auto()
     RETURN = auto()
     OFFBOARD = auto()  # setpoints of a companion: offboard, guided
+    EXTERNAL = auto()  # likewise, in a mode that the companion has registered
     MISSION = auto()
     PILOT = auto()  # sticks, of a radio or a joystick
     CIRCLE = auto()
@@ -79,6 +81,16 @@ class FlightMode:
     label: str = ""
     stick: StickControl | None = None
     needs_position: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalMode:
+    """A mode that a companion has registered: whether it can be flown now, and whether the vehicle can be armed in it."""
+
+    label: str
+    runs: bool
+    armable: bool
+    selectable: bool  # by a user
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +241,14 @@ class FlightState:
     sticks: StickPositions | None = None  # None: no pilot
     asked_mode: FlightMode | None = None  # the last that no failsafe has entered
     had_setpoints: bool = False  # a companion has given some since the start
+    external_modes: Mapping[str, ExternalMode] = field(default_factory=dict)  # by name of the FlightMode
+    companion_objects: bool = False  # to arming, whatever the mode
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
+
+    def runs(self, mode: FlightMode) -> bool:
+        """Whether an external mode can be flown now."""
+        external = self.external_modes.get(mode.name)
+        return external is not None and external.runs
 
     @property
     def battery_fraction(self) -> float:
