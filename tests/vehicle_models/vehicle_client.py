@@ -185,7 +185,7 @@ def make() -> Iterator[Make]:
             client.is_station = spec is None or spec.vehicle.autopilot == "px4"
             stack.callback(client.socket.close)
             link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)
-            plan = VehiclePlan(spec or simspec(), (link,), companion_topics=px4_topics)
+            plan = VehiclePlan(spec or simspec(), (link,), companion_topics=companion_topics)
             client.vehicle = stack.enter_context(open_x500(plan, tap))
             client.fly(1.1)
             return client
