@@ -108,13 +108,7 @@ def _sentence(
         return f'{deed}, but its manifest has no {field}: write {field}: "{example}", or the release it is built with'
     topic = known.get(endpoint.topic)
     if topic is None:
-        plain_name = px4_plain_name(endpoint.topic)
-        if releases := [other for other in PX4_RELEASES if endpoint.topic in px4_names(plain_name, other)]:
-            return f'{deed}, a topic of px4_msgs {" and ".join(releases)}; the manifest says px4_msgs: "{release}"'
-        near = difflib.get_close_matches(endpoint.topic, known, n=1)
-        return f"{deed}, which this bench does not have; " + (
-            f"the nearest is {near[0]}" if near else f"there are {', '.join(known)}"
-        )
+        return f"{deed}, {_unknown(endpoint.topic, known, release)}"
     if (topic.service, topic.from_agent) != (endpoint.calls, endpoint.calls or endpoint.publishes):
         return f"{deed}, which it may only {'call' if topic.service else 'write' if topic.from_agent else 'read'}"
     if endpoint.dds_type != dds_name(topic.kind):
@@ -127,4 +121,15 @@ def _sentence(
     return (
         f"{deed} with {endpoint.type_hash[:_SHOWN_CHARACTERS]}, the hash of {name} in {whose}; the manifest says {field}: "
         f'"{release}", whose hash is {type_hash(topic.kind)}'
+    )
+
+
+def _unknown(topic: str, known: Mapping[str, AirTopic], release: str) -> str:
+    """What a topic is that the release in the manifest does not have."""
+    plain_name = px4_plain_name(topic)
+    if releases := [other for other in PX4_RELEASES if topic in px4_names(plain_name, other)]:
+        return f'a topic of px4_msgs {" and ".join(releases)}; the manifest says px4_msgs: "{release}"'
+    near = difflib.get_close_matches(topic, known, n=1)
+    return "which this bench does not have; " + (
+        f"the nearest is {near[0]}" if near else f"there are {', '.join(known)}"
     )
