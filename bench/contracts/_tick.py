@@ -42,7 +42,7 @@ MAX_AIR_LINE_BYTES = 1024 * 1024
 class AirMessage(Document):
     """A message of the air network as JSON: what std_msgs/msg/String would hold, or the fields of another type."""
 
-    topic: Annotated[str, Field(max_length=256)]
+    topic: str = Field(max_length=256)
     message: dict[str, Any]
 
 
@@ -52,8 +52,8 @@ class Hello(Document):
     kind: Literal["hello"] = "hello"
     protocol: Literal[1] = 1
     agent: Label
-    subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
-    secret: Annotated[str, Field(max_length=256, repr=False)] = ""
+    subscribes: tuple[str, ...] = Field((), max_length=64)
+    secret: str = Field("", max_length=256, repr=False)
 
 
 class Tick(Document):

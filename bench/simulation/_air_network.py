@@ -28,7 +28,6 @@ from bench.streams import (
     PX4_PREFIX,
     AirAccess,
     AirPlan,
-    RosNode,
     Router,
     Sample,
     String,
@@ -40,7 +39,6 @@ from bench.streams import (
 
 from ._air_topics import (
     DOMAIN,
-    AirTopic,
     RecordedPublisher,
     air_topics,
     camera_publishers,
@@ -111,19 +109,6 @@ class AirNetwork:
         self.detections = recorded(topics.detections)
         self.cameras = camera_publishers(simspec, recorded)
         self.px4 = {topic.name: recorded(topic.name) for topic in px4_to_agent(px4_msgs)}
-        self._publishers = (
-            self.clock,
-            self.tf,
-            self.tf_static,
-            self.mission,
-            self.intelligence,
-            self.orders,
-            self.consents,
-            self.operator_link,
-            self.detections,
-            *(publisher for publishers in self.cameras for publisher in publishers.all),
-            *self.px4.values(),
-        )
         # What an agent is told in words, and the detections.
         told = (
             self.mission,
@@ -133,11 +118,21 @@ class AirNetwork:
             self.operator_link,
             self.detections,
         )
+        self._publishers = (
+            self.clock,
+            self.tf,
+            self.tf_static,
+            *told,
+            *(publisher for publishers in self.cameras for publisher in publishers.all),
+            *self.px4.values(),
+        )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
-        self._subscriptions = _subscribe(node, written)
+        self._subscriptions = (
+            tuple(node.subscribe(topic.name, topic.kind) for topic in written) if node else ()
+        )
         self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
         self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
@@ -358,10 +353,6 @@ class AirNetwork:
             "air_dropped": self.dropped[0],
             "air_unstated": unstated,
         }
-
-
-def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
-    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
 
 
 @contextmanager
