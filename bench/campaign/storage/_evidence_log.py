@@ -66,13 +66,9 @@ class EvidenceLog:
 
     def result_of(self, realization: str) -> EvidenceEntry | None:
         """The line about the result that a realization has; None if it has none."""
-        entry = self.last_of(realization)
-        return None if entry is None or entry.kind == "withdrawn" else entry
-
-    def last_of(self, realization: str) -> EvidenceEntry | None:
-        """The latest line about a realization, `withdrawn` ones included."""
         place = self._latest.get(realization)
-        return None if place is None else _parsed(self._lines[place])
+        entry = None if place is None else _parsed(self._lines[place])
+        return None if entry is None or entry.kind == "withdrawn" else entry
 
     def knows(self, realization: str, result_sha256: str) -> bool:
         """Whether any line, also a withdrawn one, is about this result of a realization."""
