@@ -7,7 +7,7 @@ import json
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -72,30 +72,24 @@ class FloorPlan(Document):
     They fly a share of the campaign's scenes beside the agents under test, and never count as such.
     """
 
-    agents: Annotated[
-        tuple[AgentSpec, ...],
-        Field(
-            min_length=1,
-            description="The null agents; if absent, all installed ones whose manifest has the role floor.",
-        ),
-    ] = Field(default_factory=_floor_agents)
-    oracle: Annotated[
-        AgentSpec | None,
-        Field(
-            description="The agent that is given the truth, null for none; if absent, the first installed one whose manifest has the role ceiling."
-        ),
-    ] = Field(default_factory=_ceiling_agent)
+    agents: tuple[AgentSpec, ...] = Field(
+        default_factory=_floor_agents,
+        min_length=1,
+        description="The null agents; if absent, all installed ones whose manifest has the role floor.",
+    )
+    oracle: AgentSpec | None = Field(
+        default_factory=_ceiling_agent,
+        description="The agent that is given the truth, null for none; if absent, the first installed one whose manifest has the role ceiling.",
+    )
     share: float = Field(
         0.1, gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed."
     )
-    least_scenes: Annotated[
-        int,
-        Field(
-            ge=1,
-            # 0.05 ** (1 / 5) is 0.55, so five is the fewest for which this holds.
-            description="Scenes at least. An agent that passes all of five shows a rate above a half with 95 %.",
-        ),
-    ] = 5
+    least_scenes: int = Field(
+        5,
+        ge=1,
+        # 0.05 ** (1 / 5) is 0.55, so five is the fewest for which this holds.
+        description="Scenes at least. An agent that passes all of five shows a rate above a half with 95 %.",
+    )
 
     @property
     def specs(self) -> tuple[AgentSpec, ...]:
