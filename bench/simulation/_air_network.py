@@ -28,6 +28,7 @@ from bench.streams import (
     PX4_PREFIX,
     AirAccess,
     AirPlan,
+    RosNode,
     Router,
     Sample,
     String,
@@ -39,6 +40,7 @@ from bench.streams import (
 
 from ._air_topics import (
     DOMAIN,
+    AirTopic,
     RecordedPublisher,
     air_topics,
     camera_publishers,
@@ -130,9 +132,7 @@ class AirNetwork:
         self._beats = 0
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         written = sorted((topic for topic in table.values() if topic.from_agent), key=attrgetter("name"))
-        self._subscriptions = (
-            tuple(node.subscribe(topic.name, topic.kind) for topic in written) if node else ()
-        )
+        self._subscriptions = _subscribe(node, written)
         self._allowances = {topic.name: TopicAllowance(topic.samples) for topic in written}
         # In lockstep: samples that have come and that no ack has stated yet.
         self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in self._allowances}
@@ -353,6 +353,10 @@ class AirNetwork:
             "air_dropped": self.dropped[0],
             "air_unstated": unstated,
         }
+
+
+def _subscribe(node: RosNode | None, topics: Iterable[AirTopic]) -> tuple[Subscription, ...]:
+    return tuple(node.subscribe(topic.name, topic.kind) for topic in topics) if node else ()
 
 
 @contextmanager

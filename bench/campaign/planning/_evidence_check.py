@@ -40,8 +40,7 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
     if log.faults:
         return log.faults
     manifest, faults = _manifest(folder)
-    has_results = any(entry.state is RealizationState.DONE for entry in journal.entries())
-    if has_results and not log.path.is_file():
+    if not log.path.is_file() and any(entry.state is RealizationState.DONE for entry in journal.entries()):
         return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
     if not journal.intact:
         remedy = (
