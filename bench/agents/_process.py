@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from bench.contracts import AgentPlan, AgentUsage, ProcessRoot
@@ -59,7 +59,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     if plan.truth is not None:
         (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json(), encoding="utf-8")
     box = box_of(plan, rung.place(plan.scratch), in_image=rung.name == CONTAINER)
-    with _open_output() as output:
+    with closing(_Output()) as output:
         process = rung.start(box, output.write_end)
         output.begin()
         agent = LocalProcess(process, output, program=box.command[0], isolation=rung.name)
@@ -265,15 +265,6 @@ class _Output:
                 dropped = self._tail.popleft()
                 self._tail_bytes -= len(dropped)
                 self._dropped += len(dropped)
-
-
-@contextmanager
-def _open_output() -> Iterator[_Output]:
-    output = _Output()
-    try:
-        yield output
-    finally:
-        output.close()
 
 
 class LocalProcess:

@@ -7,7 +7,7 @@ import json
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -24,30 +24,24 @@ class CampaignBudgets(Document):
     Only `wall_s` is part of what is flown; the others may change between runs.
     """
 
-    workers: Annotated[
-        int | None, Field(ge=1, le=1024, description="Sessions at once; the number of cores if absent.")
-    ] = None
-    wall_s: Annotated[
-        float | None,
-        Field(
-            gt=0.0, le=86400.0, description="Host seconds for one session, in place of the base SimSpec's."
-        ),
-    ] = None
-    total_wall_s: Annotated[
-        float | None,
-        Field(
-            gt=0.0, description="Host seconds after which no further session is started; run again to resume."
-        ),
-    ] = None
-    retry_s: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=86400.0,
-            description="Host seconds over which a session that the host may have cost is tried again, with pauses that grow; "
-            "0 for one retry at once.",
-        ),
-    ] = 60.0
+    workers: int | None = Field(
+        None, ge=1, le=1024, description="Sessions at once; the number of cores if absent."
+    )
+    wall_s: float | None = Field(
+        None, gt=0.0, le=86400.0, description="Host seconds for one session, in place of the base SimSpec's."
+    )
+    total_wall_s: float | None = Field(
+        None,
+        gt=0.0,
+        description="Host seconds after which no further session is started; run again to resume.",
+    )
+    retry_s: float = Field(
+        60.0,
+        ge=0.0,
+        le=86400.0,
+        description="Host seconds over which a session that the host may have cost is tried again, with pauses that grow; "
+        "0 for one retry at once.",
+    )
 
 
 class Stopping(Document):
@@ -57,12 +51,11 @@ class Stopping(Document):
     decisions together.
     """
 
-    node: Annotated[str, Field(description="Node of the decomposition whose pass rate is decided.")]
-    threshold: Annotated[float, Field(gt=0.0, lt=1.0, description="Pass rate to be above or below.")]
-    level: Annotated[
-        float,
-        Field(ge=0.5, lt=1.0, description="Probability that the decision about a design point is right."),
-    ] = 0.95
+    node: str = Field(description="Node of the decomposition whose pass rate is decided.")
+    threshold: float = Field(gt=0.0, lt=1.0, description="Pass rate to be above or below.")
+    level: float = Field(
+        0.95, ge=0.5, lt=1.0, description="Probability that the decision about a design point is right."
+    )
 
 
 def _floor_agents() -> tuple[AgentSpec, ...]:
@@ -79,30 +72,24 @@ class FloorPlan(Document):
     They fly a share of the campaign's scenes beside the agents under test, and never count as such.
     """
 
-    agents: Annotated[
-        tuple[AgentSpec, ...],
-        Field(
-            min_length=1,
-            description="The null agents; if absent, all installed ones whose manifest has the role floor.",
-        ),
-    ] = Field(default_factory=_floor_agents)
-    oracle: Annotated[
-        AgentSpec | None,
-        Field(
-            description="The agent that is given the truth, null for none; if absent, the first installed one whose manifest has the role ceiling."
-        ),
-    ] = Field(default_factory=_ceiling_agent)
-    share: Annotated[
-        float, Field(gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed.")
-    ] = 0.1
-    least_scenes: Annotated[
-        int,
-        Field(
-            ge=1,
-            # 0.05 ** (1 / 5) is 0.55, so five is the fewest for which this holds.
-            description="Scenes at least. An agent that passes all of five shows a rate above a half with 95 %.",
-        ),
-    ] = 5
+    agents: tuple[AgentSpec, ...] = Field(
+        default_factory=_floor_agents,
+        min_length=1,
+        description="The null agents; if absent, all installed ones whose manifest has the role floor.",
+    )
+    oracle: AgentSpec | None = Field(
+        default_factory=_ceiling_agent,
+        description="The agent that is given the truth, null for none; if absent, the first installed one whose manifest has the role ceiling.",
+    )
+    share: float = Field(
+        0.1, gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed."
+    )
+    least_scenes: int = Field(
+        5,
+        ge=1,
+        # 0.05 ** (1 / 5) is 0.55, so five is the fewest for which this holds.
+        description="Scenes at least. An agent that passes all of five shows a rate above a half with 95 %.",
+    )
 
     @property
     def specs(self) -> tuple[AgentSpec, ...]:
@@ -116,9 +103,9 @@ class Honeypots(Document):
     They change nothing that an agent can see, and no measure.
     """
 
-    share: Annotated[
-        float, Field(gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed.")
-    ] = 0.1
+    share: float = Field(
+        0.1, gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed."
+    )
 
 
 SITUATION = "situation"
@@ -128,15 +115,14 @@ SITUATION = "situation"
 class Situation(Document):
     """One of the base situations of a campaign."""
 
-    name: Annotated[Identifier, Field(description="The level of the factor `situation`.")]
-    base: Annotated[SimSpec | None, Field(description="The base SimSpec; or base_file.")] = None
-    base_file: Annotated[
-        str | None, Field(description="Path of a SimSpec, relative to the campaign file; in place of base.")
-    ] = None
-    tension: Annotated[
-        int | None,
-        Field(ge=1, le=5, description="The tension that it is built for: of its nodes under study."),
-    ] = None
+    name: Identifier = Field(description="The level of the factor `situation`.")
+    base: SimSpec | None = Field(None, description="The base SimSpec; or base_file.")
+    base_file: str | None = Field(
+        None, description="Path of a SimSpec, relative to the campaign file; in place of base."
+    )
+    tension: int | None = Field(
+        None, ge=1, le=5, description="The tension that it is built for: of its nodes under study."
+    )
 
     @model_validator(mode="after")
     def _one_base(self) -> Self:
@@ -150,19 +136,14 @@ class Situation(Document):
 class Keep(Document):
     """Which recordings stay once their results are there. Results, scores and digests always do."""
 
-    recordings: Annotated[
-        Literal["all", "failures", "none"],
-        Field(
-            description="`failures`: of sessions that did not complete, or did not pass every node under study that "
-            "they considered."
-        ),
-    ] = "all"
-    sample: Annotated[
-        float,
-        Field(
-            ge=0.0, le=1.0, description="Share of the others that is kept too, drawn from the design's seed."
-        ),
-    ] = 0.0
+    recordings: Literal["all", "failures", "none"] = Field(
+        "all",
+        description="`failures`: of sessions that did not complete, or did not pass every node under study that "
+        "they considered.",
+    )
+    sample: float = Field(
+        0.0, ge=0.0, le=1.0, description="Share of the others that is kept too, drawn from the design's seed."
+    )
 
 
 class CampaignAgent(AgentSpec):
@@ -184,70 +165,53 @@ class Campaign(Document):
     format: Literal["rebar.campaign/1"] = "rebar.campaign/1"
     name: Identifier
     description: str = ""
-    base: Annotated[
-        SimSpec | None, Field(description="The situation that the design varies; or base_file.")
-    ] = None
-    base_file: Annotated[
-        str | None, Field(description="Path of a SimSpec, relative to the campaign file; in place of base.")
-    ] = None
-    situations: Annotated[
-        tuple[Situation, ...],
-        Field(
-            max_length=1000,
-            description="Several base situations, in place of base: a factor `situation` of the design chooses.",
-        ),
-    ] = ()
+    base: SimSpec | None = Field(None, description="The situation that the design varies; or base_file.")
+    base_file: str | None = Field(
+        None, description="Path of a SimSpec, relative to the campaign file; in place of base."
+    )
+    situations: tuple[Situation, ...] = Field(
+        (),
+        max_length=1000,
+        description="Several base situations, in place of base: a factor `situation` of the design chooses.",
+    )
     design: Design = Design()
-    agents: Annotated[tuple[CampaignAgent, ...], Field(min_length=1, description="The agents under test.")]
-    decomposition: Annotated[
-        str, Field(description="Name of a decomposition, or its path relative to the campaign file.")
-    ] = "search-and-report"
-    fidelity: Annotated[
-        Literal["full", "overhead"],
-        Field(description="full: co-simulation; overhead: surrogates of the agents on a ground plan."),
-    ] = "full"
-    study: Annotated[
-        tuple[str, ...],
-        Field(description="Nodes that the report is about; those of the decomposition if empty."),
-    ] = ()
-    stopping: Annotated[
-        Stopping | None,
-        Field(description="Stop a design point once its pass rate is decided; off if absent."),
-    ] = None
-    floor: Annotated[
-        FloorPlan | None,
-        Field(
-            description="Fly null agents and an oracle on a share of the scenes; true for the installed ones."
-        ),
-    ] = None
-    pace: Annotated[
-        PaceMode | None,
-        Field(
-            description="Pace of all runs, in place of the base SimSpec's; every agent without a pace of its own must follow it."
-        ),
-    ] = None
-    isolation: Annotated[
-        Isolation | None,
-        Field(description="How every agent must be confined, in place of what its manifest says."),
-    ] = None
-    honeypots: Annotated[
-        Honeypots | None,
-        Field(
-            exclude_if=is_default(None),
-            description="Put honeypots into a share of the scenes; none if absent.",
-        ),
-    ] = None
-    keep: Annotated[
-        Keep | None,
-        Field(exclude_if=is_default(None), description="Which recordings stay; all if absent."),
-    ] = None
-    shard: Annotated[
-        str | None,
-        Field(
-            exclude_if=is_default(None),
-            description="`2/8`: this folder holds the second of eight parts of the campaign. Set by --shard.",
-        ),
-    ] = None
+    agents: tuple[CampaignAgent, ...] = Field(min_length=1, description="The agents under test.")
+    decomposition: str = Field(
+        "search-and-report", description="Name of a decomposition, or its path relative to the campaign file."
+    )
+    fidelity: Literal["full", "overhead"] = Field(
+        "full", description="full: co-simulation; overhead: surrogates of the agents on a ground plan."
+    )
+    study: tuple[str, ...] = Field(
+        (), description="Nodes that the report is about; those of the decomposition if empty."
+    )
+    stopping: Stopping | None = Field(
+        None, description="Stop a design point once its pass rate is decided; off if absent."
+    )
+    floor: FloorPlan | None = Field(
+        None,
+        description="Fly null agents and an oracle on a share of the scenes; true for the installed ones.",
+    )
+    pace: PaceMode | None = Field(
+        None,
+        description="Pace of all runs, in place of the base SimSpec's; every agent without a pace of its own must follow it.",
+    )
+    isolation: Isolation | None = Field(
+        None, description="How every agent must be confined, in place of what its manifest says."
+    )
+    honeypots: Honeypots | None = Field(
+        None,
+        exclude_if=is_default(None),
+        description="Put honeypots into a share of the scenes; none if absent.",
+    )
+    keep: Keep | None = Field(
+        None, exclude_if=is_default(None), description="Which recordings stay; all if absent."
+    )
+    shard: str | None = Field(
+        None,
+        exclude_if=is_default(None),
+        description="`2/8`: this folder holds the second of eight parts of the campaign. Set by --shard.",
+    )
     budgets: CampaignBudgets = CampaignBudgets()
 
     @field_validator("shard")

@@ -148,7 +148,12 @@ async def run_campaign(
     started = clock()
     parse_rerun_outcomes(options.rerun)
     parse_accepted_outcomes(options.accept)
-    decomposition = options.decomposition or _own_decomposition(campaign)
+    decomposition = options.decomposition
+    if decomposition is None:
+        # Imported here: decompositions and measures are of no use to a caller that brings one.
+        from .planning._measures import load_measurable_decomposition
+
+        decomposition = load_measurable_decomposition(campaign.decomposition)
     if campaign.stopping is not None:
         check_stopping(campaign.stopping, decomposition)
     paths = CampaignFolder(folder)
@@ -301,13 +306,6 @@ def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campa
     return campaign.model_copy(
         update={name: getattr(flown, name) for name in kept if getattr(campaign, name) is None}
     )
-
-
-def _own_decomposition(campaign: Campaign) -> Decomposition:
-    # Imported here: decompositions and measures are of no use to a caller that brings one.
-    from .planning._measures import load_measurable_decomposition
-
-    return load_measurable_decomposition(campaign.decomposition)
 
 
 def _takeoff_check(jobs: Jobs) -> CheckTakeoff:

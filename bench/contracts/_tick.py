@@ -46,7 +46,7 @@ class AirMessage(Document):
     all is judged as over Zenoh.
     """
 
-    topic: Annotated[str, Field(max_length=256)]
+    topic: str = Field(max_length=256)
     message: dict[str, Any] | str
 
 
@@ -60,8 +60,8 @@ class Hello(Document):
     kind: Literal["hello"] = "hello"
     protocol: Literal[1] = 1
     agent: Label
-    subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
-    secret: Annotated[str, Field(max_length=256, repr=False)] = ""
+    subscribes: tuple[str, ...] = Field((), max_length=64)
+    secret: str = Field("", max_length=256, repr=False)
     interval_s: float | None = added_field(None, ge=0.001, le=60.0)
 
 

@@ -11,7 +11,7 @@ from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
-from bench.contracts import START, Record, SimTime
+from bench.contracts import START, Record
 from bench.documents import dump_json
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import message_class, schema_text
@@ -39,19 +39,21 @@ class Recorder:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._sequences: dict[int, int] = {}
-        self._last = START
-        self._sha256: str | None = None
+        self.last = START
+        """Moment of the latest record; the start when there is none."""
+        self.sha256: str | None = None
+        """Digest of the whole file, once the block of `open_recording` is left; None before."""
 
     def __call__(self, record: Record) -> None:
         """Append one record.
 
         Raises ValueError when it lies before the one before it: that is a fault of the bench.
         """
-        if record.time < self._last:
+        if record.time < self.last:
             raise ValueError(
-                f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self._last.ns} ns"
+                f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self.last.ns} ns"
             )
-        self._last = record.time
+        self.last = record.time
         channel = self._channels.get((record.topic, record.type_name)) or self._register(record)
         sequence = self._sequences[channel] = self._sequences[channel] + 1
         self._writer.add_message(channel, record.time.ns, record.data, record.time.ns, sequence)
@@ -60,16 +62,6 @@ class Recorder:
     def messages(self) -> int:
         """Records taken in so far."""
         return sum(self._sequences.values())
-
-    @property
-    def last(self) -> SimTime:
-        """Moment of the latest record; the start when there is none."""
-        return self._last
-
-    @property
-    def sha256(self) -> str | None:
-        """Digest of the whole file, once the block of `open_recording` is left; None before."""
-        return self._sha256
 
     def _register(self, record: Record) -> int:
         schema = self._schemas.get(record.type_name)
@@ -96,7 +88,7 @@ class Recorder:
 
     def _finish(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]
-        self._sha256 = self._file.sha256()
+        self.sha256 = self._file.sha256()
 
 
 @contextmanager

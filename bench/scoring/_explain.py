@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Annotated, Literal
+from typing import Literal
 
 import polars as pl
 from pydantic import Field
@@ -55,41 +55,29 @@ class ObservableExplanation(Document):
     id: str
     title: str
     state: State
-    essential: Annotated[bool, Field(description="The verdict of the principle rests on it.")]
-    ruling: Annotated[bool, Field(description="It gives the node its score in this run.")]
+    essential: bool = Field(description="The verdict of the principle rests on it.")
+    ruling: bool = Field(description="It gives the node its score in this run.")
     x: float | None
     threshold: float
-    difficulty: Annotated[float | None, Field(description="Null where it is not known.")]
-    factors: Annotated[
-        tuple[FactorExplanation, ...], Field(description="Its key factors, the ruling ones first.")
-    ]
-    credit: Annotated[
-        float, Field(description="Points of partial credit within the score; negative on a near miss.")
-    ]
+    difficulty: float | None = Field(description="Null where it is not known.")
+    factors: tuple[FactorExplanation, ...] = Field(description="Its key factors, the ruling ones first.")
+    credit: float = Field(description="Points of partial credit within the score; negative on a near miss.")
     score: float | None
-    reason: Annotated[
-        str,
-        Field(
-            description="For an observable that was not considered: when a run considers it, or what is absent."
-        ),
-    ]
-    standing: Annotated[
-        Standing,
-        Field(description="What it counts for in this configuration; the configured sensor enters no node."),
-    ]
-    overruled: Annotated[
-        bool,
-        Field(description="Its measure considered it although the configuration cannot exercise it."),
-    ]
+    reason: str = Field(
+        description="For an observable that was not considered: when a run considers it, or what is absent."
+    )
+    standing: Standing = Field(
+        description="What it counts for in this configuration; the configured sensor enters no node."
+    )
+    overruled: bool = Field(
+        description="Its measure considered it although the configuration cannot exercise it."
+    )
     evidence: tuple[Evidence, ...]
     evidence_left_out: int
-    stages: Annotated[
-        str,
-        Field(
-            description="Of one that was not achieved: how far the agent came with whom it is about; empty where it is about nobody."
-        ),
-    ]
-    row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
+    stages: str = Field(
+        description="Of one that was not achieved: how far the agent came with whom it is about; empty where it is about nobody."
+    )
+    row: str | None = Field(description="Place in the table that the observation came from.")
 
 
 class RunExplanation(Document):
@@ -98,18 +86,12 @@ class RunExplanation(Document):
     run: str
     agent: str
     design_point: str
-    state: Annotated[
-        RunState,
-        Field(
-            description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."
-        ),
-    ]
-    verdict: Annotated[
-        bool | None,
-        Field(
-            description="Whether the run passed the principle; null where nothing essential was considered, and for other nodes."
-        ),
-    ]
+    state: RunState = Field(
+        description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."
+    )
+    verdict: bool | None = Field(
+        description="Whether the run passed the principle; null where nothing essential was considered, and for other nodes."
+    )
     outcome: Outcome
     reason: str
     recording: str | None
@@ -117,10 +99,9 @@ class RunExplanation(Document):
     score: float | None
     achieved: int
     considered: int
-    ruled_by: Annotated[
-        tuple[str, ...],
-        Field(description="From the node down along the child with the lowest score; empty without a score."),
-    ]
+    ruled_by: tuple[str, ...] = Field(
+        description="From the node down along the child with the lowest score; empty without a score."
+    )
     observables: tuple[ObservableExplanation, ...]
     observables_left_out: int
 
@@ -129,11 +110,11 @@ class AgentExplanation(Document):
     """The node's numbers for one agent and the runs behind them, failures first."""
 
     summary: NodeReport
-    scored_runs: Annotated[
-        tuple[str, ...], Field(description="The runs that the score is the mean of, at most `limit` of them.")
-    ]
+    scored_runs: tuple[str, ...] = Field(
+        description="The runs that the score is the mean of, at most `limit` of them."
+    )
     runs: tuple[RunExplanation, ...]
-    runs_left_out: Annotated[dict[str, int], Field(description="Runs beyond the limit, by state.")]
+    runs_left_out: dict[str, int] = Field(description="Runs beyond the limit, by state.")
 
 
 class Explanation(Document):
@@ -146,16 +127,11 @@ class Explanation(Document):
     level: Level
     title: str
     asks: str
-    essential: Annotated[
-        tuple[str, ...], Field(description="Key attributes that the verdict of a principle rests on.")
-    ]
-    essential_reason: Annotated[str, Field(description="Why these, where the decomposition says so.")]
-    limit: Annotated[
-        int,
-        Field(
-            description="Maximum of runs for each agent, observables for each run and evidence for each observable; 0 is all."
-        ),
-    ]
+    essential: tuple[str, ...] = Field(description="Key attributes that the verdict of a principle rests on.")
+    essential_reason: str = Field(description="Why these, where the decomposition says so.")
+    limit: int = Field(
+        description="Maximum of runs for each agent, observables for each run and evidence for each observable; 0 is all."
+    )
     agents: tuple[AgentExplanation, ...]
 
 

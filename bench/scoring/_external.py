@@ -60,7 +60,8 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     reader.check_columns()
     for row in chain(() if first is None else (first,), rows):
         reader.take(row)
-    faults.raise_any()
+    if faults.faults:
+        raise SetupError(faults.faults, more=faults.more)
     return reader.table()
 
 
@@ -85,10 +86,6 @@ class _FaultLog:
             self.more += 1
             return
         self.faults.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
-
-    def raise_any(self) -> None:
-        if self.faults:
-            raise SetupError(self.faults, more=self.more)
 
 
 def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:

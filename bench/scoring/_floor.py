@@ -28,19 +28,14 @@ class NodeFloor(Document):
 
     id: str
     level: Literal["principle", "ka", "vab", "observable"]
-    floor: Annotated[
-        Share | None, Field(description="Best confidence of a null agent. Null: never considered.")
-    ]
-    floor_agents: Annotated[tuple[str, ...], Field(description="The null agents that reach it.")]
-    ceiling: Annotated[
-        Share | None,
-        Field(
-            description="Confidence of the agent that is given the truth. Null: never considered, or not flown."
-        ),
-    ]
-    scenes: Annotated[
-        int, Field(ge=0, description="Scenes in which the node was considered for some agent of the floor.")
-    ]
+    floor: Share | None = Field(description="Best confidence of a null agent. Null: never considered.")
+    floor_agents: tuple[str, ...] = Field(description="The null agents that reach it.")
+    ceiling: Share | None = Field(
+        description="Confidence of the agent that is given the truth. Null: never considered, or not flown."
+    )
+    scenes: int = Field(
+        ge=0, description="Scenes in which the node was considered for some agent of the floor."
+    )
     configured_sensor: bool = Field(
         False, description="It describes the sensor that the bench simulates, so it is never flagged."
     )

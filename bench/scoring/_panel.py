@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from math import sqrt
-from typing import Annotated
 
 import numpy as np
 import polars as pl
@@ -41,11 +40,10 @@ class PanelNode(Document):
     lower: str
     higher: str
     difference: float
-    noise: Annotated[
-        float | None,
-        Field(description="Difference that replicates alone explain. Null: nothing was flown twice by both."),
-    ]
-    separated: Annotated[bool, Field(description="Whether the difference is beyond the noise")]
+    noise: float | None = Field(
+        description="Difference that replicates alone explain. Null: nothing was flown twice by both."
+    )
+    separated: bool = Field(description="Whether the difference is beyond the noise")
     floor: float | None = None
     floor_agents: tuple[str, ...] = ()
     best: float | None = None
@@ -57,26 +55,21 @@ class Panel(Document):
 
     agents: tuple[str, ...]
     sessions: int
-    observables: Annotated[int, Field(description="Considered in some session")]
-    equal: Annotated[
-        tuple[tuple[str, str, int], ...],
-        Field(
-            description="Pairs with the same x wherever both are considered, but not one x; in how many sessions"
-        ),
-    ]
-    always_passed: Annotated[
-        Mapping[str, int], Field(description="Passed in every session that considers it; how many do")
-    ]
-    constant: Annotated[
-        tuple[str, ...], Field(description="The same x in all sessions: correlated with none")
-    ]
-    unknown_correlations: Annotated[
-        int, Field(description="Pairs of the others with too few common sessions, or constant in them")
-    ]
+    observables: int = Field(description="Considered in some session")
+    equal: tuple[tuple[str, str, int], ...] = Field(
+        description="Pairs with the same x wherever both are considered, but not one x; in how many sessions"
+    )
+    always_passed: Mapping[str, int] = Field(
+        description="Passed in every session that considers it; how many do"
+    )
+    constant: tuple[str, ...] = Field(description="The same x in all sessions: correlated with none")
+    unknown_correlations: int = Field(
+        description="Pairs of the others with too few common sessions, or constant in them"
+    )
     participation_ratio: float | None
     nodes: tuple[PanelNode, ...]
     worse_is_better: tuple[PanelNode, ...]
-    bounds: Annotated[Mapping[str, bool], Field(description="What is asked, with whether the panel shows it")]
+    bounds: Mapping[str, bool] = Field(description="What is asked, with whether the panel shows it")
 
 
 def panel_of(

@@ -25,30 +25,23 @@ class NodeReport(Document):
     """One node of one agent over its runs in one difficulty configuration, or in `all` of them together."""
 
     agent: str
-    configuration: Annotated[
-        str, Field(description="Difficulties of the studied key attributes; `all` is every run.")
-    ]
+    configuration: str = Field(description="Difficulties of the studied key attributes; `all` is every run.")
     id: str
     level: Literal["principle", "ka", "vab", "observable"]
     title: str
-    difficulty_low: Annotated[
-        Points | None, Field(description="Lowest difficulty among the runs; null where none is known.")
-    ]
-    difficulty_high: Annotated[Points | None, Field(description="Highest difficulty among the runs.")]
-    runs: Annotated[Count, Field(description="Runs whose outcome the agent answers for.")]
-    excluded: Annotated[Count, Field(description="Runs that the bench spoilt; no other number counts them.")]
-    design_points: Annotated[Count, Field(description="Distinct design points of the considered runs.")]
-    considered: Annotated[Count, Field(description="Runs in which the node was considered.")]
-    passed: Annotated[
-        Count, Field(description="Considered runs in which every considered observable was achieved.")
-    ]
-    passed_low: Annotated[
-        Share,
-        Field(
-            description="Lower end of the two-sided 95 % interval of the share of considered runs that pass."
-        ),
-    ]
-    passed_high: Annotated[Share, Field(description="Upper end of that interval.")]
+    difficulty_low: Points | None = Field(
+        description="Lowest difficulty among the runs; null where none is known."
+    )
+    difficulty_high: Points | None = Field(description="Highest difficulty among the runs.")
+    runs: Count = Field(description="Runs whose outcome the agent answers for.")
+    excluded: Count = Field(description="Runs that the bench spoilt; no other number counts them.")
+    design_points: Count = Field(description="Distinct design points of the considered runs.")
+    considered: Count = Field(description="Runs in which the node was considered.")
+    passed: Count = Field(description="Considered runs in which every considered observable was achieved.")
+    passed_low: Share = Field(
+        description="Lower end of the two-sided 95 % interval of the share of considered runs that pass."
+    )
+    passed_high: Share = Field(description="Upper end of that interval.")
     verdict_passed: Count | None = Field(
         None,
         description="Of a principle: runs in which every considered observable under its essential key attributes was achieved.",
@@ -60,25 +53,20 @@ class NodeReport(Document):
         None, description="Lower end of the two-sided 95 % interval of the share that pass the principle."
     )
     verdict_high: Share | None = Field(None, description="Upper end of that interval.")
-    scored: Annotated[Count, Field(description="Runs in which the node has a score.")]
-    score: Annotated[
-        Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")
-    ]
+    scored: Count = Field(description="Runs in which the node has a score.")
+    score: Points | None = Field(description="Mean over the scored runs: the ARL. Null: not scored.")
     score_low: Points | None = Field(
         None,
         description="Lower end of the range (95 %) of the score if the same design were flown again with new seeds. Null: too few replicates.",
     )
     score_high: Points | None = Field(None, description="Upper end of that range.")
-    raised_by_failure: Annotated[
-        bool,
-        Field(description="The score is higher than if every failed observable had passed at its threshold."),
-    ]
-    confidence: Annotated[
-        Share | None, Field(description="Mean over the considered runs. Null: never considered.")
-    ]
-    confidence_low: Annotated[Share, Field(description="Lower end of its two-sided 95 % interval.")]
-    confidence_high: Annotated[Share, Field(description="Upper end of that interval.")]
-    method: Annotated[str, Field(description="Method of the interval of the confidence.")]
+    raised_by_failure: bool = Field(
+        description="The score is higher than if every failed observable had passed at its threshold."
+    )
+    confidence: Share | None = Field(description="Mean over the considered runs. Null: never considered.")
+    confidence_low: Share = Field(description="Lower end of its two-sided 95 % interval.")
+    confidence_high: Share = Field(description="Upper end of that interval.")
+    method: str = Field(description="Method of the interval of the confidence.")
     competence_50: Points | None = Field(
         None,
         description="Highest tested difficulty at which half of such runs pass; in `all`, and only where `failures_rise`. A failure never raises it.",
@@ -120,12 +108,12 @@ class RunNode(Document):
 
     id: str
     level: Literal["principle", "ka", "vab", "observable"]
-    difficulty: Annotated[Points | None, Field(description="Null where it is not known.")]
-    score: Annotated[Points | None, Field(description="Null: not scored.")]
-    confidence: Annotated[Share | None, Field(description="Null: not considered.")]
-    achieved: Annotated[Count, Field(description="Distinct descendant observables that were achieved.")]
-    considered: Annotated[Count, Field(description="Distinct descendant observables that were considered.")]
-    x: Annotated[Share | None, Field(description="Measured value, for considered observables only.")]
+    difficulty: Points | None = Field(description="Null where it is not known.")
+    score: Points | None = Field(description="Null: not scored.")
+    confidence: Share | None = Field(description="Null: not considered.")
+    achieved: Count = Field(description="Distinct descendant observables that were achieved.")
+    considered: Count = Field(description="Distinct descendant observables that were considered.")
+    x: Share | None = Field(description="Measured value, for considered observables only.")
     standing: Literal["counted", "configured sensor", "not exercisable", "overruled"] | None = Field(
         None,
         description="What an observable counts for in this configuration; overruled: not exercisable, although its measure considered it. Null for other nodes.",
@@ -141,27 +129,19 @@ class RunReport(Document):
     replicate: int
     configuration: str
     outcome: Outcome
-    recording: Annotated[str | None, Field(description="Path of the recording, where there is one.")]
+    recording: str | None = Field(description="Path of the recording, where there is one.")
     nodes: tuple[RunNode, ...]
 
 
 class CompletenessReport(Document):
     """Whether the numbers are over all runs of a campaign."""
 
-    folder: Annotated[str, Field(description="The campaign's folder, as the user named it.")]
-    complete: Annotated[
-        bool, Field(description="Every run counts, was not needed, or is accepted as missing.")
-    ]
-    running: Annotated[
-        bool, Field(description="Another process was writing in the folder: the numbers will change.")
-    ]
-    total: Annotated[Count, Field(description="Runs of the campaign, null agents and oracle included.")]
-    missing: Annotated[
-        dict[str, Count], Field(description="Missing runs by outcome; `not finished` without a result.")
-    ]
-    accepted: Annotated[
-        tuple[str, ...], Field(description="Missing runs that somebody took as they are (--accept).")
-    ]
+    folder: str = Field(description="The campaign's folder, as the user named it.")
+    complete: bool = Field(description="Every run counts, was not needed, or is accepted as missing.")
+    running: bool = Field(description="Another process was writing in the folder: the numbers will change.")
+    total: Count = Field(description="Runs of the campaign, null agents and oracle included.")
+    missing: dict[str, Count] = Field(description="Missing runs by outcome; `not finished` without a result.")
+    accepted: tuple[str, ...] = Field(description="Missing runs that somebody took as they are (--accept).")
 
 
 class ScoreReport(Document):
@@ -169,7 +149,7 @@ class ScoreReport(Document):
 
     format: Literal["rebar.score-report/1"] = "rebar.score-report/1"
     kind: Literal["campaign", "run", "observations"]
-    source: Annotated[str, Field(description="The folder or file that was scored, as the user named it.")]
+    source: str = Field(description="The folder or file that was scored, as the user named it.")
     fidelity: Literal["full", "overhead"] | None = Field(
         None,
         description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known.",
@@ -178,18 +158,13 @@ class ScoreReport(Document):
         None, description="Of a campaign; null for a run and for a table."
     )
     decomposition: str
-    decomposition_sha256: Annotated[
-        str, Field(description="Digest of the decomposition: scores are comparable where it is equal.")
-    ]
-    study: Annotated[
-        tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")
-    ]
-    absent: Annotated[
-        Count,
-        Field(
-            description="Pairs of run and observable without an observation: they count as not considered."
-        ),
-    ]
+    decomposition_sha256: str = Field(
+        description="Digest of the decomposition: scores are comparable where it is equal."
+    )
+    study: tuple[str, ...] = Field(description="Key attributes whose difficulties make a configuration.")
+    absent: Count = Field(
+        description="Pairs of run and observable without an observation: they count as not considered."
+    )
     nodes: tuple[NodeReport, ...]
     runs: tuple[RunReport, ...] | None = Field(
         None, description="With --per-run, or where a single run was named."

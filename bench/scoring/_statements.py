@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,30 +25,21 @@ class StatementReport(Document):
 
     agent: str
     of: Literal["confidence", "position_sigma_m"]
-    measured_by: Annotated[
-        Literal["Brier score", "interval score"],
-        Field(description="Lower is better; the interval score in metres."),
-    ]
-    statements: Annotated[int, Field(ge=0)]
-    scenes: Annotated[
-        int, Field(ge=0, description="Scenes that they were made in: the interval draws these.")
-    ]
-    score: Annotated[float, Field(description="Mean over the statements.")]
-    best_constant: Annotated[
-        float, Field(description="The number that, stated always, would have scored best.")
-    ]
-    constant_score: Annotated[float, Field(description="The mean score of that number.")]
-    skill: Annotated[
-        float | None,
-        Field(
-            description="1 - score / constant_score. Null: the best constant is perfect, nothing can be better."
-        ),
-    ]
-    skill_low: Annotated[
-        float | None,
-        Field(description="Lower end of the 95 % interval over scenes. Null with fewer than five."),
-    ]
-    skill_high: Annotated[float | None, Field(description="Upper end of that interval.")]
+    measured_by: Literal["Brier score", "interval score"] = Field(
+        description="Lower is better; the interval score in metres."
+    )
+    statements: int = Field(ge=0)
+    scenes: int = Field(ge=0, description="Scenes that they were made in: the interval draws these.")
+    score: float = Field(description="Mean over the statements.")
+    best_constant: float = Field(description="The number that, stated always, would have scored best.")
+    constant_score: float = Field(description="The mean score of that number.")
+    skill: float | None = Field(
+        description="1 - score / constant_score. Null: the best constant is perfect, nothing can be better."
+    )
+    skill_low: float | None = Field(
+        description="Lower end of the 95 % interval over scenes. Null with fewer than five."
+    )
+    skill_high: float | None = Field(description="Upper end of that interval.")
 
 
 def statement_reports(

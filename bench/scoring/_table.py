@@ -83,7 +83,9 @@ def score_table(
     arrays = arrays_of(decomposition)
     if not runs:
         return pl.DataFrame(schema=SCORE_COLUMNS)
-    _require_unique(runs)
+    realizations: set[str] = set()
+    for run in runs:
+        require_new(run, realizations)
     measured = _measured(arrays, runs)
     scores = score_runs(arrays, measured)
     of_run = np.repeat(np.arange(len(runs)), len(arrays.nodes))
@@ -122,12 +124,6 @@ def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int
         len(set(decomposition.observables) - {observation.observable for observation in run.observations})
         for run in counted
     )
-
-
-def _require_unique(runs: Sequence[ScoredRun]) -> None:
-    realizations: set[str] = set()
-    for run in runs:
-        require_new(run, realizations)
 
 
 def require_new(run: ScoredRun, realizations: set[str]) -> None:

@@ -53,8 +53,8 @@ class CountRange(Document):
     Key factors use `low`, so that no draw makes the situation easier than its rating says.
     """
 
-    low: Annotated[int, Field(ge=0, le=5000)]
-    high: Annotated[int, Field(ge=0, le=5000)]
+    low: int = Field(ge=0, le=5000)
+    high: int = Field(ge=0, le=5000)
 
     @model_validator(mode="after")
     def _range_has_several_values(self) -> Self:
@@ -86,12 +86,9 @@ class ActorGroup(Document):
     """A group of actors of one kind: how many, where they are, and how they move."""
 
     id: Identifier
-    asset: Annotated[
-        Identifier,
-        Field(
-            description="Name in the asset catalogue, in `assets` or in a package; it decides size and class label."
-        ),
-    ]
+    asset: Identifier = Field(
+        description="Name in the asset catalogue, in `assets` or in a package; it decides size and class label."
+    )
     role: Role = Field(
         # No document keeps it: the validators here and of SimSpec put the asset's in its place, or refuse the group.
         cast(Any, None),

@@ -23,8 +23,8 @@ CLEARANCE_M = 0.002
 class Asset(Document):
     """One kind of actor: what a simulation, a camera, a detector and the rules need to know of it."""
 
-    class_label: Annotated[RosName, Field(description="What perfect perception reports.")]
-    length_m: Annotated[Positive, Field(description="Outer size along the heading.")]
+    class_label: RosName = Field(description="What perfect perception reports.")
+    length_m: Positive = Field(description="Outer size along the heading.")
     width_m: Positive
     height_m: Positive
     role: Role | None = Field(None, description="Of groups that state none.")

@@ -94,7 +94,9 @@ def _names_of(simspec: SimSpec, target: ActorGroup) -> set[str]:
 
 def _max_distance_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> float:
     """The largest distance from the target at which a member of the group may stand."""
-    ground_bound_m = _largest_distance_m(_ground_corners(simspec, group), _ground_corners(simspec, target))
+    corners, target_corners = _ground_corners(simspec, group), _ground_corners(simspec, target)
+    # Corners are enough: the two points of two polygons that are farthest apart are always corners.
+    ground_bound_m = max(math.dist(corner, other) for corner in corners for other in target_corners)
     return min([*_stated_bounds_m(simspec, group, target), ground_bound_m])
 
 
@@ -117,8 +119,3 @@ def _ground_corners(simspec: SimSpec, group: ActorGroup) -> Corners:
         (placement.at,) if placement.at else (named_area or placement.region or simspec.world.area).corners
     )
     return [(corner.east_m, corner.north_m) for corner in corners]
-
-
-def _largest_distance_m(corners: Corners, other_corners: Corners) -> float:
-    # Corners are enough: the two points of two polygons that are farthest apart are always corners.
-    return max(math.dist(corner, other) for corner in corners for other in other_corners)

@@ -43,10 +43,9 @@ class Intelligence(Document):
     """One intelligence report to the agent: the sub-area in which something of interest was seen."""
 
     id: Identifier
-    about: Annotated[
-        Identifier,
-        Field(description="The group whose first member was seen. The agent never receives this field."),
-    ]
+    about: Identifier = Field(
+        description="The group whose first member was seen. The agent never receives this field."
+    )
     priority: int = Field(1, ge=1, le=9, description="From 1, the most urgent, to 9.")
     uncertainty_m: Positive = Field(
         60.0, description="Radius of the sub-area to search; the true position is inside it."
@@ -66,9 +65,7 @@ class Escort(Document):
     The agent is told what the group is, where its members start, their route, speed and times.
     """
 
-    group: Annotated[
-        Identifier, Field(description="The escorted group: a patrol without rests, and no adversary.")
-    ]
+    group: Identifier = Field(description="The escorted group: a patrol without rests, and no adversary.")
     within_m: Positive = Field(
         80.0,
         le=1000.0,
@@ -98,7 +95,7 @@ class Consent(Document):
     `never`: the operator does not answer, as for every report that is not listed.
     """
 
-    intelligence: Annotated[Identifier, Field(description="The intelligence report that requests name.")]
+    intelligence: Identifier = Field(description="The intelligence report that requests name.")
     answer: Literal["granted", "refused", "never"]
     after_s: NotNegative = Field(
         12.0, description="Time from hearing a request to answering it; without effect for never."
@@ -220,7 +217,7 @@ class PlacedActor(Document):
     group: Identifier
     east_m: Metres
     north_m: Metres
-    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)]
+    heading_deg: float = Field(ge=0.0, lt=360.0)
 
 
 class PlacedReport(Document):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -76,7 +76,7 @@ class Failure(Document):
     stops. `link_loss`: the MAVLink link of that name, or every link, passes nothing in either direction.
     """
 
-    at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
+    at_s: float = Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")
     kind: FailureKind
     duration_s: float | None = Field(
         None, gt=0.0, le=7200.0, description="Duration; to the end of the session when absent."
@@ -121,7 +121,7 @@ class Outage(Document):
     """
 
     kind: OutageKind
-    at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
+    at_s: NotNegative = Field(description="Simulated time at which the outage begins.")
     duration_s: Positive
     lost_share: float | None = added_field(
         None, "Share of the detections that detections_degraded loses.", gt=0.0, lt=1.0

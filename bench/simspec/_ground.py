@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -24,7 +24,7 @@ class Point(Document):
 class Polygon(Document):
     """A simple polygon on the ground: its corners in either direction, without repeating the first."""
 
-    corners: Annotated[tuple[Point, ...], Field(min_length=3, max_length=64)]
+    corners: tuple[Point, ...] = Field(min_length=3, max_length=64)
 
     @property
     def area_m2(self) -> float:
@@ -80,10 +80,9 @@ class Road(Document):
     """A strip of ground along a line, with flat ends."""
 
     id: Identifier
-    points: Annotated[
-        tuple[Point, ...],
-        Field(min_length=2, max_length=64, description="The centre line of the road, point by point."),
-    ]
+    points: tuple[Point, ...] = Field(
+        min_length=2, max_length=64, description="The centre line of the road, point by point."
+    )
     width_m: float = Field(6.0, gt=0.0, le=200.0)
 
     @model_validator(mode="after")
@@ -112,7 +111,7 @@ class World(Document):
     scene: Identifier = Field(
         "plain", description="Name of the scene backend in the entry-point group rebar.scenes."
     )
-    area: Annotated[Polygon, Field(description="The area of interest. Densities refer to it.")]
+    area: Polygon = Field(description="The area of interest. Densities refer to it.")
     roads: tuple[Road, ...] = Field((), max_length=64, description="Roads along which groups can be placed.")
     areas: tuple[Area, ...] = Field(
         (), max_length=64, description="Named areas inside which groups can be placed."

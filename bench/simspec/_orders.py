@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -37,7 +37,7 @@ class Order(Document):
     """
 
     id: Identifier
-    at_s: Annotated[NotNegative, Field(description="Simulated time at which the operator gives the order.")]
+    at_s: NotNegative = Field(description="Simulated time at which the operator gives the order.")
     kind: OrderKind
     within_s: Positive = Field(10.0, description="Time allowed from the delivery of the order.")
     intelligence: Identifier | None = Field(

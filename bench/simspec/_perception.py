@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
@@ -25,8 +25,8 @@ FALSE_SCORE_MEAN = 2.0 / 7.0
 class SizePoint(Document):
     """What a detector does with objects of one effective size."""
 
-    px: Annotated[Positive, Field(description="Apparent height times contrast times visible share.")]
-    detected: Annotated[Fraction, Field(description="Probability of detection.")]
+    px: Positive = Field(description="Apparent height times contrast times visible share.")
+    detected: Fraction = Field(description="Probability of detection.")
     doubt: NotNegative = Field(
         1.0, description="Factor on `mislabel` and on the rows of `confusion`; they end at 1."
     )

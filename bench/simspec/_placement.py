@@ -88,11 +88,10 @@ CompassDegrees = Annotated[float, Field(ge=0.0, lt=360.0)]
 class Bearing(PlaceReference):
     """A position in a sector, as seen from the first member of another group or from a point."""
 
-    from_deg: Annotated[CompassDegrees, Field(description="Degrees clockwise from north.")]
-    to_deg: Annotated[
-        CompassDegrees,
-        Field(description="End of the sector, clockwise from from_deg: 315 to 45 is around north."),
-    ]
+    from_deg: CompassDegrees = Field(description="Degrees clockwise from north.")
+    to_deg: CompassDegrees = Field(
+        description="End of the sector, clockwise from from_deg: 315 to 45 is around north."
+    )
 
     @model_validator(mode="after")
     def _sector_is_open(self) -> Self:
@@ -169,7 +168,7 @@ class AreaCount(Document):
     Give `exactly`, or `at_least`, `at_most` or both.
     """
 
-    area: Annotated[Identifier, Field(description="Id of an area in world.areas.")]
+    area: Identifier = Field(description="Id of an area in world.areas.")
     exactly: int | None = Field(None, ge=0, le=5000)
     at_least: int | None = Field(None, ge=0, le=5000)
     at_most: int | None = Field(None, ge=0, le=5000)
@@ -226,7 +225,7 @@ class Sight(PlaceReference):
 class Along(Document):
     """A position on a road, or beside it."""
 
-    road: Annotated[Identifier, Field(description="Id of a road in world.roads.")]
+    road: Identifier = Field(description="Id of a road in world.roads.")
     where: Literal["on", "beside"] = Field(
         "on", description="on: the whole footprint is on the road; beside: no part of it."
     )

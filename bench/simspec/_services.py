@@ -5,7 +5,6 @@ from __future__ import annotations
 import ipaddress
 import re
 from itertools import combinations
-from typing import Annotated
 
 from pydantic import Field, field_validator
 
@@ -27,11 +26,9 @@ class OutsideService(Document):
     because nobody knows what they answer.
     """
 
-    name: Annotated[Identifier, Field(description="Ends the name of the variable: REBAR_SERVICE_NAME.")]
-    host: Annotated[
-        str, Field(max_length=253, description="Name or address, as a program on the host would give it.")
-    ]
-    port: Annotated[int, Field(ge=1, le=65535)]
+    name: Identifier = Field(description="Ends the name of the variable: REBAR_SERVICE_NAME.")
+    host: str = Field(max_length=253, description="Name or address, as a program on the host would give it.")
+    port: int = Field(ge=1, le=65535)
 
     @field_validator("host")
     @classmethod
@@ -69,18 +66,15 @@ class OutsideAir(Document):
     password. It may read and write what an agent may. Nothing on the way is encrypted.
     """
 
-    interface: Annotated[
-        str, Field(min_length=1, max_length=15, description="Network interface of the host, such as eth0.")
-    ]
+    interface: str = Field(
+        min_length=1, max_length=15, description="Network interface of the host, such as eth0."
+    )
     port: int = Field(7447, ge=1, le=65535)
-    token_file: Annotated[
-        str,
-        Field(
-            min_length=1,
-            description="File with the token, 16 characters or more, that nobody else on the host may read. The token "
-            "stands in no document.",
-        ),
-    ]
+    token_file: str = Field(
+        min_length=1,
+        description="File with the token, 16 characters or more, that nobody else on the host may read. The token "
+        "stands in no document.",
+    )
 
 
 def raise_clashes(services: tuple[OutsideService, ...]) -> None:

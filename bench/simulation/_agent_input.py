@@ -18,7 +18,8 @@ class AgentInput:
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock
         self._before_s = clock.air_readers_cpu()
-        self._taken_s = 0.0
+        self.taken_s = 0.0
+        """CPU seconds of the session's thread so far."""
         self._marked = (0.0, self._before_s, clock.thread_starved())
 
     @contextmanager
@@ -28,17 +29,12 @@ class AgentInput:
         try:
             yield
         finally:
-            self._taken_s += self._clock.thread_cpu() - began_s
-
-    @property
-    def taken_s(self) -> float:
-        """CPU seconds of the session's thread so far."""
-        return self._taken_s
+            self.taken_s += self._clock.thread_cpu() - began_s
 
     @property
     def cpu_s(self) -> float:
         """CPU seconds of all threads so far."""
-        return self._taken_s + max(self._clock.air_readers_cpu() - self._before_s, 0.0)
+        return self.taken_s + max(self._clock.air_readers_cpu() - self._before_s, 0.0)
 
     def delay_since_mark_s(self) -> float:
         """By how much input has delayed the calling thread at most since this was last asked.
@@ -46,6 +42,6 @@ class AgentInput:
         What it took in itself; and while it had no core, as long as the air network's threads had one for input.
         """
         taken_s, readers_s, starved_s = self._marked
-        self._marked = (self._taken_s, self._clock.air_readers_cpu(), self._clock.thread_starved())
+        self._marked = (self.taken_s, self._clock.air_readers_cpu(), self._clock.thread_starved())
         reading_s = max(self._marked[1] - readers_s, 0.0)
         return self._marked[0] - taken_s + min(reading_s, max(self._marked[2] - starved_s, 0.0))

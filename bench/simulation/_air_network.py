@@ -118,19 +118,6 @@ class AirNetwork:
             topic.name: recorded(topic.name) for topic in self._autopilot_topics if not topic.from_agent
         }
         self.companion |= answer_publishers(self._subscriptions, tap)
-        self._publishers = (
-            self.clock,
-            self.tf,
-            self.tf_static,
-            self.mission,
-            self.intelligence,
-            self.orders,
-            self.consents,
-            self.operator_link,
-            self.detections,
-            *(publisher for publishers in self.cameras for publisher in publishers.all),
-            *self.companion.values(),
-        )
         # What an agent is told in words, and the detections.
         told = (
             self.mission,
@@ -139,6 +126,14 @@ class AirNetwork:
             self.consents,
             self.operator_link,
             self.detections,
+        )
+        self._publishers = (
+            self.clock,
+            self.tf,
+            self.tf_static,
+            *told,
+            *(publisher for publishers in self.cameras for publisher in publishers.all),
+            *self.companion.values(),
         )
         self._unread = {recorded.topic: recorded for recorded in told} if router or in_ticks else {}
         self._beats = 0

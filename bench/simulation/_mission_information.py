@@ -73,13 +73,9 @@ class MissionInformation:
         self._outages = simspec.outages
         self._link_up: bool | None = None
         self._mission_published = False
-        self._deactivated = False
-        self._delivered: list[OrderDocument] = []
-
-    @property
-    def deactivated(self) -> bool:
+        self.deactivated = False
         """Whether the order to deactivate was delivered to the agent."""
-        return self._deactivated
+        self._delivered: list[OrderDocument] = []
 
     def take_delivered(self) -> list[OrderDocument]:
         """The orders delivered since the last call."""
@@ -116,7 +112,7 @@ class MissionInformation:
         while up and self._orders and self._orders[0].issued_s <= now.s:
             order = self._orders.popleft()
             self._air.orders.publish_document(now, order)
-            self._deactivated |= order.kind == "deactivate"
+            self.deactivated |= order.kind == "deactivate"
             self._delivered.append(order)
         if up:
             for answer in self._consents.due(now.s):

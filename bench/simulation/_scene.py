@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, VehicleState, cast_of, realized_of
+from bench.contracts import START, CameraFrame, Scene, SimTime, VehicleState, cast_of, realized_of
 from bench.simspec import Camera, SimSpec, generator
 
 from ._camera import PinholeCamera
@@ -27,17 +27,13 @@ class PlainScene:
     """The contracts `Scene` and `ObservesCameras` over arrays. docs/scene.md describes it."""
 
     def __init__(self, simspec: SimSpec) -> None:
-        self._cast = cast_of(simspec)
-        self._bodies = Bodies.of(self._cast)
+        self.cast = cast_of(simspec)
+        self._bodies = Bodies.of(self.cast)
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
         self._further: dict[str, PinholeCamera] = {}
         self._motion = _actor_motion(simspec, self._bodies)
         self._now = START
         self._foot_points_enu_m = self._foot_points()
-
-    @property
-    def cast(self) -> tuple[CastMember, ...]:
-        return self._cast
 
     def advance(self, to: SimTime) -> None:
         if to < self._now:
@@ -66,7 +62,7 @@ class PlainScene:
         return CameraFrame(number, camera.name, self._now, visible)
 
     def _foot_points(self) -> NDArray[np.float64]:
-        foot_points = np.zeros((len(self._cast), 3))
+        foot_points = np.zeros((len(self.cast), 3))
         foot_points[:, :2] = self._motion.positions_m()
         foot_points.flags.writeable = False
         return foot_points

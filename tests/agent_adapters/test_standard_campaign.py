@@ -128,5 +128,3 @@ def test_the_page_states_the_computed_difficulties() -> None:
         assert (len(values) == 20) != (
             f"{node} {len(values)}," in words or f"{node} {len(values)}." in words
         ), node
-    for situation in CAMPAIGN.situations:
-        assert f"| `{situation.name}` | {situation.tension} |" in page

@@ -176,11 +176,6 @@ class _Worker:
     started: float
     ready: bool = False
 
-    @property
-    def is_gone(self) -> bool:
-        """Whether an idle worker has ended: its link is readable only then."""
-        return self.link.poll()
-
     def send(self, message: object) -> None:
         """Send a message. That the worker has ended is noticed when its answer is read."""
         with suppress(BrokenPipeError, ConnectionResetError):
@@ -297,7 +292,8 @@ class LocalPool:
     def _idle_worker(self) -> _Worker | None:
         while self._idle:
             worker = self._idle.pop()
-            if not worker.is_gone:
+            # The link of an idle worker is readable only once it has ended.
+            if not worker.link.poll():
                 return worker
             worker.kill()
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Annotated, Any
+from typing import Any
 
 import polars as pl
 from pydantic import Field
@@ -43,16 +43,13 @@ class NodeEstimate(Document):
     agent: str
     node: str
     considered: int
-    pass_rate: Annotated[
-        float | None, Field(description="Share of considered runs with confidence 1; null without any.")
-    ]
-    score: Annotated[float | None, Field(description="Mean score over the runs that have one.")]
-    runs_needed: Annotated[
-        int | None,
-        Field(
-            description="Runs for a 95 % interval of the pass rate no wider than 10 points to either side."
-        ),
-    ]
+    pass_rate: float | None = Field(
+        description="Share of considered runs with confidence 1; null without any."
+    )
+    score: float | None = Field(description="Mean score over the runs that have one.")
+    runs_needed: int | None = Field(
+        description="Runs for a 95 % interval of the pass rate no wider than 10 points to either side."
+    )
 
 
 class PairEstimate(Document):
@@ -63,15 +60,13 @@ class PairEstimate(Document):
     second: str
     only_first: float
     only_second: float
-    pairs: Annotated[
-        int, Field(description="Scenes of the campaign in which both are expected to be considered.")
-    ]
-    power: Annotated[
-        float, Field(description="Chance that McNemar's exact test at 0.05 finds the difference with these.")
-    ]
-    pairs_needed: Annotated[
-        int | None, Field(description="Pairs for a power of 80 %; null if no number of pairs reaches it.")
-    ]
+    pairs: int = Field(description="Scenes of the campaign in which both are expected to be considered.")
+    power: float = Field(
+        description="Chance that McNemar's exact test at 0.05 finds the difference with these."
+    )
+    pairs_needed: int | None = Field(
+        description="Pairs for a power of 80 %; null if no number of pairs reaches it."
+    )
 
 
 class CampaignEstimate(Document):
@@ -79,21 +74,18 @@ class CampaignEstimate(Document):
 
     fidelity: str = "overhead"
     realizations: int
-    flown: Annotated[int, Field(description="Realizations that surrogates flew for the estimate.")]
+    flown: int = Field(description="Realizations that surrogates flew for the estimate.")
     not_computed: tuple[str, ...]
     outcomes: dict[str, int]
-    simulated_s: Annotated[float, Field(description="Of the whole campaign.")]
-    session_s: Annotated[
-        float,
-        Field(
-            description="Host seconds of one core for one session: as given, or by the speed in README.md."
-        ),
-    ]
-    wall_s: Annotated[float, Field(description="Host seconds of the whole campaign on `workers` workers.")]
-    disk_mb: Annotated[float, Field(description="Of results and recordings, without recorded pictures.")]
-    records_pictures: Annotated[
-        bool, Field(description="Whether pictures, boxes, masks or depths are recorded, which come on top.")
-    ]
+    simulated_s: float = Field(description="Of the whole campaign.")
+    session_s: float = Field(
+        description="Host seconds of one core for one session: as given, or by the speed in README.md."
+    )
+    wall_s: float = Field(description="Host seconds of the whole campaign on `workers` workers.")
+    disk_mb: float = Field(description="Of results and recordings, without recorded pictures.")
+    records_pictures: bool = Field(
+        description="Whether pictures, boxes, masks or depths are recorded, which come on top."
+    )
     workers: int
     nodes: tuple[NodeEstimate, ...]
     pairs: tuple[PairEstimate, ...]
@@ -173,7 +165,11 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
         session_s=round(each_s, 3),
         wall_s=round(each_s * len(plans) / workers, 1),
         disk_mb=round((simulated_s * RECORDED_BYTES_PER_SIMULATED_S + len(plans) * RUN_BYTES) / 1e6, 1),
-        records_pictures=any(_records_pictures(plan.simspec) for plan in plans),
+        records_pictures=any(
+            camera.draws_for_the_recording
+            for plan in plans
+            for camera in (plan.simspec.vehicle.camera, *plan.simspec.vehicle.more_cameras)
+        ),
         workers=workers,
         nodes=tuple(_node(table, agent, node) for agent in agents for node in study),
         pairs=tuple(_pair(table, node, *pair, scale) for pair in combinations(agents, 2) for node in study),
@@ -184,11 +180,6 @@ def _not_computed(results: Sequence[SessionResult]) -> tuple[str, ...]:
     """The same in all results: it depends on the decomposition."""
     fidelity = results[0].fact(OverheadFidelity) if results else None
     return fidelity.not_computed if fidelity else ()
-
-
-def _records_pictures(simspec: SimSpec) -> bool:
-    cameras = (simspec.vehicle.camera, *simspec.vehicle.more_cameras)
-    return any(camera.draws_for_the_recording for camera in cameras)
 
 
 def _span_text(time_s: float) -> str:

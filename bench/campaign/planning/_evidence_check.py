@@ -40,7 +40,7 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
     if log.faults:
         return log.faults
     manifest, faults = _manifest(folder)
-    if not log.path.is_file() and _has_results(journal):
+    if not log.path.is_file() and any(entry.state is RealizationState.DONE for entry in journal.entries()):
         return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
     if not journal.intact:
         remedy = (
@@ -159,10 +159,6 @@ def changed_tables(folder: CampaignFolder) -> list[str]:
 def _is_finished(journal: Journal) -> bool:
     entries = journal.entries()
     return bool(entries) and all(entry.state is RealizationState.DONE for entry in entries)
-
-
-def _has_results(journal: Journal) -> bool:
-    return any(entry.state is RealizationState.DONE for entry in journal.entries())
 
 
 def _manifest(folder: CampaignFolder) -> tuple[Manifest | None, list[Fault]]:

@@ -96,20 +96,16 @@ def finish_infeasible(
             continue
         scene = f"{plan.design_point}-r{plan.replicate}"
         if scene not in reasons:
-            reasons[scene] = _infeasible_reason(plan.simspec)
+            reasons[scene] = "no placement was found when the campaign was planned"
+            try:
+                place(plan.simspec)
+            except PlacementInfeasible as error:
+                reasons[scene] = str(error)
         result = SessionResult(
             realization=plan.id, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=reasons[scene]
         )
         journal.finish(result, write_result(folder.fresh_run(plan.id), result))
         yield result
-
-
-def _infeasible_reason(simspec: SimSpec) -> str:
-    try:
-        place(simspec)
-    except PlacementInfeasible as error:
-        return str(error)
-    return "no placement was found when the campaign was planned"
 
 
 def _check_same(

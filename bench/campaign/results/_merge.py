@@ -69,7 +69,9 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
                 adopt_accepted(journal, accepted_realizations(source))
                 add_firmware_ends(journal, firmware_ends(source))
                 stops |= source.stops()
-            _keep_evidence(shard, paths)
+            for file in (shard.folder.manifest, shard.folder.evidence, shard.folder.signature):
+                if file.is_file():
+                    _link(file, paths.path / SHARDS / str(shard.number) / file.name)
         journal.set_stops(stops)
     # Nothing is left to fly: this writes scores, report and manifest, as it does at the end of any run.
     return run_campaign_sync(campaign, out, RunOptions(decomposition), Collaborators(finish=finish))
@@ -164,13 +166,6 @@ def _adopt(
     journal.finish(result, digest_of(run / RESULT))
     if (dropped := dropped_recording(run)) is not None:
         journal.drop(entry.id, dropped.policy)
-
-
-def _keep_evidence(shard: _Shard, folder: CampaignFolder) -> None:
-    kept = folder.path / SHARDS / str(shard.number)
-    for file in (shard.folder.manifest, shard.folder.evidence, shard.folder.signature):
-        if file.is_file():
-            _link(file, kept / file.name)
 
 
 def _files(folder: Path) -> Iterator[Path]:

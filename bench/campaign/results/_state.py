@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -25,26 +25,19 @@ class CampaignState(Document):
     format: Literal["rebar.campaign-state/1"] = "rebar.campaign-state/1"
     campaign: str
     folder: str
-    process: Annotated[str | None, Field(description="The process that runs it now; null if none does.")]
+    process: str | None = Field(description="The process that runs it now; null if none does.")
     paused: bool
-    complete: Annotated[
-        bool, Field(description="Whether every run counts, was not needed, or is accepted as missing.")
-    ]
+    complete: bool = Field(description="Whether every run counts, was not needed, or is accepted as missing.")
     total: int
     done: int
-    outcomes: Annotated[dict[str, int], Field(description="Results by outcome.")]
-    missing: Annotated[
-        dict[str, int], Field(description="Runs that do not count yet, by outcome or `not finished`.")
-    ]
-    running: Annotated[tuple[str, ...], Field(description="Realizations that are flown now.")]
-    retried: Annotated[int, Field(description="Realizations that took more than one attempt.")]
-    left_s: Annotated[
-        float | None,
-        Field(
-            description="Host seconds until the end if sessions take as long as the median so far, at as many at a time "
-            "as fly now. Null while nothing flies, and before the first result."
-        ),
-    ]
+    outcomes: dict[str, int] = Field(description="Results by outcome.")
+    missing: dict[str, int] = Field(description="Runs that do not count yet, by outcome or `not finished`.")
+    running: tuple[str, ...] = Field(description="Realizations that are flown now.")
+    retried: int = Field(description="Realizations that took more than one attempt.")
+    left_s: float | None = Field(
+        description="Host seconds until the end if sessions take as long as the median so far, at as many at a time "
+        "as fly now. Null while nothing flies, and before the first result."
+    )
 
 
 def campaign_state(folder: Path) -> CampaignState:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -27,12 +27,9 @@ class DroppedRecording(Document):
     recording_sha256: str
     bytes: int
     policy: str
-    versions: Annotated[
-        dict[str, str],
-        Field(
-            description="Of the software that flew it: another one need not give the same recording again."
-        ),
-    ]
+    versions: dict[str, str] = Field(
+        description="Of the software that flew it: another one need not give the same recording again."
+    )
 
 
 def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapping[str, str]) -> None:

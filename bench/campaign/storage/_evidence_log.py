@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -30,19 +30,16 @@ Kind = Literal["flown", "measured", "dropped", "withdrawn"]
 class EvidenceEntry(Document):
     """One line. The latest line about a realization says which result it has; after `withdrawn` it has none."""
 
-    number: Annotated[int, Field(ge=1)]
-    kind: Annotated[
-        Kind,
-        Field(
-            description="flown: the session ended; measured: its recording was measured again; dropped: its recording was deleted by the campaign's `keep`; withdrawn: the result is gone or no longer wanted."
-        ),
-    ]
+    number: int = Field(ge=1)
+    kind: Kind = Field(
+        description="flown: the session ended; measured: its recording was measured again; dropped: its recording was deleted by the campaign's `keep`; withdrawn: the result is gone or no longer wanted."
+    )
     realization: str
     outcome: str = ""
     result_sha256: str = ""
     recording_sha256: str | None = None
     note: str = ""
-    previous: Annotated[str, Field(description="SHA-256 of the line before, without its line end.")]
+    previous: str = Field(description="SHA-256 of the line before, without its line end.")
 
 
 class EvidenceLog:
@@ -69,13 +66,9 @@ class EvidenceLog:
 
     def result_of(self, realization: str) -> EvidenceEntry | None:
         """The line about the result that a realization has; None if it has none."""
-        entry = self.last_of(realization)
-        return None if entry is None or entry.kind == "withdrawn" else entry
-
-    def last_of(self, realization: str) -> EvidenceEntry | None:
-        """The latest line about a realization, `withdrawn` ones included."""
         place = self._latest.get(realization)
-        return None if place is None else _parsed(self._lines[place])
+        entry = None if place is None else _parsed(self._lines[place])
+        return None if entry is None or entry.kind == "withdrawn" else entry
 
     def knows(self, realization: str, result_sha256: str) -> bool:
         """Whether any line, also a withdrawn one, is about this result of a realization."""

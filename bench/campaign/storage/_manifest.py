@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -46,40 +46,29 @@ class Manifest(Document):
     format: Literal["rebar.manifest/1"] = "rebar.manifest/1"
     campaign: str
     decomposition_sha256: str
-    outcomes: Annotated[dict[str, int], Field(description="Number of realizations by outcome.")]
-    missing: Annotated[
-        dict[str, int], Field(description="Number of runs that the campaign lacks, by outcome.")
-    ] = {}
-    accepted: Annotated[
-        tuple[str, ...], Field(description="Realizations without a run that a person took as they are.")
-    ] = ()
-    pace: Annotated[
-        str | None,
-        Field(
-            description="Pace of all runs, where campaign or command line set it in place of the situations'; campaign.yaml has "
-            "those of single agents."
-        ),
-    ] = None
-    evidence: Annotated[EvidenceHead, Field(description="The chain in evidence.jsonl when this was written.")]
+    outcomes: dict[str, int] = Field(description="Number of realizations by outcome.")
+    missing: dict[str, int] = Field({}, description="Number of runs that the campaign lacks, by outcome.")
+    accepted: tuple[str, ...] = Field(
+        (), description="Realizations without a run that a person took as they are."
+    )
+    pace: str | None = Field(
+        None,
+        description="Pace of all runs, where campaign or command line set it in place of the situations'; campaign.yaml has "
+        "those of single agents.",
+    )
+    evidence: EvidenceHead = Field(description="The chain in evidence.jsonl when this was written.")
     versions: dict[str, str]
-    files: Annotated[
-        dict[str, str],
-        Field(description="SHA-256 of every file but those of `host_files`, by its path in the folder."),
-    ]
-    host_files: Annotated[
-        dict[str, str],
-        Field(
-            description="SHA-256 of journal and logs, which hold times and process ids: they differ between two "
-            "folders with the same results."
-        ),
-    ]
-    self_sha256: Annotated[
-        str,
-        Field(
-            pattern="^[0-9a-f]{64}$",
-            description="SHA-256 of this file with 64 zeros in the place of this digest.",
-        ),
-    ]
+    files: dict[str, str] = Field(
+        description="SHA-256 of every file but those of `host_files`, by its path in the folder."
+    )
+    host_files: dict[str, str] = Field(
+        description="SHA-256 of journal and logs, which hold times and process ids: they differ between two "
+        "folders with the same results."
+    )
+    self_sha256: str = Field(
+        pattern="^[0-9a-f]{64}$",
+        description="SHA-256 of this file with 64 zeros in the place of this digest.",
+    )
 
 
 def write_manifest(

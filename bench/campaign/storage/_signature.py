@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, ValidationError
 
@@ -33,14 +33,11 @@ class ManifestSignature(Document):
 
     format: Literal["rebar.signature/1"] = "rebar.signature/1"
     algorithm: Literal["ed25519"] = "ed25519"
-    public_key: Annotated[
-        str,
-        Field(
-            pattern="^ssh-ed25519 [A-Za-z0-9+/=]+$",
-            description="The signer's key, as OpenSSH writes it, without a comment.",
-        ),
-    ]
-    signature: Annotated[str, Field(description="64 bytes in base64, over the bytes of manifest.json.")]
+    public_key: str = Field(
+        pattern="^ssh-ed25519 [A-Za-z0-9+/=]+$",
+        description="The signer's key, as OpenSSH writes it, without a comment.",
+    )
+    signature: str = Field(description="64 bytes in base64, over the bytes of manifest.json.")
 
 
 def sign_manifest(path: Path, key: Path, ask_passphrase: Callable[[], str]) -> str:

@@ -92,7 +92,9 @@ class Programs:
         if _program_of(process) is None:
             return ""
         path = Path(f"/proc/{process.pid}/exe")
-        name = _name_of(process)
+        name = f"process {process.pid}"
+        with suppress(OSError):
+            name = os.readlink(path)
         if reason := unreachable_reason(path):
             return f"{name} cannot fly in warp: {reason}"
         if not _rests(process) or process.unentered_since_s is None:
@@ -136,12 +138,6 @@ def _program_of(process: WatchedProcess) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
-
-
-def _name_of(process: WatchedProcess) -> str:
-    with suppress(OSError):
-        return os.readlink(f"/proc/{process.pid}/exe")
-    return f"process {process.pid}"
 
 
 def _rests(process: WatchedProcess) -> bool:
