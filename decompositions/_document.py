@@ -96,9 +96,7 @@ class KeyFactor(Document):
     has no difficulty (docs/rulings.md 14).
     """
 
-    factor: Annotated[
-        str, Field(min_length=1, max_length=63, description="Name of the key factor in the SimSpec.")
-    ]
+    factor: str = Field(min_length=1, max_length=63, description="Name of the key factor in the SimSpec.")
     unit: Annotated[
         str,
         BeforeValidator(_stated_unit),
@@ -108,12 +106,10 @@ class KeyFactor(Document):
             description='Unit of the values; must be the unit of the factor, "1" for one without a dimension.',
         ),
     ]
-    ratings: Annotated[
-        tuple[float, ...], Field(max_length=101, description="Difficulty of each column, rising, 0 to 100.")
-    ]
-    values: Annotated[
-        tuple[float, ...], Field(max_length=101, description="Value of the factor in each column.")
-    ]
+    ratings: tuple[float, ...] = Field(
+        max_length=101, description="Difficulty of each column, rising, 0 to 100."
+    )
+    values: tuple[float, ...] = Field(max_length=101, description="Value of the factor in each column.")
     mapping: Literal["linear", "step"] = Field(
         "linear", description="Between two columns: linear, or the rating of the column at or below."
     )
@@ -135,8 +131,8 @@ class KeyFactor(Document):
 
 class _TitledNode(Document):
     id: NodeId
-    title: Annotated[str, Field(min_length=1, max_length=120)]
-    asks: Annotated[Sentence, Field(description="The demand on the agent, in one sentence.")]
+    title: str = Field(min_length=1, max_length=120)
+    asks: Sentence = Field(description="The demand on the agent, in one sentence.")
 
 
 class InnerNode(_TitledNode):
@@ -179,13 +175,10 @@ class Observable(_TitledNode):
     options: dict[str, Option] = Field({}, description="Options of the measure.")
     # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has
     # them for editors.
-    threshold: Annotated[
-        float,
-        Field(
-            description="Least measured value that achieves the observable.",
-            json_schema_extra={"minimum": 0.0, "maximum": 1.0},
-        ),
-    ]
+    threshold: float = Field(
+        description="Least measured value that achieves the observable.",
+        json_schema_extra={"minimum": 0.0, "maximum": 1.0},
+    )
     threshold_reason: Sentence | None = Field(
         None, description="Why this threshold. Left out only where measured values are given with the runs."
     )
@@ -197,9 +190,9 @@ class Observable(_TitledNode):
         description="Overrides the policy of the same name; only with partial_credit.",
         json_schema_extra={"minimum": 0.0, "maximum": 1.0},
     )
-    considered: Annotated[
-        Sentence, Field(description="When a run exercises it, decided by the scenario and the truth.")
-    ]
+    considered: Sentence = Field(
+        description="When a run exercises it, decided by the scenario and the truth."
+    )
     always_considered: bool = False
     key_factors: tuple[str | KeyFactor, ...] = Field(
         (),
@@ -218,8 +211,8 @@ class DecompositionDocument(Document):
     # Required, unlike other fields: a file must say which format it has, so that a later format can be told
     # apart.
     format: Literal["rebar.decomposition/1"]
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,62}$")]
-    title: Annotated[str, Field(min_length=1, max_length=120)]
+    name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,62}$")
+    title: str = Field(min_length=1, max_length=120)
     description: str = ""
     policies: Policies = Policies()
     study: tuple[NodeId, ...] = Field(
@@ -231,4 +224,4 @@ class DecompositionDocument(Document):
     principles: tuple[Principle, ...] = ()
     key_attributes: tuple[KeyAttribute, ...] = ()
     vabs: tuple[Vab, ...] = ()
-    observables: Annotated[tuple[Observable, ...], Field(json_schema_extra={"minItems": 1})]
+    observables: tuple[Observable, ...] = Field(json_schema_extra={"minItems": 1})

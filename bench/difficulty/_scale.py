@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,7 +29,7 @@ class FeatureScale(Document):
     """The values of a feature over the panel's situations; values outside count as the nearest one inside."""
 
     mean: float
-    deviation: Annotated[float, Field(gt=0.0)]
+    deviation: float = Field(gt=0.0)
     low: float
     high: float
 
@@ -43,17 +43,14 @@ class NodeScale(Document):
 
     trials: int
     failures: int
-    abilities: Annotated[
-        dict[str, float],
-        Field(min_length=1, description="Of each agent of the panel, in its average situation."),
-    ]
-    weights: Annotated[dict[str, float], Field(description="For one deviation of each feature.")]
-    unproved: Annotated[
-        str,
-        Field(
-            description="Why nothing is claimed on this scale; empty where it held on agents outside the panel."
-        ),
-    ] = "not tested on agents outside the panel"
+    abilities: dict[str, float] = Field(
+        min_length=1, description="Of each agent of the panel, in its average situation."
+    )
+    weights: dict[str, float] = Field(description="For one deviation of each feature.")
+    unproved: str = Field(
+        "not tested on agents outside the panel",
+        description="Why nothing is claimed on this scale; empty where it held on agents outside the panel.",
+    )
 
 
 class FlownFolder(Document):

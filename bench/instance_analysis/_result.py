@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -25,7 +25,7 @@ class VariedField(Document):
     integer: bool = False
     levels: tuple[float | str, ...] = ()
     choices: dict[str, dict[str, float]] = {}
-    unit: Annotated[str | None, Field(description="None where the field's name states none.")] = None
+    unit: str | None = Field(None, description="None where the field's name states none.")
 
 
 class Receipt(Document):
@@ -48,8 +48,8 @@ class Choice(Document):
     end: int
     ask: str
     readings: tuple[str, ...]
-    chosen: Annotated[int, Field(ge=1, description="Number of the reading that the document has.")] = 1
-    answered: Annotated[bool, Field(description="Whether a person chose it.")] = False
+    chosen: int = Field(1, ge=1, description="Number of the reading that the document has.")
+    answered: bool = Field(False, description="Whether a person chose it.")
 
 
 class UnreadText(Document):
@@ -68,11 +68,9 @@ class ClauseReading(Document):
     start: int
     end: int
     status: ClauseStatus
-    sentence: Annotated[
-        str, Field(description="The sentence of the controlled language that it was rewritten to.")
-    ] = ""
-    fields: Annotated[tuple[str, ...], Field(description="Paths of the fields that it sets.")] = ()
-    notes: Annotated[tuple[str, ...], Field(description="What is not read, and what is assumed.")] = ()
+    sentence: str = Field("", description="The sentence of the controlled language that it was rewritten to.")
+    fields: tuple[str, ...] = Field((), description="Paths of the fields that it sets.")
+    notes: tuple[str, ...] = Field((), description="What is not read, and what is assumed.")
 
 
 class BaseSimSpec(Document):
@@ -88,15 +86,12 @@ class BaseSimSpec(Document):
     choices: tuple[Choice, ...] = ()
     clauses: tuple[ClauseReading, ...] = ()
     not_understood: tuple[UnreadText, ...] = ()
-    remarks: Annotated[
-        tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
-    ] = ()
-    checked: Annotated[
-        bool,
-        Field(
-            description="Whether a person has compared the values of all `check` clauses with their words."
-        ),
-    ] = False
+    remarks: tuple[UnreadText, ...] = Field(
+        (), description="What is read otherwise than it is written, and why."
+    )
+    checked: bool = Field(
+        False, description="Whether a person has compared the values of all `check` clauses with their words."
+    )
 
     @property
     def open_choices(self) -> tuple[Choice, ...]:

@@ -153,7 +153,7 @@ class OutsideLink(Document):
     it is discarded, and what goes over it is not recorded, unless `heard`.
     """
 
-    name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
+    name: Identifier = Field(description="Another name than the agent's links have.")
     kind: Literal["udp_out", "udp_in", "tcp_in", "serial"] = "udp_out"
     host: str = "127.0.0.1"
     interface: str = added_field(
@@ -185,14 +185,11 @@ class RealAutopilot(Document):
     """A real autopilot: its own program flies, and the bench is its physics (docs/real-autopilots.md)."""
 
     kind: Literal["px4", "ardupilot"]
-    firmware: Annotated[
-        str,
-        Field(
-            min_length=1,
-            description="PX4: the folder that holds bin/px4 and etc/. ArduPilot: the program arducopter. Relative to the "
-            "current folder.",
-        ),
-    ]
+    firmware: str = Field(
+        min_length=1,
+        description="PX4: the folder that holds bin/px4 and etc/. ArduPilot: the program arducopter. Relative to the "
+        "current folder.",
+    )
     parameters: dict[str, float] = Field(
         {}, description="Set before the start, behind those of the airframe and those of vehicle.parameters."
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, cast
+from typing import Any, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
@@ -23,10 +23,9 @@ class AssetWords(Document):
     asset: Identifier
     role: Role = Field(cast(Any, None), validate_default=False, description="That of the asset when absent.")
     words: Words
-    kinds: Annotated[
-        dict[Identifier, Words],
-        Field(description="Assets that some of these words name more exactly, each with its words."),
-    ] = {}
+    kinds: dict[Identifier, Words] = Field(
+        {}, description="Assets that some of these words name more exactly, each with its words."
+    )
 
     @model_validator(mode="after")
     def _role_of_the_asset(self) -> Self:
@@ -66,51 +65,48 @@ class Adjectives(Document):
     role: dict[str, Role] = {}
     concealment: dict[str, float] = {}
     color: dict[str, Color] = {}
-    motion: Annotated[dict[str, str], Field(description="A word, and the entry of `motions`.")] = {}
+    motion: dict[str, str] = Field({}, description="A word, and the entry of `motions`.")
 
 
 class Defaults(Document):
     """Numbers used when the prose gives none; each use is shown as a default."""
 
-    near_m: Annotated[float, Field(gt=0.0)] = 50.0
-    exact_share: Annotated[
-        float, Field(gt=0.0, lt=1.0, description="A distance without a range may be off by this share.")
-    ] = 0.1
-    road_width_m: Annotated[float, Field(gt=0.0)] = 6.0
-    area_east_m: Annotated[float, Field(gt=0.0)] = 600.0
-    area_north_m: Annotated[float, Field(gt=0.0)] = 250.0
-    ground_m: Annotated[float, Field(gt=0.0, description="Side of named ground without a size.")] = 100.0
-    uncertainty_m: Annotated[
-        float, Field(gt=0.0, description="Of intelligence that no sentence tells of.")
-    ] = 50.0
+    near_m: float = Field(50.0, gt=0.0)
+    exact_share: float = Field(
+        0.1, gt=0.0, lt=1.0, description="A distance without a range may be off by this share."
+    )
+    road_width_m: float = Field(6.0, gt=0.0)
+    area_east_m: float = Field(600.0, gt=0.0)
+    area_north_m: float = Field(250.0, gt=0.0)
+    ground_m: float = Field(100.0, gt=0.0, description="Side of named ground without a size.")
+    uncertainty_m: float = Field(50.0, gt=0.0, description="Of intelligence that no sentence tells of.")
 
 
 class VocabularyDocument(Document):
     """A vocabulary document. Every part is optional."""
 
     assets: dict[Identifier, AssetWords] = {}
-    ambiguous: Annotated[dict[str, Words], Field(description="A word, and the assets that it may be.")] = {}
+    ambiguous: dict[str, Words] = Field({}, description="A word, and the assets that it may be.")
     adjectives: Adjectives = Adjectives()
     numbers: dict[str, float] = {}
     vague: dict[str, tuple[int, int]] = {}
     units: dict[Kind, dict[str, float]] = {}
     per_area: dict[str, float] = {}
     directions: dict[str, float] = {}
-    axes: Annotated[dict[str, float], Field(description="How a road runs, in degrees below 180.")] = {}
+    axes: dict[str, float] = Field({}, description="How a road runs, in degrees below 180.")
     fractions: dict[str, float] = {}
     intensities: dict[str, float] = {}
     winds: dict[str, float] = {}
     weather: dict[str, WeatherWords] = {}
     suns: dict[str, Literal["rise", "set", "noon", "midnight"]] = {}
     motions: dict[str, MotionWords] = {}
-    grounds: Annotated[Words, Field(description="Ground that has a name and no asset.")] = ()
-    soft: Annotated[Words, Field(description="Words that free text may have and that change nothing.")] = ()
-    people: Annotated[Words, Field(description="Words for whom the rules about bystanders protect.")] = ()
-    motors: Annotated[dict[str, int], Field(description="How many motors a vehicle model has.")] = {}
-    phrases: Annotated[
-        dict[str, str],
-        Field(description="A pattern of free text, and the sentence of the controlled language for it."),
-    ] = {}
+    grounds: Words = Field((), description="Ground that has a name and no asset.")
+    soft: Words = Field((), description="Words that free text may have and that change nothing.")
+    people: Words = Field((), description="Words for whom the rules about bystanders protect.")
+    motors: dict[str, int] = Field({}, description="How many motors a vehicle model has.")
+    phrases: dict[str, str] = Field(
+        {}, description="A pattern of free text, and the sentence of the controlled language for it."
+    )
     defaults: Defaults | None = None
 
 

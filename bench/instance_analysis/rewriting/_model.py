@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol
+from typing import Literal, Protocol
 
 from pydantic import Field
 
@@ -72,12 +72,12 @@ class RewrittenResult(Document):
     result: BaseSimSpec
     rewrite: Rewrite
     model: str
-    provider: Annotated[str, Field(description="`openai-compatible` for a server of one's own.")]
-    rounds: Annotated[int, Field(description="Answers that were heard.")]
+    provider: str = Field(description="`openai-compatible` for a server of one's own.")
+    rounds: int = Field(description="Answers that were heard.")
     refused: tuple[UnreadText, ...] = ()
-    failure: Annotated[
-        str, Field(description="Why the model gave no whole rewrite; the document stands without it.")
-    ] = ""
+    failure: str = Field(
+        "", description="Why the model gave no whole rewrite; the document stands without it."
+    )
 
 
 @dataclass(frozen=True, slots=True)

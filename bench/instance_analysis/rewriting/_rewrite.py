@@ -38,18 +38,14 @@ MIN_LETTERS = 4
 class Rewritten(Document):
     """Words of the text, and the sentence for them, or that there is none, or that they may mean several things."""
 
-    quotes: Annotated[
-        tuple[Text, ...], Field(description="Words of the text, letter by letter.", min_length=1)
-    ]
-    sentence: Annotated[Line, Field(description="One or more sentences of the page.")] = ""
-    taken_to_mean: Annotated[
-        Line, Field(description="What the sentence assumes that the words leave open.")
-    ] = ""
-    cannot_say: Annotated[Line, Field(description="What the page has no sentence for.")] = ""
-    unclear: Annotated[Line, Field(description="What the words leave open.")] = ""
-    readings: Annotated[
-        tuple[Line, ...], Field(description="A sentence of the page for each thing that they may mean.")
-    ] = ()
+    quotes: tuple[Text, ...] = Field(description="Words of the text, letter by letter.", min_length=1)
+    sentence: Line = Field("", description="One or more sentences of the page.")
+    taken_to_mean: Line = Field("", description="What the sentence assumes that the words leave open.")
+    cannot_say: Line = Field("", description="What the page has no sentence for.")
+    unclear: Line = Field("", description="What the words leave open.")
+    readings: tuple[Line, ...] = Field(
+        (), description="A sentence of the page for each thing that they may mean."
+    )
 
 
 class Rewrite(Document):

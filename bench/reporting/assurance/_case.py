@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -29,17 +29,15 @@ class Element(Document):
     id: str
     kind: Kind
     text: str
-    undeveloped: Annotated[bool, Field(description="A goal that nothing here supports.")] = False
-    node: Annotated[str, Field(description="Its node of the decomposition, if it is about one.")] = ""
-    passed: Annotated[int | None, Field(description="Of a solution: runs that passed the node ...")] = None
-    runs: Annotated[int | None, Field(description="... of those that considered it ...")] = None
-    low: Annotated[float | None, Field(description="... and the exact 95 % interval of the share.")] = None
+    undeveloped: bool = Field(False, description="A goal that nothing here supports.")
+    node: str = Field("", description="Its node of the decomposition, if it is about one.")
+    passed: int | None = Field(None, description="Of a solution: runs that passed the node ...")
+    runs: int | None = Field(None, description="... of those that considered it ...")
+    low: float | None = Field(None, description="... and the exact 95 % interval of the share.")
     high: float | None = None
-    evidence: Annotated[dict[str, str], Field(description="SHA-256 of files, as manifest.json has it.")] = {}
-    supported_by: Annotated[tuple[str, ...], Field(description="Goals, strategies and solutions.")] = ()
-    in_context_of: Annotated[
-        tuple[str, ...], Field(description="Contexts, assumptions and justifications.")
-    ] = ()
+    evidence: dict[str, str] = Field({}, description="SHA-256 of files, as manifest.json has it.")
+    supported_by: tuple[str, ...] = Field((), description="Goals, strategies and solutions.")
+    in_context_of: tuple[str, ...] = Field((), description="Contexts, assumptions and justifications.")
 
 
 class AssuranceCase(Document):
@@ -49,7 +47,7 @@ class AssuranceCase(Document):
     campaign: str
     agent: str
     elements: tuple[Element, ...]
-    recordings: Annotated[dict[str, str], Field(description="SHA-256 of recordings, by the runs that count.")]
+    recordings: dict[str, str] = Field(description="SHA-256 of recordings, by the runs that count.")
 
 
 def assurance_case(data: ReportData, agent: str) -> AssuranceCase:
