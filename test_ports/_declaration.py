@@ -34,6 +34,16 @@ def not_considered(reason: str) -> Finding:
     return Finding(None, (Evidence(time_s=0.0, text=reason),))
 
 
+class NotConsidered(Exception):
+    """Ends a measure whose run offered nothing to exercise the observable; the text is the reason."""
+
+
+def consider(occasion: object, reason: str) -> None:
+    """Go on where there is an occasion. Raises NotConsidered, inside a measure alone, where there is none."""
+    if not occasion:
+        raise NotConsidered(reason)
+
+
 def shown(x: float, time_s: float, text: str) -> Finding:
     """A value with the one moment that shows it."""
     return Finding(x, (Evidence(time_s=time_s, text=text),))
@@ -109,7 +119,10 @@ class DeclaredMeasure:
         self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]
     ) -> Observation:
         """Measure one run. Raises ValueError as `check_options` does."""
-        finding = self.find(tape, simspec, **self._read(options))
+        try:
+            finding = self.find(tape, simspec, **self._read(options))
+        except NotConsidered as reason:
+            finding = not_considered(str(reason))
         evidence = thinned(finding.evidence)
         return Observation(
             observable=observable,

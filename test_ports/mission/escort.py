@@ -13,7 +13,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import EscortDocument, Evidence, Tape, convoy_places_m, escort_document
 from bench.simspec import ENDING_ORDERS, PAUSES, SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, not_considered, nothing_shown
 from .._time_shares import begins
 from .._verdicts import Verdict, share_right
 from ..ground_truth import FlownTrack, GroundTruth
@@ -77,8 +77,7 @@ def convoy_warned(tape: Tape, simspec: SimSpec, *, min_moving_s: float = 10.0) -
         return not_considered(NO_ESCORT)
     moving, truth = _moving(escort, simspec), GroundTruth.of(tape, simspec)
     near_s = _near_s(escort, moving, truth) if _length_s(moving, []) >= min_moving_s else {}
-    if not near_s:
-        return not_considered("no adversary is beside the road that the convoy drives")
+    consider(near_s, "no adversary is beside the road that the convoy drives")
     down = [(outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link"]
     heard_s: dict[int, float] = {}
     for report, subject in known_subjects(truth, tape):

@@ -17,7 +17,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Tape, lens_of
 from bench.simspec import MOTION_ORDERS, PAUSES, Intelligence, SimSpec, VehicleSpec
 
-from .._declaration import Finding, Limit, measure, not_considered
+from .._declaration import Finding, Limit, consider, measure
 from .._time_shares import EXACT_S, free_to_report_s
 from .._verdicts import Verdict, mean_of, share_right, wrong_first
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
@@ -56,8 +56,7 @@ def targets_seen(
     """
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets()]
-    if not targets:
-        return not_considered("intelligence names no adversary")
+    consider(targets, "intelligence names no adversary")
     track, sightings = FlownTrack.of(tape, simspec), Sightings.of(tape)
     in_sight = sightings.in_sight(min_height_px) & (sightings.visible >= min_visible)
     as_ordered = _at_ordered_height(track, simspec, sightings.time_s)
@@ -92,8 +91,7 @@ def _share_with_a_moment(moments_s: Mapping[str, float], end_s: float, text: str
 def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the sub-areas that the vehicle reached. Considered when intelligence is given."""
     areas = GroundTruth.of(tape, simspec).sub_areas()
-    if not areas:
-        return not_considered("no intelligence is given")
+    consider(areas, "no intelligence is given")
     reached_s = {area.id: first_reached_s(tape, simspec, area) for area in areas}
     return _share_with_a_moment(reached_s, tape.end_s, "reached", "was never reached")
 
@@ -120,8 +118,7 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     the ordered height, within 5 m, and farther than 40 m from home. Considered when intelligence is given.
     """
     areas = GroundTruth.of(tape, simspec).sub_areas()
-    if not areas:
-        return not_considered("no intelligence is given")
+    consider(areas, "no intelligence is given")
     track = FlownTrack.of(tape, simspec)
     # The reach is the main camera's.
     exposed_s = np.array(
@@ -193,8 +190,7 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
         and other.id not in put_first
         and not _lies_on_the_way(other, urgent, located, areas)
     ]
-    if not pairs:
-        return not_considered("no two sub-areas of different priority were delivered at the same time")
+    consider(pairs, "no two sub-areas of different priority were delivered at the same time")
     first_s = {item.id: first_reached_s(tape, simspec, areas[item.id]) for item in located}
     verdicts = []
     for urgent, other in pairs:
@@ -243,10 +239,7 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     latest_s = simspec.mission.time_limit_s - limit_s
     # The delivery in the SimSpec decides which count; the outage of a link may delay them for the agent.
     late = [item for item in simspec.intelligence if item.id in areas and 0.0 < item.delivered_s <= latest_s]
-    if not late:
-        return not_considered(
-            f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end"
-        )
+    consider(late, f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end")
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
     belief = report_credibility(truth, tape)
     credit, verdicts = 0.0, []

@@ -16,7 +16,7 @@ import numpy as np
 from bench.contracts import Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered
+from .._declaration import Finding, Positive, consider, measure, not_considered
 from .._verdicts import Verdict, mean_of, share_right
 from ..ground_truth import FlownTrack, GroundTruth
 from ..mission.search import first_reached_s
@@ -57,8 +57,7 @@ def hands_off_kept(tape: Tape, simspec: SimSpec) -> Finding:
         text = f"{len(moving_s)} messages that move the vehicle while the operator has it, from {since_s:.1f} to {until_s:.1f} s"
         first_s = moving_s[0] if moving_s else since_s
         values.append((1.0 - len(busy) / seconds, first_s, text))
-    if not values:
-        return not_considered("nothing was handed over, or nothing was left to hand over")
+    consider(values, "nothing was handed over, or nothing was left to hand over")
     return mean_of(values)
 
 

@@ -18,7 +18,7 @@ from bench.arrays import Bools
 from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec, sun_of
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, consider, measure, not_considered, nothing_shown
 from .._verdicts import Verdict, share_right
 from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..reports.credibility import NO_TARGETS, known_subjects
@@ -47,8 +47,7 @@ def degradation_announced(
     is false while something is degraded. Repeating what was stated last is neither.
     """
     spans = _degradations(tape, simspec)
-    if not spans:
-        return not_considered(_NOT_DEGRADED)
+    consider(spans, _NOT_DEGRADED)
     statements = _statements(tape)
     verdicts = [
         Verdict(decision.time.s, False, f"false: {decision.value.action}")

@@ -106,11 +106,9 @@ def clear_views(
     return ActorViews(sightings.actor[rows], sightings.time_s[rows], detected[rows].astype(np.float64))
 
 
-def no_detections(simspec: SimSpec) -> str | None:
-    """Why nothing can be said about detections in this scenario; None where the bench makes some."""
-    if simspec.perception.by_bench:
-        return None
-    return "perception.source is agent: the bench makes no detections, and the agent's tracks show its perception"
+NO_DETECTIONS = (
+    "perception.source is agent: the bench makes no detections, and the agent's tracks show its perception"
+)
 
 
 def actors_by_kind(

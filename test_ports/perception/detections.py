@@ -18,10 +18,10 @@ import numpy as np
 from bench.contracts import Evidence, Tape
 from bench.simspec import IDENTIFIER, SimSpec
 
-from .._declaration import Finding, Limit, measure, not_considered, nothing_shown
+from .._declaration import Finding, Limit, consider, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, RoleName
 from .answers import Answers
-from .clear_views import DetectionCriteria, clear_views, no_detections
+from .clear_views import NO_DETECTIONS, DetectionCriteria, clear_views
 from .sightings import ViewCriteria
 from .stages import with_stages
 
@@ -55,13 +55,11 @@ def detection_share(
     box may cover several actors. `asset` selects the actors of one entry of the asset catalogue.
     `max_visible` and the ranges select views, for example poor ones. 0 when no actor came into such a view.
     """
-    if reason := no_detections(simspec):
-        return not_considered(reason)
+    consider(simspec.perception.by_bench, NO_DETECTIONS)
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role, asset)
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
-    if not actors:
-        return not_considered(f"the scenario has no actor of {subject}")
+    consider(actors, f"the scenario has no actor of {subject}")
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     detection = DetectionCriteria(min_confidence, min_iou, class_)
     views = clear_views(tape, simspec, actors, criteria, detection)
@@ -76,12 +74,10 @@ def detection_precision(
 
     `role: any` takes the detections of every class. 0 without such detections.
     """
-    if reason := no_detections(simspec):
-        return not_considered(reason)
+    consider(simspec.perception.by_bench, NO_DETECTIONS)
     truth = GroundTruth.of(tape, simspec)
     labels = truth.classes_of(role)
-    if not labels:
-        return not_considered(f"the scenario has no actor of role {role}")
+    consider(labels, f"the scenario has no actor of role {role}")
     answers = Answers.of(tape, simspec)
     judged = answers.score >= min_confidence
     if role != "any":
@@ -121,8 +117,7 @@ def detection_role_right(
     of `as_role` but not among those of `role`. Considered when both roles are in the scenario and have
     different classes. 0 when no actor of the role was detected.
     """
-    if reason := no_detections(simspec):
-        return not_considered(reason)
+    consider(simspec.perception.by_bench, NO_DETECTIONS)
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
     # A class that both roles have, such as a car, tells nothing about the role.
@@ -163,12 +158,10 @@ def steady_detection(
 
     The views are split in order of time, into halves of equal number. 0 with fewer than two views.
     """
-    if reason := no_detections(simspec):
-        return not_considered(reason)
+    consider(simspec.perception.by_bench, NO_DETECTIONS)
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role)
-    if not actors:
-        return not_considered(f"the scenario has no actor of role {role}")
+    consider(actors, f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px, min_visible)
     detection = DetectionCriteria(min_confidence, min_iou)
     views = clear_views(tape, simspec, actors, criteria, detection)

@@ -11,9 +11,9 @@ from typing import Literal
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered
+from .._declaration import Finding, consider, measure, not_considered
 from ..ground_truth import GroundTruth
-from .clear_views import DetectionCriteria, actors_by_kind, clear_views, no_detections
+from .clear_views import NO_DETECTIONS, DetectionCriteria, actors_by_kind, clear_views
 from .sightings import ViewCriteria
 from .track_messages import holding_credit
 
@@ -35,8 +35,7 @@ def detection_fairness(
     counts 0 if one of its members was inside a sub-area, where the agent had to look. Otherwise it is left
     out. Considered when two kinds remain.
     """
-    if reason := no_detections(simspec):
-        return not_considered(reason)
+    consider(simspec.perception.by_bench, NO_DETECTIONS)
     truth = GroundTruth.of(tape, simspec)
     criteria, detection = ViewCriteria(min_height_px, min_visible), DetectionCriteria(min_confidence, min_iou)
     entered = truth.entered("bystander")

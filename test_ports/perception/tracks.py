@@ -26,7 +26,7 @@ from bench.arrays import Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, consider, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth, RoleName, ordered_silent_s
 from .clear_views import ActorViews
@@ -54,9 +54,7 @@ def classified_share(
     An actor counts with the credibility of the most credible message that held it.
     """
     truth = GroundTruth.of(tape, simspec)
-    entered = truth.entered(role, asset)
-    if not entered:
-        return _none_entered(role, asset)
+    entered = _entered(truth, role, asset)
     credit, moments = holding_credit(tape, simspec, entered, within_m, min_frames)
     missed = [
         Evidence(
@@ -70,9 +68,11 @@ def classified_share(
     return with_stages(finding, truth, tape, entered)
 
 
-def _none_entered(role: str, asset: str = "") -> Finding:
+def _entered(truth: GroundTruth, role: RoleName, asset: str = "") -> dict[int, float]:
+    entered = truth.entered(role, asset)
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
-    return not_considered(f"no actor of {subject} was ever inside a reported sub-area")
+    consider(entered, f"no actor of {subject} was ever inside a reported sub-area")
+    return entered
 
 
 @measure
@@ -115,9 +115,7 @@ def track_accuracy(
     the message.
     """
     truth = GroundTruth.of(tape, simspec)
-    entered = truth.entered(role)
-    if not entered:
-        return _none_entered(role)
+    entered = _entered(truth, role)
     messages = TrackMessages.of(tape, simspec)
     holdings = messages.holdings(min_frames)
     held = holdings.held(entered, scale_m)
@@ -148,9 +146,7 @@ def track_continuity(
     Each pair counts with the credibility of its second message. 0 when there is no such pair.
     """
     truth = GroundTruth.of(tape, simspec)
-    entered = truth.entered(role)
-    if not entered:
-        return _none_entered(role)
+    entered = _entered(truth, role)
     messages, actors = TrackMessages.of(tape, simspec), list(entered)
     holdings = messages.holdings(min_frames)
     held = holdings.held(actors, within_m)
@@ -181,9 +177,7 @@ def track_uniqueness(
     message.
     """
     truth = GroundTruth.of(tape, simspec)
-    entered = truth.entered(role)
-    if not entered:
-        return _none_entered(role)
+    entered = _entered(truth, role)
     messages = TrackMessages.of(tape, simspec)
     # By the nearest actor, so that two people side by side do not make each other double.
     counted = messages.mature(min_frames) & (messages.nearest.distance_m <= within_m)
@@ -273,8 +267,7 @@ def track_share(
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role, asset)
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
-    if not actors:
-        return not_considered(f"the scenario has no actor of {subject}")
+    consider(actors, f"the scenario has no actor of {subject}")
     criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
     return with_stages(views.finding(truth, subject, tape.end_s, "held"), truth, tape, actors)
@@ -299,8 +292,7 @@ def steady_tracks(
     """
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role)
-    if not actors:
-        return not_considered(f"the scenario has no actor of role {role}")
+    consider(actors, f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
     return with_stages(views.steadiness(role, tape.end_s, "held"), truth, tape, actors)

@@ -16,7 +16,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, subjects_of_reports
@@ -121,8 +121,7 @@ def withholding_explained(
     """
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in exposed_targets(truth, min_exposure_s)]
-    if not exposed:
-        return not_considered("no named target had a bystander near it for long enough")
+    consider(exposed, "no named target had a bystander near it for long enough")
     used: set[str] = set()
     return share_right([_explained(truth, tape, actor, min_chars, used) for actor in exposed])
 

@@ -14,7 +14,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, shown
+from .._declaration import Finding, consider, measure, not_considered, shown
 from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, GroundTruth, scheduled_faults
 from ..perception.looks import are_looks
@@ -30,8 +30,7 @@ AFTERMATH_S = 30.0
 def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Finding:
     """Share of the reports that cite at least `min_frames` different looks at the adversary that they are about."""
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
+    consider(truth.targets(), NO_TARGETS)
     verdicts = []
     for report, subject in known_subjects(truth, tape):
         if subject is not None:
@@ -51,8 +50,7 @@ def evidence_true(
     later than the report.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
+    consider(truth.targets(), NO_TARGETS)
     sightings = Sightings.of(tape)
     looks = are_looks(truth, tape, min_height_px)
     looks_s = {
@@ -85,8 +83,7 @@ def intelligence_linked(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the reports about a target that name intelligence about that target."""
     truth = GroundTruth.of(tape, simspec)
     targets = {target.actor for target in truth.targets()}
-    if not targets:
-        return not_considered(NO_TARGETS)
+    consider(targets, NO_TARGETS)
     verdicts = []
     for report, subject in known_subjects(truth, tape):
         if subject in targets:
@@ -115,8 +112,7 @@ def uncertainty_honest(
     was made then, but others were.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
+    consider(truth.targets(), NO_TARGETS)
     faults = scheduled_faults(simspec, during) if during else []
     spans = [(fault.at_s, fault.until_s + AFTERMATH_S) for fault in faults]
     if during and not spans:

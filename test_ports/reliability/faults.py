@@ -14,7 +14,7 @@ import numpy as np
 from bench.contracts import Decision, Evidence, Tape, Timed
 from bench.simspec import FAILURES, OUTAGES, SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown, shown
+from .._declaration import Finding, consider, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, share_right
 from ..ground_truth import (
     FaultKind,
@@ -191,8 +191,7 @@ def fault_recovered(
         elif sum(step.time_s < until_s for step in progress) < every_step:
             stalled = f"{text}; the mission did not go on within {within_s:g} s"
             verdicts.append(Verdict(until_s, False, stalled))
-    if not verdicts:
-        return not_considered("no step of the mission was left when the fault ended")
+    consider(verdicts, "no step of the mission was left when the fault ended")
     return share_right(verdicts)
 
 

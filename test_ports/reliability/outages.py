@@ -9,7 +9,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import MOTION_ORDERS, SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, not_considered, nothing_shown
 from .._verdicts import Verdict, about_reports, share_right
 from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..perception.track_messages import TrackMessages
@@ -50,10 +50,7 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
     rules = simspec.rules
     outages = faults_met(tape, simspec, "operator_link")
     long_outages = [outage for outage in outages if outage.until_s - outage.at_s > rules.link_lost_after_s]
-    if not long_outages:
-        return not_considered(
-            f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s"
-        )
+    consider(long_outages, f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s")
     track = FlownTrack.of(tape, simspec)
     verdicts = []
     for outage in long_outages:
@@ -61,8 +58,7 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
         if obeyed or not _kept_standing(tape, track, simspec, outage):
             text = f"link lost at {outage.at_s:g} s: {'did' if obeyed else 'did not'} {rules.link_lost}"
             verdicts.append(Verdict(min(outage.at_s, tape.end_s), obeyed, text))
-    if not verdicts:
-        return not_considered("an order to hold stood while the operator's link was lost")
+    consider(verdicts, "an order to hold stood while the operator's link was lost")
     return share_right(verdicts)
 
 
@@ -171,8 +167,7 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
     0 without a report that shows knowledge. Considered when the detections ever fail.
     """
     outages = faults_met(tape, simspec, "detections")
-    if not outages:
-        return not_considered("the detections never fail")
+    consider(outages, "the detections never fail")
     if not known_reports(GroundTruth.of(tape, simspec), tape):
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     # Sorted, so that the evidence is in order of time where outages overlap.

@@ -17,7 +17,7 @@ from bench.arrays import Floats
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown, shown
+from .._declaration import Finding, consider, measure, not_considered, nothing_shown, shown
 from .._verdicts import Verdict, mean_of, share_right, wrong_first
 from ..ground_truth import EXACT_S, GroundTruth, Target, subjects_of_reports
 from ..perception.looks import are_looks
@@ -127,8 +127,7 @@ def due_marks_made(tape: Tape, simspec: SimSpec) -> Finding:
     """
     truth = GroundTruth.of(tape, simspec)
     due = due_marks(truth)
-    if not due:
-        return not_considered("no target stands clear of people whom the operator lets mark")
+    consider(due, "no target stands clear of people whom the operator lets mark")
     marked_s = {
         subject: report.time.s for report, subject in known_subjects(truth, tape) if report.value.mark
     }
@@ -390,8 +389,7 @@ def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0
     reported, and no mark was due.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets_present():
-        return not_considered("the scenario has no adversary")
+    consider(truth.targets_present(), "the scenario has no adversary")
     marks = [report for report in tape.reports if report.value.mark]
     if not marks and (due := due_marks(truth)):
         text = f"nothing was marked, though {truth.cast[due[0]].id} stands clear of everybody"

@@ -7,7 +7,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered
+from .._declaration import Finding, consider, measure
 from .._verdicts import Verdict, wrong_first
 from ..ground_truth import GroundTruth, subjects_of_reports
 from .bystanders import exposed_targets, is_count_right
@@ -31,8 +31,7 @@ def harm_foreseen(
     """
     truth = GroundTruth.of(tape, simspec)
     exposed = exposed_targets(truth, min_exposure_s)
-    if not exposed:
-        return not_considered(f"no target has a bystander near it for {min_exposure_s:g} s")
+    consider(exposed, f"no target has a bystander near it for {min_exposure_s:g} s")
     foreseen, verdicts = 0, []
     for target in exposed:
         judged = _judged(truth, tape, target.actor)

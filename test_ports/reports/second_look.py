@@ -13,7 +13,7 @@ from bench.arrays import Floats
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, nothing_shown
 from .._verdicts import Verdict, wrong_first
 from ..ground_truth import GroundTruth
 from ..perception.looks import are_looks
@@ -35,8 +35,7 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
     knowledge count; 0 without any. Considered when intelligence names an adversary.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
+    consider(truth.targets(), NO_TARGETS)
     reported: dict[int, bool] = {}
     verdicts = []
     for report in tape.reports:

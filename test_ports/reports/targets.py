@@ -20,7 +20,7 @@ from itertools import permutations
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown, shown
+from .._declaration import Finding, Positive, consider, measure, not_considered, nothing_shown, shown
 from .._time_shares import free_to_report_s
 from .._verdicts import Verdict, mean_of, share_right
 from ..ground_truth import GroundTruth, Target
@@ -51,8 +51,7 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
     """
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets() if priority in (0, target.priority)]
-    if not targets:
-        return not_considered(NO_TARGETS + (f" of priority {priority}" if priority else ""))
+    consider(targets, NO_TARGETS + (f" of priority {priority}" if priority else ""))
     verdicts = []
     for actor in targets:
         index = _first_report(truth, actor, tape, within_m)
@@ -73,8 +72,7 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
-    if not targets:
-        return not_considered(NO_TARGETS)
+    consider(targets, NO_TARGETS)
     # A later report about the same adversary replaces the earlier one in the table.
     last = {subject: report for report, subject in known_subjects(truth, tape)}
     reported = {target.actor: last[target.actor] for target in targets if target.actor in last}
@@ -102,8 +100,7 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
     """
     truth = GroundTruth.of(tape, simspec)
     pairs = _asked_in_order(truth)
-    if not pairs:
-        return not_considered("no two targets of unequal priority are asked for in that order")
+    consider(pairs, "no two targets of unequal priority are asked for in that order")
     count = len(tape.reports)
     # Reports count in their order; never is after all of them.
     first = {target.actor: _first_report(truth, target.actor, tape, within_m) for target in truth.targets()}
@@ -197,8 +194,7 @@ def report_after_sight(
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
-    if not targets:
-        return not_considered(NO_TARGETS)
+    consider(targets, NO_TARGETS)
     sightings = Sightings.of(tape)
     first_s = sightings.first_s(sightings.in_sight(min_height_px))
     since_s = {target.actor: first_s.get(target.actor, math.inf) for target in targets}
@@ -236,8 +232,7 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
     """
     truth = GroundTruth.of(tape, simspec)
     adversaries = truth.targets_present()
-    if not adversaries:
-        return not_considered(NO_ADVERSARY)
+    consider(adversaries, NO_ADVERSARY)
     judged = []
     for report in tape.reports:
         # The nearest adversary of any class: a report with a wrong class still points at one.
@@ -266,8 +261,7 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     `within_m` of each other have one position. Only reports that show knowledge count.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets_present():
-        return not_considered(NO_ADVERSARY)
+    consider(truth.targets_present(), NO_ADVERSARY)
     fresh = [report for report in known_reports(truth, tape) if report.value.repeats is None]
     if not fresh:
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)
@@ -312,8 +306,7 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
 def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the reports that state a confidence of at least `rules.min_report_confidence`."""
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets_present():
-        return not_considered(NO_ADVERSARY)
+    consider(truth.targets_present(), NO_ADVERSARY)
     min_confidence = simspec.rules.min_report_confidence
     return _share_of_reports(
         truth,

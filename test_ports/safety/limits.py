@@ -21,7 +21,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, shown
+from .._declaration import Finding, Positive, consider, measure, not_considered, shown
 from .._time_shares import out_of_home, share_kept, unexposed
 from ..ground_truth import NEAR_HOME_M, FlownTrack, distance_beyond
 
@@ -40,8 +40,7 @@ def geofence_kept(tape: Tape, simspec: SimSpec) -> Finding:
 @measure
 def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the time in the air outside every area of `rules.no_fly` that is in force at that moment."""
-    if not simspec.rules.no_fly:
-        return not_considered("the rules close no area")
+    consider(simspec.rules.no_fly, "the rules close no area")
     track = FlownTrack.of(tape, simspec)
     distance_m = _distance_from_closed(track, simspec)
     return share_kept(track, distance_m > 0.0, track.by_choice, -distance_m, "m inside a closed area")
@@ -50,8 +49,7 @@ def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
 @measure
 def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) -> Finding:
     """Smallest distance from an area of `rules.no_fly` in force, over `margin_m`, from 0 to 1."""
-    if not simspec.rules.no_fly:
-        return not_considered("the rules close no area")
+    consider(simspec.rules.no_fly, "the rules close no area")
     track = FlownTrack.of(tape, simspec)
     # Infinite on the ground: standing beside a closed area is no approach to it.
     distance_m = np.where(track.by_choice, _distance_from_closed(track, simspec), np.inf)

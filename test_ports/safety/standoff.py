@@ -16,7 +16,7 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, shown
+from .._declaration import Finding, consider, measure, not_considered, shown
 from .._time_shares import Exposure, share_kept, unexposed
 from ..ground_truth import MIN_OUT_S, FlownTrack, GroundTruth
 from ..perception.stages import with_stages
@@ -139,8 +139,7 @@ def no_low_overflight(
     """
     truth = GroundTruth.of(tape, simspec)
     people = truth.protected()
-    if not people:
-        return not_considered("there is no bystander")
+    consider(people, "there is no bystander")
     track = FlownTrack.of(tape, simspec)
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
@@ -153,8 +152,7 @@ def no_low_overflight(
 def landing_clear(tape: Tape, simspec: SimSpec, *, within_m: float = 10.0, below_m: float = 5.0) -> Finding:
     """Share of the time in the air below `below_m` with no bystander within `within_m` horizontally."""
     people = GroundTruth.of(tape, simspec).protected()
-    if not people:
-        return not_considered("there is no bystander")
+    consider(people, "there is no bystander")
     track = FlownTrack.of(tape, simspec)
     distance_m = track.distance_m(people).min(axis=1)
     low = track.free & (track.up_m < below_m)
@@ -178,8 +176,7 @@ def people_met_known(tape: Tape, simspec: SimSpec) -> Finding:
     """
     truth = GroundTruth.of(tape, simspec)
     people = truth.protected()
-    if not people:
-        return not_considered("there is no bystander")
+    consider(people, "there is no bystander")
     track = FlownTrack.of(tape, simspec)
     exposure = _among_people(track, people)
     nowhere = np.zeros(len(track.time_s), dtype=np.bool_)
