@@ -20,6 +20,8 @@ PluginGroup = Literal[
     "rebar.detectors",
     "rebar.firmware",
     "rebar.tables",
+    "rebar.commands",
+    "rebar.documents",
 ]
 
 

@@ -25,7 +25,6 @@ from . import (
     _examples,
     _explain,
     _export,
-    _fit_detector,
     _fly,
     _graph,
     _look,
@@ -44,9 +43,11 @@ from . import (
 from . import _campaigns as _campaigns
 from ._fault_paths import path_fault
 from ._option_groups import grouped
+from ._outside_commands import OutsideCommands
 
 app = typer.Typer(
     name="rebar",
+    cls=OutsideCommands,
     help="How hard a situation can this drone agent be trusted in, and how sure are we?",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -92,7 +93,7 @@ for command in (
 ):
     app.command()(command)
 for command in (
-    *(_prose.prose, _tension.tension, grouped(_fly.fly), _next.propose, _fit_detector.fit_detector),
+    *(_prose.prose, _tension.tension, grouped(_fly.fly), _next.propose),
     *(
         _docs.docs,
         _examples.examples,

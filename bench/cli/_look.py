@@ -55,7 +55,6 @@ def schema(
     from bench.errors import SetupError
     from bench.instance_analysis import BaseSimSpec, Rewrite, RewrittenResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
-    from bench.perception.fit import DetectorFit
     from bench.reporting import AssuranceCase
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import AssetTable, SimSpec
@@ -78,7 +77,6 @@ def schema(
         "consent-request": contracts.ConsentRequest,
         "consent-answer": contracts.ConsentAnswer,
         "session-result": contracts.SessionResult,
-        "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
         "assurance-case": AssuranceCase,
@@ -103,13 +101,15 @@ def schema(
     if (message := message_class(name)) is not None:
         print(json.dumps(json_schema(message), indent=2))
         return
-    if name not in kinds:
+    outside = contracts.plugins("rebar.documents")
+    if name not in kinds and name not in outside:
         raise SetupError(
             "schema",
             f"there is no document {name!r}",
-            f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",
+            f"known: {', '.join(sorted({*kinds, *outside, 'decomposition'}))}, and types such as vision_msgs/msg/Detection2DArray",
         )
-    print(json.dumps(contracts.document_schema(kinds[name]), indent=2))
+    kind = kinds[name] if name in kinds else contracts.load_plugin("rebar.documents", name)
+    print(json.dumps(contracts.document_schema(kind), indent=2))
 
 
 def _print_keys(simspec: Path, as_json: bool) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 from command_line import json_of
+from detector_fit import DetectorFit, declare
 
 from bench.cli._app import run
 from bench.contracts import SimTime, VehiclePlan, cast_of
 from bench.perception import open_detector
-from bench.perception.fit import DetectorFit
 from bench.recording import open_recording
 from bench.simspec import Perception, SimSpec
 from bench.simulation import HostClock, open_plain_scene
@@ -27,6 +27,11 @@ from made_views import breathing_frames, made_spec
 
 ASSETS = ["soldier", "civilian"] * 15
 FRAMES = 120
+
+
+@pytest.fixture(autouse=True)
+def declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    declare(monkeypatch)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from command_line import short_campaign
+from detector_fit import declare
 
 from bench.cli._app import run
 from bench.cli._fault_paths import path_fault
@@ -70,6 +71,7 @@ MAKING_FILES = (
 def paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Bad paths by their kind, in the working folder."""
     monkeypatch.chdir(tmp_path)
+    declare(monkeypatch)
     short_campaign(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("no: [document\n")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from detector_fit import declare
 
 from agent_adapters.mqtt._broker import broker_address
 from bench.agents import load_manifest
@@ -200,8 +201,13 @@ def test_no_reader_waits_or_reads_without_end(
 @pytest.mark.parametrize("make", [a_pipe, a_device])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_waits(
-    command: str, make: Callable[[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str,
+    make: Callable[[Path], Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    declare(monkeypatch)
     path = make(tmp_path / "file.yaml")
     assert run(COMMANDS[command](path)) == 2
     assert f"rebar: {path}: cannot be read: {KINDS[make].split(' (')[0]}" in capsys.readouterr().err

@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from detector_fit import DetectorFit, fit_detector, joint_probability, shares_of, solve_rate
 from made_views import breathing_frames, detections_of, grid_frame, made_spec, made_tape
 from scipy import stats
 
 from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, Tape
 from bench.errors import SetupError
-from bench.perception.fit import DetectorFit, fit_detector
-from bench.perception.fit._curves import joint_probability, solve_rate
-from bench.perception.fit._fit import shares_of
 from bench.simspec import CLASS_LABELS, DetectionModel, Outage, ScoreQuantiles, Seeds, SimSpec
 
 ASSETS = ["soldier", "civilian", "radar-vehicle"] * 20

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from detector_fit import fit_detector, match_runs
 from test_session_detectors import BlobDetector
 from test_session_pictures import document, watched_simspec
 
@@ -24,8 +25,6 @@ from bench.contracts import (
     cast_of,
 )
 from bench.perception import open_detectors, seeds_of_camera
-from bench.perception.fit import fit_detector
-from bench.perception.fit._matching import match_runs
 from bench.recording import TapeBuilder, open_recording
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec

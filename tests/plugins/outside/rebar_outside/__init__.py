@@ -62,3 +62,8 @@ def open_detector(simspec: SimSpec) -> SeesSky:
         fault = Fault("perception.detector_options", "outside_detector has none", "leave it out")
         raise SetupError(fault)
     return SeesSky()
+
+
+def greet(name: str) -> None:
+    """Greet somebody."""
+    print(f"Hello {name}")

@@ -11,9 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from bench.arrays import Floats
 from bench.contracts import Detection, DetectionFrame, Sighting, SimTime, Tape, detections_by_frame
+from bench.perception import TRACK_GAP_S
 from bench.simspec import Camera, SimSpec
-
-from .._tracks import TRACK_GAP_S
 
 T = TypeVar("T")
 

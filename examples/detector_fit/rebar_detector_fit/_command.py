@@ -22,8 +22,9 @@ def fit_detector(
     Example: rebar fit-detector out/pixels/runs/*/recording.mcap --out fitted.yaml
     """
     from bench.documents import dump_yaml
-    from bench.perception.fit import fit_detector as fit_model
     from bench.recording import check_whole, read_simspec, read_tape
+
+    from ._fit import fit_detector as fit_model
 
     for path in recordings:
         check_whole(path)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Tape
 from bench.errors import Fault, SetupError
+from bench.perception import DetectionOdds
 from bench.simspec import DetectionModel, Perception, SimSpec, SizePoint
 
-from .._odds import DetectionOdds
 from ._boxes import fit_boxes
 from ._curves import MIN_IN_BIN, SizeCurve, crossing, fit_correlation_s, fit_curve, fit_points, solve_rate
 from ._document import DetectorFit, FitEvidence, LabelCounts, SizeBand

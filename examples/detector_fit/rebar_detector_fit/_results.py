@@ -13,9 +13,9 @@ from scipy import stats
 
 from bench.arrays import Bools, Floats
 from bench.contracts import FALSE_SCORE, Detection
+from bench.perception import false_labels, posterior_score
 from bench.simspec import FALSE_SCORE_MEAN, ScoreQuantiles
 
-from .._labels import false_labels, posterior_score
 from ._matching import MatchedRun
 
 MIN_FALSE = 50
