@@ -17,8 +17,8 @@ from bench.contracts import plugins
 ROOT = Path(__file__).parents[2]
 DEFAULTS = {"DEFAULT_AGENT": "reference-naive", "DEFAULT_VEHICLE": "x500"}
 """What a SimSpec that says nothing has; constants of its room."""
-FIELDS = {"oracle"}
-"""Fields of a document that are called like a plug-in."""
+FIELDS = {"oracle", "px4", "ardupilot"}
+"""Fields of a document that are called like a plug-in, and the autopilots that the controller of the house imitates."""
 
 
 def names_of_plugins() -> set[str]:
