@@ -85,6 +85,7 @@ ELSEWHERE: dict[str, dict[str, tuple[str, ...]]] = {
             "GF_MAX_VER_DIST",
             "RTL_TYPE",
         ),
+        "external_modes": ("COM_MODE_ARM_CHK",),
         "identity": ("MAV_SYS_ID",),
         "manoeuvres": ("COM_RC_OVERRIDE",),
         "remarks": (
@@ -139,6 +140,7 @@ NOT_SHOWN = {
     "ardupilot": {
         *(
             "ACRO_RP_RATE",
+            "BATT_CAPACITY",
             "FS_EKF_ACTION",
             "LAND_ALT_LOW",
             "PSC_JERK_Z",
