@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from ._checks import CheckMeasure as CheckMeasure
     from ._checks import DecompositionVocabulary as DecompositionVocabulary
     from ._document import DecompositionDocument as DecompositionDocument
     from ._document import KeyAttribute as KeyAttribute

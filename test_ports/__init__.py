@@ -11,7 +11,9 @@ An entry point of the group `rebar.measures` makes it known: `highest_share = "y
 """
 
 from ._declaration import DeclaredMeasure as DeclaredMeasure
+from ._declaration import DeclaredOption as DeclaredOption
 from ._declaration import Finding as Finding
 from ._declaration import Limit as Limit
+from ._declaration import Positive as Positive
 from ._declaration import measure as measure
 from ._declaration import not_considered as not_considered

@@ -13,6 +13,7 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._settings import Settings as Settings
+    from ._steps import Steps as Steps
     from .perception._camera import GroundCamera as GroundCamera
     from .perception._pose import VehiclePose as VehiclePose
 

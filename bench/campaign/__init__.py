@@ -43,14 +43,19 @@ if TYPE_CHECKING:
     from ._parallel import WorkersUnusable as WorkersUnusable
     from ._runner import CampaignSummary as CampaignSummary
     from ._runner import Collaborators as Collaborators
+    from ._runner import Finish as Finish
     from ._runner import RunOptions as RunOptions
     from ._runner import run_campaign as run_campaign
     from ._runner import run_campaign_sync as run_campaign_sync
     from ._versions import versions as versions
     from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
+    from .early_stopping._decisions import EarlyStop as EarlyStop
+    from .execution._dispatcher import StartGate as StartGate
     from .execution._dispatcher import no_gate as no_gate
+    from .execution._event_loop import HostClock as HostClock
     from .execution._executor import BenchBroken as BenchBroken
     from .execution._executor import Executor as Executor
+    from .execution._executor import Job as Job
     from .execution._executor import Jobs as Jobs
     from .execution._executor import OnStart as OnStart
     from .execution._executor import OpenExecutor as OpenExecutor
@@ -58,6 +63,7 @@ if TYPE_CHECKING:
     from .execution._executor import WorkerPlan as WorkerPlan
     from .execution._local_pool import fly_realization as fly_realization
     from .execution._local_pool import open_local_pool as open_local_pool
+    from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
@@ -73,6 +79,7 @@ if TYPE_CHECKING:
     from .planning._realizations import situation_tensions as situation_tensions
     from .planning._scenes import write_scenes as write_scenes
     from .planning._takeoff_faults import takeoff_faults as takeoff_faults
+    from .results._finish import CampaignRuns as CampaignRuns
     from .results._finish import FinishedCampaign as FinishedCampaign
     from .results._finish import campaign_completeness as campaign_completeness
     from .results._finish import finish_campaign as finish_campaign
@@ -109,5 +116,6 @@ if TYPE_CHECKING:
     from .storage._signature import fingerprint_of as fingerprint_of
     from .storage._signature import read_signature as read_signature
     from .storage._signature import sign_manifest as sign_manifest
+    from .storage._signature import signature_faults as signature_faults
 
 __getattr__ = lazy_names(__name__)

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from ._documents import Point as Point
     from ._documents import TargetReport as TargetReport
     from ._documents import TimeWindow as TimeWindow
+    from ._documents import document_fault as document_fault
     from ._documents import document_schema as document_schema
     from ._documents import document_text as document_text
     from ._documents import parse_document as parse_document
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
     from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
+    from ._outcome import PROBES as PROBES
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
     from ._outcome import Outcome as Outcome

@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from ._fit import ScaleTrials as ScaleTrials
     from ._fit import fit_scale as fit_scale
     from ._scale import POINTS_PER_LOG_ODDS as POINTS_PER_LOG_ODDS
+    from ._scale import Contribution as Contribution
     from ._scale import DifficultyScale as DifficultyScale
     from ._scale import FlownFolder as FlownFolder
     from ._scale import MeasuredDifficulty as MeasuredDifficulty
+    from ._scale import NodeScale as NodeScale
     from ._scale import load_scale as load_scale
     from ._scale import shipped_scale as shipped_scale
 

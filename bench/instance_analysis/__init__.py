@@ -15,6 +15,8 @@ from ._prose import read_prose as read_prose
 from ._result import BaseSimSpec as BaseSimSpec
 from ._result import Choice as Choice
 from ._result import ClauseReading as ClauseReading
+from ._result import Receipt as Receipt
+from ._result import UnreadText as UnreadText
 from ._result import VariedField as VariedField
 from ._rewritten import rewrite_prose as rewrite_prose
 from .language._vocabulary import Vocabulary as Vocabulary

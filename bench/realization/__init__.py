@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .design import DesignPoint as DesignPoint
     from .design import DesignQuality as DesignQuality
     from .design import FactorLevel as FactorLevel
+    from .design import FactorRange as FactorRange
     from .design import FullFactorial as FullFactorial
     from .design import Method as Method
     from .design import Sobol as Sobol

@@ -13,6 +13,7 @@ from bench.lazy import lazy_names
 if TYPE_CHECKING:
     from ._difference import RecordingDifference as RecordingDifference
     from ._difference import recording_difference as recording_difference
+    from ._distance import TruthDistance as TruthDistance
     from ._distance import truth_distance as truth_distance
     from ._reader import check_whole as check_whole
     from ._reader import read_metadata as read_metadata

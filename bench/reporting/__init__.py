@@ -27,6 +27,7 @@ from .assurance._case import AssuranceCase as AssuranceCase
 from .assurance._case import assurance_case as assurance_case
 from .assurance._drawing import assurance_svg as assurance_svg
 from .figures._configuration import configuration_figure as configuration_figure
+from .figures._factor_effects import factor_effects_figure as factor_effects_figure
 from .figures._files import figure_files as figure_files
 from .figures._map import map_figure as map_figure
 from .figures._pairings import pairings_figure as pairings_figure
@@ -41,6 +42,7 @@ from .statistics._agent_comparison import Comparison as Comparison
 from .statistics._agent_comparison import compare_agents as compare_agents
 from .statistics._agent_comparison import compare_campaigns as compare_campaigns
 from .statistics._calibration import Calibration as Calibration
+from .statistics._calibration import NodeCalibration as NodeCalibration
 from .statistics._calibration import calibrate as calibrate
 from .statistics._calibration import fit_difficulty as fit_difficulty
 from .statistics._design_quality import campaign_design_points as campaign_design_points
@@ -48,10 +50,13 @@ from .statistics._design_quality import campaign_design_quality as campaign_desi
 from .statistics._design_quality import difficulty_rating as difficulty_rating
 from .statistics._design_quality import measure_design as measure_design
 from .statistics._design_quality import measured_rating as measured_rating
+from .statistics._factor_effects import FactorEffects as FactorEffects
 from .statistics._factor_effects import factor_effects as factor_effects
+from .statistics._pairings import Pairing as Pairing
 from .statistics._pairings import pair_agents as pair_agents
 from .text._comparison import divergence_cells as divergence_cells
 from .text._comparison import rate_cells as rate_cells
 from .text._comparison import unpaired_cells as unpaired_cells
 from .text._format import plural as plural
+from .text._sheet import Sheet as Sheet
 from .text._sheet import sheets as sheets

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from ._report import node_reports as node_reports
     from ._report import run_reports as run_reports
     from ._scores import score_run as score_run
+    from ._statements import StatementReport as StatementReport
     from ._statements import statement_reports as statement_reports
     from ._summary import summary_frame as summary_frame
     from ._table import EXCLUDED_OUTCOMES as EXCLUDED_OUTCOMES

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ._document import load_simspec as load_simspec
     from ._factor_paths import factor_paths as factor_paths
     from ._factors import FACTORS as FACTORS
+    from ._factors import FactorDefinition as FactorDefinition
     from ._factors import factor_values as factor_values
     from ._faults import FAILURES as FAILURES
     from ._faults import OUTAGES as OUTAGES
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from ._looks import AssetLook as AssetLook
     from ._looks import Panels as Panels
     from ._looks import Solid as Solid
+    from ._looks import Triple as Triple
     from ._orders import ENDING_ORDERS as ENDING_ORDERS
     from ._orders import MOTION_ORDERS as MOTION_ORDERS
     from ._orders import PAUSES as PAUSES
@@ -77,14 +79,17 @@ if TYPE_CHECKING:
     from ._placement import Along as Along
     from ._placement import AreaCount as AreaCount
     from ._placement import Avoid as Avoid
+    from ._placement import Bearing as Bearing
     from ._placement import Between as Between
     from ._placement import Distance as Distance
     from ._placement import Facing as Facing
+    from ._placement import Inside as Inside
     from ._placement import MeanDistance as MeanDistance
     from ._placement import Near as Near
     from ._placement import Placement as Placement
     from ._placement import PlaceReference as PlaceReference
     from ._placement import Sight as Sight
+    from ._quantities import Fraction as Fraction
     from ._quantities import Identifier as Identifier
     from ._quantities import TimeWindow as TimeWindow
     from ._roles import PROTECTED_ROLES as PROTECTED_ROLES
@@ -93,10 +98,12 @@ if TYPE_CHECKING:
     from ._roles import endangered_roles as endangered_roles
     from ._rules import NoFlyArea as NoFlyArea
     from ._rules import Rules as Rules
+    from ._seeds import RandomStream as RandomStream
     from ._seeds import generator as generator
     from ._seeds import seed_of as seed_of
     from ._services import OutsideAir as OutsideAir
     from ._services import OutsideService as OutsideService
+    from ._sun import Sun as Sun
     from ._sun import sun_at as sun_at
     from ._sun import sun_of as sun_of
     from ._vehicle_spec import DEFAULT_BAUD as DEFAULT_BAUD

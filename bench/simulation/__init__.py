@@ -7,6 +7,7 @@ from ._camera import PinholeCamera as PinholeCamera
 from ._forfeit import open_forfeit as open_forfeit
 from ._host_clock import HostClock as HostClock
 from ._host_resources import count_memory_kills as count_memory_kills
+from ._interface import interface_address as interface_address
 from ._scene import open_plain_scene as open_plain_scene
 from ._session import Session as Session
 from ._session import run_session as run_session

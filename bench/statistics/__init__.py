@@ -12,6 +12,7 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
+    from ._comparison import SIGNIFICANCE as SIGNIFICANCE
     from ._comparison import NodeComparison as NodeComparison
     from ._comparison import UnpairedNodeComparison as UnpairedNodeComparison
     from ._comparison import compare_nodes as compare_nodes

@@ -72,9 +72,12 @@ if TYPE_CHECKING:
     from ._types import Detection2DArray as Detection2DArray
     from ._types import Header as Header
     from ._types import Image as Image
+    from ._types import Int32 as Int32
+    from ._types import MultiArrayDimension as MultiArrayDimension
     from ._types import MultiArrayLayout as MultiArrayLayout
     from ._types import ObjectHypothesis as ObjectHypothesis
     from ._types import ObjectHypothesisWithPose as ObjectHypothesisWithPose
+    from ._types import Octets as Octets
     from ._types import Odometry as Odometry
     from ._types import Point as Point
     from ._types import Point2D as Point2D
@@ -92,7 +95,10 @@ if TYPE_CHECKING:
     from ._types import TransformStamped as TransformStamped
     from ._types import Twist as Twist
     from ._types import TwistWithCovariance as TwistWithCovariance
+    from ._types import UInt8 as UInt8
     from ._types import UInt8MultiArray as UInt8MultiArray
+    from ._types import UInt32 as UInt32
+    from ._types import UInt32s as UInt32s
     from ._types import Vector3 as Vector3
     from ._types import message_class as message_class
     from ._types import type_name_of as type_name_of

@@ -9,8 +9,13 @@ docs/fidelity.md says what it leaves out and how well it predicts the full simul
 
 from __future__ import annotations
 
+from ._observe import Measures as Measures
 from ._observe import Observed as Observed
+from ._observe import ReferenceSurrogate as ReferenceSurrogate
 from ._observe import computed as computed
 from ._observe import observe as observe
 from ._observe import reference_surrogate as reference_surrogate
+from .batch._batch import Batch as Batch
 from .batch._batch import pack as pack
+from .batch._unfit import BYSTANDER_AWARE as BYSTANDER_AWARE
+from .batch._unfit import unfit as unfit

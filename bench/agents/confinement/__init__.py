@@ -14,6 +14,7 @@ from ._readable_paths import find_program as find_program
 from ._readable_paths import program_paths as program_paths
 from ._readable_paths import without_sessions as without_sessions
 from ._rung import ConfinedProcess as ConfinedProcess
+from ._rung import Rung as Rung
 from ._walls import HOLDINGS as HOLDINGS
 from ._walls import Host as Host
 from ._walls import Wall as Wall

@@ -8,6 +8,7 @@ What they need (OpenCV, onnxruntime, torch and transformers) is imported when a 
 
 from __future__ import annotations
 
+from ._grounded import GroundedDetector as GroundedDetector
 from ._grounded import GroundedOptions as GroundedOptions
 from ._grounded import open_grounded_detector as open_grounded_detector
 from ._onnx import OnnxDetector as OnnxDetector

@@ -11,4 +11,5 @@ from __future__ import annotations
 from ._detector import SmallDetector as SmallDetector
 from ._detector import SmallDetectorOptions as SmallDetectorOptions
 from ._detector import open_small_detector as open_small_detector
+from ._model import NetworkModel as NetworkModel
 from ._model import load_model as load_model
