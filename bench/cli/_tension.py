@@ -94,7 +94,7 @@ def _draw(campaign: Path | None, node: str, wanted: int, points: int, out: Path 
     drawn |= {"above": 20.0 * (wanted - 1), "up_to": 20.0 * wanted}
     document = given.model_dump(mode="json", exclude_defaults=True)
     document |= {"name": f"{given.name}-tension-{wanted}", "study": [node]}
-    document["design"] = {**document["design"], "method": drawn}
+    document["design"] = {**document.get("design", {}), "method": drawn}
     chosen = validate_document(document, Campaign, source=str(out))
     rate = measured_rating(tree, [node])
     plans = {plan.design_point: plan for plan in realizations(chosen)}

@@ -48,10 +48,10 @@ from ._air_topics import (
     recorded_publisher,
 )
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
+from ._companion_topics import need_of, unmatched_topics
 from ._host_clock import HOST_CLOCK, HostClock
 from ._outbox import Outbox
 from ._outside_air import open_outside_air, read_token
-from ._px4_topics import need_of, unmatched_topics
 from ._stop_session import StopSession
 
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.

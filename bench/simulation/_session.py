@@ -31,9 +31,9 @@ from bench.contracts import (
 )
 from bench.errors import SetupError
 
+from ._companion_topics import Companion
 from ._lockstep import open_lockstep
 from ._pace import Documents, Pace
-from ._px4_topics import Companion
 from ._real_time import open_real_time
 from ._service_relays import Services, open_services
 from ._session_faults import camera_faults, link_faults, pace_faults

@@ -20,7 +20,7 @@ from bench.recording import open_recording
 from bench.simspec import Home, SimSpec, VehicleSpec
 from bench.simulation import session_faults
 from bench.simulation._air_network import open_air_network
-from bench.simulation._px4_topics import Companion
+from bench.simulation._companion_topics import Companion
 from bench.simulation._stop_session import StopSession
 from bench.streams import AP_FROM_AGENT, AP_SERVICES, String, ap_message, open_client, type_hash
 

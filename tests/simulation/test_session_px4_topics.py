@@ -31,7 +31,7 @@ from bench.recording import open_recording
 from bench.simspec import AgentSpec, Home, Mission, Pace, SimSpec, VehicleSpec
 from bench.simulation import SessionPlan, run_session, session_faults
 from bench.simulation._air_network import AirNetwork, open_air_network
-from bench.simulation._px4_topics import Companion
+from bench.simulation._companion_topics import Companion
 from bench.simulation._stop_session import StopSession
 from bench.streams import (
     PX4_FROM_AGENT,

@@ -171,12 +171,14 @@ def situation_difficulties(campaign: Campaign) -> dict[str, float]:
     scale = shipped_scale(decomposition)
     studied = studied_key_attributes(decomposition, campaign.study)
     nodes = [node for node in studied if scale is not None and node in scale.proved]
-    if not campaign.situations or not nodes:
+    chooser = next((factor for factor in campaign.design.factors if factor.chooses_base), None)
+    if chooser is None or not nodes:
         return {}
     rate = measured_rating(decomposition, nodes)
     difficulties: dict[str, list[float]] = {situation.name: [] for situation in campaign.situations}
     for plan in realize(campaign.bases, campaign.design, campaign.agents[:1], _rating(campaign)):
-        difficulties[str(plan.levels["situation"])] += filter(None, rate(plan.simspec).values())
+        rated = rate(plan.simspec).values()
+        difficulties[str(plan.levels[chooser.name])] += [value for value in rated if value is not None]
     return {name: math.fsum(values) / len(values) for name, values in difficulties.items() if values}
 
 
