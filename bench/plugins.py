@@ -24,6 +24,15 @@ PluginGroup = Literal[
     "rebar.documents",
 ]
 
+# Plug-ins of packages in examples/, of which the bench's pages speak: whoever asks for one is told how to get it.
+EXAMPLES = {
+    "export-rerun": "examples/rerun_export",
+    "fit-detector": "examples/detector_fit",
+    "grounded": "examples/grounded_detector",
+    "moderngl": "examples/gl_renderer",
+    "px4-board": "examples/boards",
+}
+
 
 # What is installed does not change under a running process, and looking costs tens of milliseconds.
 @cache
@@ -45,7 +54,7 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
         raise SetupError(
             group,
             f"there is no plug-in named {name!r}",
-            f"installed: {', '.join(sorted(available)) or 'none'}",
+            remedy_for(group, name),
         )
     try:
         return available[name].load()
@@ -53,6 +62,12 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
     except Exception as error:
         what = f"{name!r} of {package_of(group, name)} cannot be imported: {failure_text(error)}"
         raise SetupError(group, what, "fix the package, or install it again") from error
+
+
+def remedy_for(group: PluginGroup, name: str) -> str:
+    """For a plug-in that is not installed: what is, and how to install one of a package in examples/."""
+    how = f"pip install {EXAMPLES[name]}" if name in EXAMPLES else "or install its package"
+    return f"installed: {', '.join(sorted(plugins(group))) or 'none'}; {how}"
 
 
 def package_of(group: PluginGroup, name: str) -> str:

@@ -24,7 +24,6 @@ from . import (
     _draw,
     _examples,
     _explain,
-    _export,
     _fly,
     _graph,
     _look,
@@ -99,7 +98,6 @@ for command in (
         _examples.examples,
         _reference.measures,
         _reference.tables,
-        _export.export,
         _machine.doctor,
     ),
 ):

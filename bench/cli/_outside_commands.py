@@ -9,10 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from bench.errors import SetupError
-from bench.plugins import load_plugin, package_of, plugins
-
-# Who asks for one of a package in examples/ is told how to get it.
-_EXAMPLES = {"fit-detector": "examples/detector_fit"}
+from bench.plugins import EXAMPLES, load_plugin, package_of, plugins
 
 
 class OutsideCommands(TyperGroup):
@@ -26,8 +23,8 @@ class OutsideCommands(TyperGroup):
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         if cmd_name not in self._outside():
-            if cmd_name in _EXAMPLES:
-                remedy = f"pip install {_EXAMPLES[cmd_name]}"
+            if cmd_name in EXAMPLES:
+                remedy = f"pip install {EXAMPLES[cmd_name]}"
                 raise SetupError(cmd_name, "is a command of a package that is not installed", remedy)
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)

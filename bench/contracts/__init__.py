@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bench.plugins import load_plugin as load_plugin
     from bench.plugins import package_of as package_of
     from bench.plugins import plugins as plugins
+    from bench.plugins import remedy_for as remedy_for
 
     from ._agent import AgentEndpoints as AgentEndpoints
     from ._agent import AgentLimits as AgentLimits

@@ -21,6 +21,7 @@ from bench.contracts import (
     lens_of,
     load_plugin,
     plugins,
+    remedy_for,
 )
 from bench.errors import DetectorFault, SetupError
 from bench.simspec import Camera, SimSpec
@@ -52,12 +53,8 @@ def open_picture_detectors(
 
 def _plugin(name: str) -> OpenPixelDetector:
     field = "perception.detector"
-    installed = sorted(plugins("rebar.detectors"))
-    if name not in installed:
-        known = f"installed: {', '.join(installed) or 'none'}"
-        raise SetupError(
-            field, f"there is no detector {name!r}", f"{known}; name one, or install its package"
-        )
+    if name not in plugins("rebar.detectors"):
+        raise SetupError(field, f"there is no detector {name!r}", remedy_for("rebar.detectors", name))
     try:
         plugin: OpenPixelDetector = load_plugin("rebar.detectors", name)
     except ImportError as error:

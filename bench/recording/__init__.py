@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ._reader import read_tape as read_tape
     from ._recorder import Recorder as Recorder
     from ._recorder import open_recording as open_recording
-    from ._rerun import export_for_rerun as export_for_rerun
     from ._tape import TapeBuilder as TapeBuilder
 
 __getattr__ = lazy_names(__name__)

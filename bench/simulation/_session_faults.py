@@ -20,6 +20,7 @@ from bench.contracts import (
     lens_of,
     load_plugin,
     plugins,
+    remedy_for,
 )
 from bench.errors import Fault, SetupError
 from bench.perception import open_detector
@@ -90,10 +91,8 @@ def camera_faults(spec: SimSpec) -> list[Fault]:
 
 def renderer_faults(field: str, name: str) -> list[Fault]:
     """Why a renderer cannot draw here: it is not installed, or says so itself. `field` is what names it."""
-    installed = plugins("rebar.renderers")
-    if name not in installed:
-        known = ", ".join(sorted(installed)) or "none"
-        return [Fault(field, f"there is no renderer {name!r}", f"installed: {known}; or install its package")]
+    if name not in plugins("rebar.renderers"):
+        return [Fault(field, f"there is no renderer {name!r}", remedy_for("rebar.renderers", name))]
     renderer = load_plugin("rebar.renderers", name)
     if not isinstance(renderer, ChecksHost):
         return []

@@ -1,4 +1,4 @@
-"""The detector `grounded`: how it reads prompts, everywhere; with tiny models of the real architectures where torch and
+"""The outside package of examples/grounded_detector: how it reads prompts, everywhere; with tiny models of the real architectures where torch and
 transformers are installed.
 """
 
@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,15 @@ import numpy as np
 import pytest
 from test_adapters_onnx import simspec_with
 
-from bench.contracts import OpenPixelDetector, Pixels, VersionedDetector, load_plugin
+from bench.contracts import Pixels, VersionedDetector, plugins
 from bench.errors import SetupError
-from bench.perception.adapters import GroundedOptions, open_grounded_detector
-from bench.perception.adapters._grounded import box_of_mask
-from bench.perception.adapters._prompts import Prompt, default_prompts, phrase_of_pieces, phrase_scores
+from bench.perception import open_detectors
+from bench.perception.adapters import read_options
 from bench.simspec import ASSETS, CLASS_LABELS
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "grounded_detector"))
+from rebar_grounded import GroundedOptions
+from rebar_grounded._prompts import Prompt, default_prompts, phrase_of_pieces, phrase_scores
 
 INSTALLED = all(importlib.util.find_spec(name) for name in ("torch", "transformers"))
 needs_models = pytest.mark.skipif(not INSTALLED, reason="torch and transformers are not installed")
@@ -54,8 +58,11 @@ def test_pieces_of_a_phrase_count_for_its_label_by_the_best() -> None:
     np.testing.assert_allclose(phrase_scores(scores, numbers, 4), expected)
 
 
+@needs_models
 def test_boxes_of_masks_hold_their_pixels() -> None:
     """Two masks, one of a single pixel, against the smallest and largest coordinates; an empty mask changes nothing."""
+    from rebar_grounded._detector import box_of_mask
+
     rng = np.random.default_rng(1)
     for mask in (rng.random((30, 50)) < 0.01, np.eye(30, 50, 7, dtype=bool) & (np.arange(30)[:, None] == 4)):
         pixels = [(x, y) for y in range(30) for x in range(50) if mask[y, x]]
@@ -82,18 +89,20 @@ def test_boxes_of_masks_hold_their_pixels() -> None:
 )
 def test_options_that_make_no_sense_are_named(options: Mapping[str, Any], where: str, what: str) -> None:
     with pytest.raises(SetupError) as raised:
-        open_grounded_detector(simspec_with(options))
+        read_options(simspec_with(options), GroundedOptions)
     (fault,) = raised.value.faults
     assert fault.where == f"perception.detector_options.{where}"
     assert what in str(fault)
 
 
-@pytest.mark.skipif(INSTALLED, reason="torch and transformers are installed")
-def test_missing_libraries_are_named_with_the_extra() -> None:
+@pytest.mark.skipif("grounded" in plugins("rebar.detectors"), reason="the package is installed")
+def test_without_the_package_the_error_says_how_to_install_it() -> None:
+    spec = simspec_with({})
+    spec = spec.model_copy(update={"perception": spec.perception.model_copy(update={"detector": "grounded"})})
     with pytest.raises(
-        SetupError, match=r"perception\.detector: grounded needs torch .*rebar-bench\[grounded\]"
+        SetupError, match=r"there is no detector 'grounded' .*pip install examples/grounded_detector"
     ):
-        load_plugin("rebar.detectors", "grounded")(simspec_with({}))
+        open_detectors(spec, ())
 
 
 @pytest.fixture(scope="module")
@@ -184,11 +193,11 @@ def test_boxes_and_scores_are_those_of_the_library(finder: Path) -> None:
     """Two pictures of two sizes against transformers' own post-processing, for phrases of one word."""
     import torch
     import transformers
+    from rebar_grounded import open_grounded_detector
 
     prompts = {"combatant": ["soldier"], "civilian_vehicle": ["car"], "tree": ["tree"]}
     options = {"model": str(finder), "prompts": prompts, "min_score": 0.2, "most_overlap": None}
-    opener: OpenPixelDetector = load_plugin("rebar.detectors", "grounded")
-    detector = opener(simspec_with(options))
+    detector = open_grounded_detector(simspec_with(options))
     version = detector.version if isinstance(detector, VersionedDetector) else ""
     assert "SHA-256" in version
     processor = transformers.AutoProcessor.from_pretrained(finder)
@@ -221,6 +230,8 @@ def test_boxes_and_scores_are_those_of_the_library(finder: Path) -> None:
 
 @needs_models
 def test_sam_tightens_boxes_and_changes_nothing_else(finder: Path, outliner: Path) -> None:
+    from rebar_grounded import open_grounded_detector
+
     options = {"model": str(finder), "prompts": PROMPTS, "min_score": 0.2}
     plain = open_grounded_detector(simspec_with(options))
     outlined = open_grounded_detector(simspec_with({**options, "sam": str(outliner)}))
@@ -239,6 +250,7 @@ def test_sam_tightens_boxes_and_changes_nothing_else(finder: Path, outliner: Pat
 @needs_models
 def test_models_that_cannot_serve_are_refused(finder: Path, outliner: Path, tmp_path: Path) -> None:
     import torch
+    from rebar_grounded import open_grounded_detector
 
     (tmp_path / "config.json").write_text(json.dumps({"model_type": "nonesuch"}))
     given = {"model": str(finder), "prompts": PROMPTS}

@@ -1,11 +1,13 @@
-"""The export for Rerun, read back with Rerun's own package and compared with the recording that it comes from."""
+"""The outside package of examples/rerun_export: what it writes, read back with Rerun's own package and compared with the
+recording that it comes from.
+"""
 
 from __future__ import annotations
 
 import math
 import sys
 from collections import defaultdict
-from importlib.util import find_spec
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +26,10 @@ from bench.contracts import (
     Record,
     Tape,
     VehicleTopics,
+    plugins,
 )
 from bench.errors import SetupError
-from bench.recording import export_for_rerun, open_recording, read_tape
+from bench.recording import open_recording, read_tape
 from bench.simspec import SimSpec
 from bench.streams import (
     CompressedImage,
@@ -39,6 +42,10 @@ from bench.streams import (
     Vector3,
     encode,
 )
+
+pytest.importorskip("rerun", reason="the package rerun-sdk is not installed")
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "rerun_export"))
+from rebar_rerun import export_for_rerun
 
 OBSERVATIONS = (
     Observation(
@@ -56,9 +63,6 @@ OBSERVATIONS = (
     Observation(observable="OBS-4", considered=False),
 )
 
-needs_rerun = pytest.mark.skipif(
-    find_spec("rerun") is None, reason="the extra `rerun` is not installed (pip install rerun-sdk)"
-)
 OTHER_BOX = (10.0, 20.0, 110.0, 80.0)
 CORNERS = [(150.0, -50.0), (260.0, -50.0), (200.0, 40.0)]
 MOUNT = (0.5, -0.5, 0.5, 0.5)
@@ -156,7 +160,6 @@ def export(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return Export(recorded(folder / "recording.mcap", situation(request.param)), folder / "run.rrd")
 
 
-@needs_rerun
 def test_actors_and_vehicle_are_where_the_truth_says(export: Export) -> None:
     tape, members = export.tape, cast(situation("vehicle_1"))
     centers = np.array(export.values("/world/actors", "centers"))
@@ -187,7 +190,6 @@ def test_actors_and_vehicle_are_where_the_truth_says(export: Export) -> None:
         )
 
 
-@needs_rerun
 def test_areas_are_there_for_as_long_as_they_hold(export: Export) -> None:
     ring = [[east, north, 0.0] for east, north in (*CORNERS, CORNERS[0])]
     (labels,), (strips,) = export.values("/world/areas", "labels"), export.values("/world/areas", "strips")
@@ -202,7 +204,6 @@ def test_areas_are_there_for_as_long_as_they_hold(export: Export) -> None:
         assert export.values(path, "strips") == [[ring]]
 
 
-@needs_rerun
 def test_pictures_and_boxes_stand_at_their_exposures(export: Export) -> None:
     """Two cameras: one that stays level, one that leans with the vehicle."""
     tape = export.tape
@@ -239,7 +240,6 @@ def test_pictures_and_boxes_stand_at_their_exposures(export: Export) -> None:
     assert set(map(tuple, export.values("/world/level/front/truth", "labels"))) == {("walker-1",)}
 
 
-@needs_rerun
 def test_words_reports_and_tracks_show_every_character(export: Export) -> None:
     said = dict(zip(export.times("/log/agent", "text"), export.values("/log/agent", "text"), strict=True))
     assert said[4.05] == ["go first: at once\\x1b[2J\\u202e"]
@@ -256,7 +256,6 @@ def test_words_reports_and_tracks_show_every_character(export: Export) -> None:
     assert len(export.blueprints) == 1
 
 
-@needs_rerun
 def test_moments_of_what_was_measured_below_one_stand_in_the_log(export: Export) -> None:
     assert export.times("/log/observables/OBS-1", "text") == [2.0, 7.5]
     assert export.values("/log/observables/OBS-1", "text") == [
@@ -267,34 +266,26 @@ def test_moments_of_what_was_measured_below_one_stand_in_the_log(export: Export)
     assert not {"/log/observables/OBS-3", "/log/observables/OBS-4"} & set(export.rows)
 
 
-@needs_rerun
-def test_what_cannot_be_decoded_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_decoded_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """And of a recording that was cut off, what is before the cut."""
+    command = EntryPoint("export-rerun", "rebar_rerun._command:export_rerun", "rebar.commands")
+    monkeypatch.setitem(plugins("rebar.commands"), command.name, command)
     source = recorded(tmp_path / "recording.mcap", situation("vehicle_1"), spoilt=True)
-    assert run(["export", str(source), "--rerun", "--out", str(tmp_path / "run.rrd")]) == 0
+    assert run(["export-rerun", str(source), "--out", str(tmp_path / "run.rrd")]) == 0
     printed = capsys.readouterr().out
     assert f"not shown: {TRUTH_ACTORS} (1)" in printed
     # Nothing is left but the SimSpec.
     source.write_bytes(source.read_bytes()[: source.stat().st_size // 2])
-    assert run(["export", str(tmp_path), "--rerun", "--out", str(tmp_path / "cut.rrd")]) == 0
+    assert run(["export-rerun", str(tmp_path), "--out", str(tmp_path / "cut.rrd")]) == 0
     assert "not shown: recording (1)" in capsys.readouterr().out
-    assert run(["export", str(tmp_path), "--rerun", "--out", str(tmp_path / "cut.rrd")]) == 2
+    assert run(["export-rerun", str(tmp_path), "--out", str(tmp_path / "cut.rrd")]) == 2
     assert "exists already (give another name with --out, or delete it)" in capsys.readouterr().err
-    assert run(["export", str(tmp_path), "--rerun", "--out", str(tmp_path / "no" / "such.rrd")]) == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.rrd", "recording.mcap", "run.rrd"]
-
-
-def test_without_the_package_the_error_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    source = recorded(tmp_path / "recording.mcap", situation("vehicle_1"))
-    assert run(["export", str(tmp_path), "--rerun", "--out", str(tmp_path / "run.rrd")]) == 2
-    assert "pip install 'rebar-bench[rerun]'" in capsys.readouterr().err
-    assert run(["export", str(tmp_path), "--out", str(tmp_path / "run.rrd")]) == 2
-    assert "add --rerun" in capsys.readouterr().err
+    assert run(["export-rerun", str(tmp_path), "--out", str(tmp_path / "no" / "such.rrd")]) == 2
     stranger = tmp_path / "notes.mcap"
     stranger.write_text("no recording")
     with pytest.raises(SetupError, match="is not an MCAP recording"):
-        export_for_rerun(stranger, tmp_path / "run.rrd")
-    assert sorted(tmp_path.iterdir()) == [stranger, source]
+        export_for_rerun(stranger, tmp_path / "stranger.rrd")
+    left = ["cut.rrd", "notes.mcap", "recording.mcap", "run.rrd"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == left

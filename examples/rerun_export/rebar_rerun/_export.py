@@ -1,7 +1,4 @@
-"""A recording made into one .rrd file, which the viewer of Rerun shows.
-
-Rerun is the extra `rerun`: its package is imported when an export is asked for, and nothing else needs it.
-"""
+"""A recording made into one .rrd file, which the viewer of Rerun shows."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rerun as rr
 
 from bench.contracts import (
     TF,
@@ -25,12 +23,11 @@ from bench.contracts import (
     VehicleTopics,
 )
 from bench.errors import SetupError
+from bench.recording import read_records, read_simspec, read_tape
 from bench.simspec import Camera, Role, SimSpec
 from bench.simspec import Point as GroundPoint
 from bench.streams import CompressedImage, Odometry, TFMessage, decode, decode_pose_array
 from bench.visible_text import visible
-
-from ._reader import read_records, read_simspec, read_tape
 
 TIMELINE = "simulated_time"
 # The colours of the report's dark page, which mean the same there.
@@ -57,27 +54,21 @@ def export_for_rerun(
     `observations` that were measured in it and are below 1.
 
     Returns what the recording holds and cannot be decoded, as `Tape.malformed`. Raises SetupError when `source` is no
-    recording of the bench, when `target` exists, and without the extra `rerun`; OSError when `target` cannot be written. A
-    failure leaves no `target`.
+    recording of the bench, and when `target` exists; OSError when `target` cannot be written. A failure leaves no `target`.
     """
     source, target = Path(source), Path(target)
     tape = read_tape(source, simspec := read_simspec(source))
-    try:
-        import rerun
-    except ImportError as error:
-        remedy = "install it with `pip install 'rebar-bench[rerun]'`"
-        raise SetupError("--rerun", "it needs the package rerun-sdk", remedy) from error
     if os.path.lexists(target):
         raise SetupError(target, "exists already", "give another name with --out, or delete it")
     # Under another name until it is whole: a viewer must not open half a file as if it were one.
     partial = target.with_name(f"{target.name}.partial")
     partial.touch()  # here, because the package only logs that it cannot write
     try:
-        with rerun.RecordingStream("rebar") as stream:
-            stream.save(partial, _blueprint(rerun, simspec))
+        with rr.RecordingStream("rebar") as stream:
+            stream.save(partial, _blueprint(simspec))
             stream.set_log_time_enabled(False)  # the host's clock says nothing about the run
             stream.send_recording_name(simspec.name)
-            scene = _Scene(rerun, stream, simspec, tape)
+            scene = _Scene(stream, simspec, tape)
             scene.log_situation()
             scene.log_tape()
             scene.log_observations(observations)
@@ -95,9 +86,9 @@ def _camera_path(camera: Camera) -> str:
     return f"world/{'level' if camera.stabilized else 'vehicle'}/{camera.name}"
 
 
-def _blueprint(rerun: Any, simspec: SimSpec) -> Any:
+def _blueprint(simspec: SimSpec) -> Any:
     """The scene with what was reported so far, the log, the pictures of each camera with boxes, and the plots."""
-    views, boundary = rerun.blueprint, rerun.blueprint.TimeRangeBoundary
+    views, boundary = rr.blueprint, rr.blueprint.TimeRangeBoundary
     so_far = views.VisibleTimeRanges(
         timeline=TIMELINE, start=boundary.infinite(), end=boundary.cursor_relative()
     )
@@ -122,8 +113,8 @@ def _blueprint(rerun: Any, simspec: SimSpec) -> Any:
 class _Scene:
     """What the viewer shows of one run, logged to a stream of Rerun."""
 
-    def __init__(self, rerun: Any, stream: Any, simspec: SimSpec, tape: Tape) -> None:
-        self._rerun, self._stream, self._simspec, self._tape = rerun, stream, simspec, tape
+    def __init__(self, stream: Any, simspec: SimSpec, tape: Tape) -> None:
+        self._stream, self._simspec, self._tape = stream, simspec, tape
         topics = VehicleTopics(simspec.vehicle.name)
         cameras = simspec.vehicle.cameras
         self._pictures = {topics.image_compressed(camera.name): _camera_path(camera) for camera in cameras}
@@ -138,7 +129,7 @@ class _Scene:
     def log_situation(self) -> None:
         """What stands in the SimSpec; a no-fly area from its beginning to its end."""
         world, rules, vehicle = self._simspec.world, self._simspec.rules, self._simspec.vehicle
-        self._log("world", self._rerun.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         areas = [("area", world.area), *((area.id, area) for area in world.areas)]
         areas += [] if rules.geofence is None else [("geofence", rules.geofence)]
         rings = [_ring(area.corners) for _, area in areas]
@@ -149,13 +140,13 @@ class _Scene:
             path, ring = f"world/no_fly/{no_fly.id}", _ring(no_fly.area.corners)
             self._log(path, self._lines([ring], NO_FLY_COLOR, [f"no-fly {no_fly.id}"]), no_fly.from_s)
             if no_fly.until_s is not None:
-                self._log(path, self._rerun.Clear(recursive=False), no_fly.until_s)
-        body = self._rerun.Boxes3D(half_sizes=[VEHICLE_HALF_M], colors=VEHICLE_COLOR, labels=[vehicle.name])
+                self._log(path, rr.Clear(recursive=False), no_fly.until_s)
+        body = rr.Boxes3D(half_sizes=[VEHICLE_HALF_M], colors=VEHICLE_COLOR, labels=[vehicle.name])
         self._log("world/vehicle/body", body)
         for camera in vehicle.cameras:
             focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
             size_px = {"width": camera.width_px, "height": camera.height_px}
-            lens = self._rerun.Pinhole(focal_length=focal_px, image_plane_distance=PICTURE_PLANE_M, **size_px)
+            lens = rr.Pinhole(focal_length=focal_px, image_plane_distance=PICTURE_PLANE_M, **size_px)
             self._log(_camera_path(camera), lens)
 
     def log_observations(self, observations: Iterable[Observation]) -> None:
@@ -165,12 +156,12 @@ class _Scene:
                 continue
             for evidence in observation.evidence:
                 words = visible(f"{observation.observable} {observation.x:.3g}: {evidence.text}")
-                line = self._rerun.TextLog(words, level="WARN")
+                line = rr.TextLog(words, level="WARN")
                 self._log(f"log/observables/{observation.observable}", line, evidence.time_s)
 
     def log_tape(self) -> None:
         """What the tape holds: words, reports, tracks, boxes, plots, and the whole path."""
-        rr, tape = self._rerun, self._tape
+        tape = self._tape
         self._log("world/path", self._lines([tape.vehicle_position_enu_m], VEHICLE_COLOR, ["flown"]))
         for path, time_s, words in _words(tape):
             self._log(f"log/{path}", rr.TextLog(visible(words.strip(" :")), level="INFO"), time_s)
@@ -197,7 +188,7 @@ class _Scene:
 
     def log_record(self, record: Record) -> None:
         """What no tape holds: attitudes, mounts of cameras, pictures."""
-        rr, time_s = self._rerun, record.time.s
+        time_s = record.time.s
         if record.topic == TRUTH_ODOMETRY and (odometry := decode(Odometry, record.data)):
             at, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
             ahead_east = 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z)
@@ -243,22 +234,22 @@ class _Scene:
             labels = [f"{it.class_label} {it.score:.2f} {it.track}" for it in found.detections]
             boxes = self._boxes(found.detections, DETECTION_COLOR, labels)
             self._log(f"{cameras[name]}/detections", boxes, found.exposed.s)
-            self._log(f"plots/detections/{name}", self._rerun.Scalars(len(labels)), found.exposed.s)
+            self._log(f"plots/detections/{name}", rr.Scalars(len(labels)), found.exposed.s)
 
     def _boxes(self, found: Sequence[Any], colors: Any, labels: list[str]) -> Any:
-        return self._rerun.Boxes2D(
+        return rr.Boxes2D(
             array=np.array([it.box for it in found], dtype=np.float64).reshape(-1, 4),
-            array_format=self._rerun.Box2DFormat.XYXY,
+            array_format=rr.Box2DFormat.XYXY,
             colors=colors,
             labels=_visible(labels),
         )
 
     def _lines(self, strips: list[Any], color: int, labels: Iterable[str]) -> Any:
-        return self._rerun.LineStrips3D(strips, colors=color, labels=_visible(labels), radii=LINE_RADIUS)
+        return rr.LineStrips3D(strips, colors=color, labels=_visible(labels), radii=LINE_RADIUS)
 
     def _points(self, places: Sequence[Any], color: int, labels: Iterable[str]) -> Any:
         positions = [(place.east_m, place.north_m, 0.0) for place in places]
-        return self._rerun.Points3D(positions, colors=color, labels=_visible(labels), radii=POINT_RADIUS)
+        return rr.Points3D(positions, colors=color, labels=_visible(labels), radii=POINT_RADIUS)
 
     def _log(self, path: str, content: Any, time_s: float | None = None) -> None:
         """At a moment, or for all time."""

@@ -3,73 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+import torch
+import transformers
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Detection, Pixels
-from bench.documents import Document
-from bench.errors import SetupError
+from bench.perception.adapters import (
+    file_digest,
+    option_fault,
+    read_options,
+    surest_detections,
+)
 from bench.simspec import SimSpec
 
-from ._options import file_digest, option_fault, read_options, require_class_labels, surest_detections
+from ._options import GroundedOptions
 from ._prompts import Prompt, default_prompts, phrase_of_pieces, phrase_scores
-
-if TYPE_CHECKING:
-    from types import ModuleType
-
-_INSTALL = "install them (pip install 'rebar-bench[grounded]'), or name another detector"
-
-
-class GroundedOptions(Document):
-    """`perception.detector_options` of the detector `grounded`."""
-
-    model: str = Field(
-        "IDEA-Research/grounding-dino-tiny",
-        min_length=1,
-        description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
-    )
-    sam: str | None = Field(
-        None,
-        min_length=1,
-        description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
-    )
-    prompts: Annotated[
-        dict[str, tuple[Annotated[str, Field(min_length=1, max_length=80)], ...]],
-        Field(
-            min_length=1,
-            description="Phrases by class label of the catalogue, in lower case. Default: the names of its assets.",
-        ),
-    ] = Field(default_factory=default_prompts)
-    min_score: float = Field(0.3, gt=0.0, lt=1.0, description="Least score of a detection.")
-    most_overlap: float | None = Field(
-        0.7,
-        gt=0.0,
-        le=1.0,
-        description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
-    )
-    max_detections: int = Field(100, ge=1, le=900, description="The surest so many of a picture.")
-    device: Literal["cpu", "cuda"] = Field("cpu", description="Where the networks are computed.")
-
-    @field_validator("prompts")
-    @classmethod
-    def _prompts_can_be_told_apart(
-        cls, prompts: dict[str, tuple[str, ...]], info: ValidationInfo
-    ) -> dict[str, tuple[str, ...]]:
-        require_class_labels(prompts, info)
-        first: dict[str, str] = {}
-        for label, phrases in prompts.items():
-            for phrase in phrases:
-                if phrase != phrase.strip().lower() or "." in phrase:
-                    raise ValueError(
-                        f"{phrase!r}: write phrases in lower case, without a full stop or space around"
-                    )
-                if phrase in first:
-                    raise ValueError(f"{phrase!r} stands for {first[phrase]} and {label}: keep one of them")
-                first[phrase] = label
-        return prompts
 
 
 class GroundedDetector:
@@ -78,12 +29,11 @@ class GroundedDetector:
     def __init__(
         self,
         options: GroundedOptions,
-        torch: ModuleType,
         finder: tuple[Any, Any],
         outlines: tuple[Any, Any] | None,
         version: str,
     ) -> None:
-        self._options, self._torch = options, torch
+        self._options = options
         self._processor, self._model = finder
         self._outlines = outlines
         self.version = version
@@ -101,7 +51,7 @@ class GroundedDetector:
         rgb = np.ascontiguousarray(bgr[..., ::-1])
         size_px = (bgr.shape[1], bgr.shape[0])
         inputs = self._processor(images=rgb, text=self._prompt.text, return_tensors="pt")
-        with self._torch.inference_mode():
+        with torch.inference_mode():
             outputs = self._model(**inputs.to(self._options.device))
         # What lies beyond the text is minus infinity, which the sigmoid takes to 0.
         pieces: Floats = outputs.logits[0].sigmoid().cpu().numpy().astype(np.float64)
@@ -130,7 +80,7 @@ class GroundedDetector:
         prompts = [[list(detection.box) for detection in detections]]
         inputs = processor(rgb, input_boxes=prompts, return_tensors="pt")
         sizes = inputs["original_sizes"], inputs["reshaped_input_sizes"]
-        with self._torch.inference_mode():
+        with torch.inference_mode():
             outputs = model(**inputs.to(self._options.device))
         (masks,) = processor.image_processor.post_process_masks(
             outputs.pred_masks.cpu(), *(size.cpu() for size in sizes)
@@ -157,19 +107,12 @@ def box_of_mask(mask: Bools, given: tuple[float, float, float, float]) -> tuple[
 def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
     """The entry point `grounded` of group `rebar.detectors`.
 
-    Raises SetupError for options that it does not know, libraries that are not installed, models that cannot be loaded
-    or are of another kind, and a device that is not there.
+    Raises SetupError for options that it does not know, models that cannot be loaded or are of another kind, and a device
+    that is not there.
     """
     options = read_options(simspec, GroundedOptions)
     if "prompts" not in options.model_fields_set:
         options = options.model_copy(update={"prompts": default_prompts(simspec.assets)})
-    try:
-        import torch
-        import transformers
-    except ImportError as error:
-        raise SetupError(
-            "perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL
-        ) from error
     if options.device == "cuda" and not torch.cuda.is_available():
         raise option_fault("device", "torch finds no CUDA device", "set device: cpu")
     # Its bars would go to the standard error of every worker.
@@ -190,7 +133,7 @@ def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
         versions.append(_version_of("SAM", options.sam, sam))
     versions += [f"transformers {transformers.__version__}", f"torch {torch.__version__}"]
     return GroundedDetector(
-        options, torch, (processor, model.to(options.device).eval()), outlines, ", ".join(versions)
+        options, (processor, model.to(options.device).eval()), outlines, ", ".join(versions)
     )
 
 
