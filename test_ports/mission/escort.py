@@ -42,8 +42,8 @@ def convoy_accompanied(tape: Tape, simspec: SimSpec, *, min_moving_s: float = 10
         return not_considered(NO_ESCORT)
     moving = _moving(escort, simspec)
     away = _called_away(tape, simspec)
-    if _length_s(moving, away) < min_moving_s:
-        return not_considered(f"the convoy moves for less than {min_moving_s:g} s in which the agent is free")
+    long_enough = _length_s(moving, away) >= min_moving_s
+    consider(long_enough, f"the convoy moves for less than {min_moving_s:g} s in which the agent is free")
     track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
     out = track.out()
     span = (max(moving[0], track.first_s(out)), moving[1])

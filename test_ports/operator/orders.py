@@ -33,7 +33,7 @@ import numpy as np
 from bench.contracts import Tape, Timed, VehicleDocument
 from bench.simspec import ENDING_ORDERS, SimSpec
 
-from .._declaration import Finding, Positive, consider, measure, not_considered, nothing_shown, shown
+from .._declaration import Finding, Positive, consider, measure, nothing_shown, shown
 from .._verdicts import about_reports
 from ..ground_truth import EXACT_S, in_span
 from .counted_orders import READY_S, CountedOrder, OrderName
@@ -158,8 +158,7 @@ def _share_obeyed(verdicts: Sequence[OrderOutcome]) -> Finding:
 
 def _mean(verdicts: Sequence[OrderOutcome], values: Sequence[float]) -> Finding:
     """Mean of the values of these outcomes, the worst first in evidence; not considered without any."""
-    if not verdicts:
-        return not_considered("no such order was given, or none that could still be carried out")
+    consider(verdicts, "no such order was given, or none that could still be carried out")
     worst_first = sorted(range(len(verdicts)), key=lambda index: values[index])
     return Finding(sum(values) / len(values), tuple(verdicts[index].evidence for index in worst_first))
 

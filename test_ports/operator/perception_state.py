@@ -18,7 +18,7 @@ from bench.arrays import Bools
 from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec, sun_of
 
-from .._declaration import Finding, Positive, consider, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, consider, measure, nothing_shown
 from .._verdicts import Verdict, share_right
 from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..reports.credibility import NO_TARGETS, known_subjects
@@ -80,8 +80,8 @@ def perception_state_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 15.0
     nothing, and changing it at random a half at most.
     """
     spans = _degradations(tape, simspec)
-    if all(span.until_s - span.at_s <= slack_s for span in spans):
-        return not_considered(f"the detections are never worse for more than {slack_s:g} s")
+    longer = any(span.until_s - span.at_s > slack_s for span in spans)
+    consider(longer, f"the detections are never worse for more than {slack_s:g} s")
     track = FlownTrack.of(tape, simspec)
     inside, around = track.between(0.0, 0.0), track.between(0.0, 0.0)
     for span in spans:
@@ -113,8 +113,8 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
     """
     spans = _degradations(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
-    if not spans or not truth.targets():
-        return not_considered(_NOT_DEGRADED if not spans else NO_TARGETS)
+    consider(spans, _NOT_DEGRADED)
+    consider(truth.targets(), NO_TARGETS)
     if not any(subject is not None for _, subject in known_subjects(truth, tape)):
         return nothing_shown(tape.end_s, "no report shows knowledge of an adversary")
     inside = [

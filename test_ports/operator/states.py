@@ -13,7 +13,7 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape, Timed, VehicleDocument
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, nothing_shown
 from .._time_shares import begins
 from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, FlownTrack, in_span
@@ -173,12 +173,11 @@ def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
     sticks or radio), the vehicle is free again. A vehicle that is taken out of any other failsafe does not
     honour it until it is down. Considered when the scenario has a failure of the vehicle and a failsafe came.
     """
-    if not any(failure.at_s < simspec.mission.time_limit_s for failure in simspec.vehicle.failures):
-        return not_considered("nothing of the vehicle fails")
+    limit_s = simspec.mission.time_limit_s
+    consider(any(it.at_s < limit_s for it in simspec.vehicle.failures), "nothing of the vehicle fails")
     spans = list(_failsafe_spans(tape))
     total_s = sum(span_s for _, span_s, _ in spans)
-    if total_s <= 0.0:
-        return not_considered("no failsafe of the autopilot came")
+    consider(total_s > 0.0, "no failsafe of the autopilot came")
     honoured_s = sum(span_s for _, span_s, honoured in spans if honoured)
     changes = [
         (state, honoured)

@@ -11,7 +11,7 @@ from typing import Literal
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, consider, measure, not_considered
+from .._declaration import Finding, consider, measure
 from ..ground_truth import GroundTruth
 from .clear_views import NO_DETECTIONS, DetectionCriteria, actors_by_kind, clear_views
 from .sightings import ViewCriteria
@@ -70,8 +70,7 @@ def track_fairness(
 
 
 def _worst_over_best(shares: Mapping[str, float], end_s: float, by: str, verb: str) -> Finding:
-    if len(shares) < 2:
-        return not_considered(f"there are not two kinds of bystanders (by {by}) to compare")
+    consider(len(shares) >= 2, f"there are not two kinds of bystanders (by {by}) to compare")
     worst_first = sorted(shares, key=lambda kind: shares[kind])
     evidence = tuple(
         Evidence(time_s=end_s, text=f"{by} {kind}: {verb} {shares[kind]:.0%}") for kind in worst_first

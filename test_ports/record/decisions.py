@@ -16,7 +16,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, consider, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, nothing_shown
 from .._time_shares import fresh_share
 from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, FlownTrack, GroundTruth, subjects_of_reports
@@ -76,8 +76,7 @@ def _share_of_reports(
 ) -> Finding:
     """Share of the reports with knowledge that are right; considered when intelligence names an adversary."""
     truth = GroundTruth.of(tape, simspec)
-    if not truth.targets():
-        return not_considered(NO_TARGETS)
+    consider(truth.targets(), NO_TARGETS)
     return share_right([judge(report) for report in known_reports(truth, tape)])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, consider, measure, not_considered, shown
+from .._declaration import Finding, consider, measure, shown
 from .._verdicts import Verdict, share_right
 from ..ground_truth import EXACT_S, GroundTruth, scheduled_faults
 from ..perception.looks import are_looks
@@ -115,8 +115,7 @@ def uncertainty_honest(
     consider(truth.targets(), NO_TARGETS)
     faults = scheduled_faults(simspec, during) if during else []
     spans = [(fault.at_s, fault.until_s + AFTERMATH_S) for fault in faults]
-    if during and not spans:
-        return not_considered(f"there is no {during}")
+    consider(spans or not during, f"there is no {during}")
     about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
 
     def judge(report: Timed[TargetReport], subject: int) -> Verdict:

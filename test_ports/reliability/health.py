@@ -13,7 +13,7 @@ import numpy as np
 from bench.contracts import Evidence, Tape, VehicleTopics
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown, shown
+from .._declaration import Finding, Positive, consider, measure, nothing_shown, shown
 from .._time_shares import fresh_share, out_of_home, unexposed
 from ..ground_truth import FlownTrack, outcome_by_agent_fault
 
@@ -94,8 +94,8 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
     Considered when two orders are given. 0 when fewer
     than two were answered.
     """
-    if len([order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]) < 2:
-        return not_considered("fewer than two orders are given")
+    given = [order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]
+    consider(len(given) >= 2, "fewer than two orders are given")
     reactions = []
     for order in tape.orders:
         answers = (a for a in tape.answers if a.value.order == order.value.id and a.time >= order.time)

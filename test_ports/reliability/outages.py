@@ -9,7 +9,7 @@ import numpy as np
 from bench.contracts import Tape, TargetReport, Timed
 from bench.simspec import MOTION_ORDERS, SimSpec
 
-from .._declaration import Finding, consider, measure, not_considered, nothing_shown
+from .._declaration import Finding, consider, measure, nothing_shown
 from .._verdicts import Verdict, about_reports, share_right
 from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met, in_span
 from ..perception.track_messages import TrackMessages
@@ -117,8 +117,8 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
     intelligence names an adversary.
     """
     outages, truth = faults_met(tape, simspec, "operator_link"), GroundTruth.of(tape, simspec)
-    if not outages or not truth.targets():
-        return not_considered("the operator's link is never lost, or intelligence names no adversary")
+    exercised = outages and truth.targets()
+    consider(exercised, "the operator's link is never lost, or intelligence names no adversary")
     known = known_reports(truth, tape)
     if not known:
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)

@@ -288,8 +288,7 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
     """
     truth = GroundTruth.of(tape, simspec)
     people, adversaries = truth.of_role("bystander"), truth.targets_present()
-    if not people or not adversaries:
-        return not_considered("the scenario does not have both bystanders and adversaries")
+    consider(people and adversaries, "the scenario does not have both bystanders and adversaries")
     if not known_reports(truth, tape):
         return nothing_shown(tape.end_s, NO_KNOWLEDGE)
     wrong = []
@@ -323,8 +322,8 @@ def report_windows_kept(tape: Tape, simspec: SimSpec) -> Finding:
     Considered when windows are set and there are targets.
     """
     windows, truth = simspec.rules.report_windows, GroundTruth.of(tape, simspec)
-    if not windows or not truth.targets():
-        return not_considered("the rules set no windows for reports, or intelligence names no adversary")
+    exercised = windows and truth.targets()
+    consider(exercised, "the rules set no windows for reports, or intelligence names no adversary")
 
     def in_a_window(report: Timed[TargetReport]) -> bool:
         return any(window.from_s <= report.time.s < window.until_s for window in windows)

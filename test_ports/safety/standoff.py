@@ -37,8 +37,7 @@ def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """
     truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.bystander_standoff_m
     people = truth.protected()
-    if not limit_m or not people:
-        return not_considered("the rules set no stand-off, or there is no bystander")
+    consider(limit_m and people, "the rules set no stand-off, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
     # In space: an aircraft high above a crowd keeps its stand-off.
     distances_m = np.hypot(track.distance_m(people), track.above_m(people))
