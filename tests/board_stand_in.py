@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from boards import LineClock
 from firmware_stand_in import Pilot, State, Vector
 from pymavlink.dialects.v20 import common
+from scipy.spatial.transform import Rotation
 from serial_cable import Cable
 
 SLICE_S = 0.0025
@@ -143,13 +145,8 @@ class Board:
                 return
 
     def _speak(self, step_s: float) -> None:
-        for number, message in (
-            (0, self._heartbeat),
-            (93, self._controls),
-            (30, self._attitude),
-            (33, self._position),
-            (32, self._local_position),
-        ):
+        said = {0: self._heartbeat, 93: self._controls, 30: self._attitude, 33: self._position}
+        for number, message in {**said, 32: self._local_position}.items():
             interval_s = 1.0 if number == 0 else self.intervals_s.get(number)
             if interval_s is None or interval_s <= 0.0 or self.now_s < self.next_s.get(number, 0.0) - 1e-9:
                 continue
@@ -193,14 +190,11 @@ class Board:
 
     def _position(self) -> Any:
         state = self.state
-        place = (
-            round(state.latitude_deg * 1e7),
-            round(state.longitude_deg * 1e7),
-            round(state.altitude_m * 1e3),
-        )
+        place = (round(state.latitude_deg * 1e7), round(state.longitude_deg * 1e7))
+        altitude_mm = round(state.altitude_m * 1e3)
         speeds = [round(speed * 100) for speed in state.velocity]
-        height_mm = round(-state.position[2] * 1000)
-        return common.MAVLink_global_position_int_message(self._ms(), *place, height_mm, *speeds, 65535)
+        heights = (altitude_mm, round(-state.position[2] * 1000))
+        return common.MAVLink_global_position_int_message(self._ms(), *place, *heights, *speeds, 65535)
 
     def _local_position(self) -> Any:
         return common.MAVLink_local_position_ned_message(
@@ -224,9 +218,8 @@ class Board:
             assert message.fix_type == 3
             self.estimate.take_gps(message, self.state)
         elif kind == "HEARTBEAT":
-            assert (message.type, message.autopilot) == (0, 8), (
-                "a heartbeat of a ground station is a failsafe's"
-            )
+            # That of a ground station is a failsafe's.
+            assert (message.type, message.autopilot) == (0, 8)
         elif kind == "PARAM_REQUEST_READ":
             self._answer_parameter(message.param_id)
         elif kind == "PARAM_SET":
@@ -256,9 +249,8 @@ class Board:
         if name in self.parameters:
             value, kind = self.parameters[name]
             wire = value if kind == REAL32 else struct.unpack("<f", struct.pack("<i", int(value)))[0]
-            self.say(
-                common.MAVLink_param_value_message(name.encode(), wire, kind, len(self.parameters), 65535)
-            )
+            count = len(self.parameters)
+            self.say(common.MAVLink_param_value_message(name.encode(), wire, kind, count, 65535))
 
     def _set_parameter(self, message: Any) -> None:
         name = message.param_id
@@ -287,12 +279,8 @@ class Board:
         elif command == 511:
             self.intervals_s[int(message.param1)] = message.param2 / 1e6
         elif command == 512:
-            version = [0] * 8
-            self.say(
-                common.MAVLink_autopilot_version_message(
-                    0, 0x011000FF, 0, 0, 0, version, version, version, 0, 0, 0
-                )
-            )
+            hashes = [[0] * 8] * 3
+            self.say(common.MAVLink_autopilot_version_message(0, 0x011000FF, 0, 0, 0, *hashes, 0, 0, 0))
         self.say(common.MAVLink_command_ack_message(command, 0))
 
 
@@ -304,7 +292,7 @@ class Estimate:
         self.home_altitude_m = 0.0
         self._home: tuple[float, float] | None = None
         self._last_s: float | None = None
-        self._magnetic: tuple[float, float, float] | None = None
+        self._magnetic: Vector | None = None
 
     def take_sensor(self, message: Any, now_s: float, state: State) -> None:
         force = (message.xacc, message.yacc, message.zacc)
@@ -319,8 +307,9 @@ class Estimate:
             span_s = min(now_s - self._last_s, 0.05)
             rates = (message.xgyro, message.ygyro, message.zgyro)
             state.rates = rates
-            state.quaternion = turned(state.quaternion, rates, span_s)
-            north, east, down = state.to_ned((force[0], force[1], force[2]))
+            turn = Rotation.from_rotvec([rate * span_s for rate in rates])
+            state.quaternion = quaternion_of(Rotation.from_quat(state.quaternion, scalar_first=True) * turn)
+            north, east, down = state.to_ned(force)
             state.velocity = moved_by(state.velocity, (north, east, down + G), span_s)
             state.position = moved_by(state.position, state.velocity, span_s)
             state.time_s += span_s
@@ -337,48 +326,27 @@ class Estimate:
         east = (longitude - home_longitude) * 111194.0 * math.cos(math.radians(home_latitude))
         fix = (north, east, self.home_altitude_m - altitude)
         speeds = (message.vn / 100, message.ve / 100, message.vd / 100)
-        state.position = nearer(state.position, fix, 0.5)
-        state.velocity = nearer(state.velocity, speeds, 0.8)
+        state.position = moved_by(state.position, np.subtract(fix, state.position).tolist(), 0.5)
+        state.velocity = moved_by(state.velocity, np.subtract(speeds, state.velocity).tolist(), 0.8)
 
 
 Quaternion = tuple[float, float, float, float]
 
 
-def moved_by(start: Vector, speed: Vector, span_s: float) -> Vector:
+def moved_by(start: Vector, speed: Iterable[float], span_s: float) -> Vector:
     a, b, c = (value + rate * span_s for value, rate in zip(start, speed, strict=True))
     return a, b, c
 
 
-def nearer(start: Vector, goal: Vector, share: float) -> Vector:
-    a, b, c = (value + share * (wanted - value) for value, wanted in zip(start, goal, strict=True))
-    return a, b, c
-
-
-def level(force: tuple[float, ...], magnetic: tuple[float, float, float]) -> Quaternion:
+def level(force: Vector, magnetic: Vector) -> Quaternion:
     """Attitude at rest: down by the accelerometer, north by the magnetometer."""
-    roll, pitch = math.atan2(-force[1], -force[2]), math.atan2(force[0], math.hypot(force[1], force[2]))
-    x, y, z = magnetic
-    along = x * math.cos(pitch) + (y * math.sin(roll) + z * math.cos(roll)) * math.sin(pitch)
-    across = y * math.cos(roll) - z * math.sin(roll)
-    yaw = math.atan2(-across, along)
-    cr, sr, cp, sp, cy, sy = (f(angle / 2) for angle in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    down = -np.array(force)
+    east = np.cross(down, magnetic)
+    axes = [np.cross(east, down), east, down]
+    body_to_ned = Rotation.from_matrix([axis / np.linalg.norm(axis) for axis in axes])
+    return quaternion_of(body_to_ned)
 
 
-def turned(attitude: Quaternion, rates: tuple[float, ...], span_s: float) -> Quaternion:
-    w, x, y, z = attitude
-    p, q, r = (rate * span_s / 2 for rate in rates)
-    moved = (
-        w - x * p - y * q - z * r,
-        x + w * p + y * r - z * q,
-        y + w * q - x * r + z * p,
-        z + w * r + x * q - y * p,
-    )
-    length = math.sqrt(sum(part * part for part in moved))
-    a, b, c, d = (part / length for part in moved)
-    return a, b, c, d
+def quaternion_of(attitude: Rotation) -> Quaternion:
+    w, x, y, z = attitude.as_quat(scalar_first=True).tolist()
+    return w, x, y, z

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from bench.cli._app import run
 
@@ -42,6 +44,43 @@ def json_of(line: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) 
     return json.loads(capsys.readouterr().out)
 
 
+@dataclass(frozen=True)
+class Rebar:
+    """Commands that print for the test; their words may be anything that has a text."""
+
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, *words: object, code: int = 0) -> str:
+        """What a command prints, which ends with this code."""
+        return self._ended(words, code)[0]
+
+    def words(self, *words: object, code: int = 0) -> str:
+        """The same with a space wherever a line may be wrapped."""
+        return " ".join(self(*words, code=code).split())
+
+    def refused(self, *words: object, code: int = 2) -> str:
+        """What a command prints as an error."""
+        error = self._ended(words, code)[1]
+        assert "Traceback" not in error
+        return error
+
+    def json(self, *words: object, code: int = 0) -> Any:
+        """What a command prints for a machine."""
+        return json.loads(self(*words, "--json", code=code))
+
+    def _ended(self, words: tuple[object, ...], code: int) -> tuple[str, str]:
+        self.capsys.readouterr()
+        ended = run([str(word) for word in words])
+        shown = self.capsys.readouterr()
+        assert ended == code, shown
+        return shown.out, shown.err
+
+
+@pytest.fixture
+def rebar(capsys: pytest.CaptureFixture[str]) -> Rebar:
+    return Rebar(capsys)
+
+
 def short_campaign(folder: Path, more: str = "", time_limit_s: float = 10.0) -> Path:
     """The file of a campaign of two scenes that run out of time after some simulated seconds."""
     scene = EXAMPLE.read_text()
@@ -56,4 +95,11 @@ def fly_short(folder: Path, more: str = "", time_limit_s: float = 10.0) -> Path:
     """The folder of such a campaign that was flown."""
     line = ["run", str(short_campaign(folder, more, time_limit_s)), "--out", str(folder / "out")]
     assert run([*line, "--workers", "1"]) == 0
+    return folder / "out"
+
+
+def fly_surrogates(folder: Path, **changes: object) -> Path:
+    """The folder of a campaign of surrogates, with other fields than usual, that was flown."""
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(SURROGATES | changes))
+    assert run(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--workers", "1"]) == 0
     return folder / "out"

@@ -9,10 +9,7 @@ import firmware_stand_in
 
 
 def install_firmware(folder: Path, kind: str, *, imitates: bool = False) -> Path:
-    """The firmware as a user would name it: PX4's folder, ArduPilot's program.
-
-    The crude stand-in, or one that `imitates`: the bench's own flight controller on the protocols of the real one.
-    """
+    """PX4's folder or ArduPilot's program: the crude stand-in, or one that `imitates` a whole autopilot."""
     program = folder / "bin" / "px4" if kind == "px4" else folder / "arducopter"
     program.parent.mkdir(parents=True)
     # Isolated (-I, -S): it uses the standard library alone, so it cannot take the bench's own codec.

@@ -10,23 +10,22 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from firmware_stand_in import Pilot, State
 from firmware_stand_in._ardupilot import fly_ardupilot
 from firmware_stand_in._px4 import HELLO_S, fly_px4
 
 from bench.contracts import LinkSpec, Vector, VehiclePlan
 from bench.documents import validate_document
-from bench.simspec import Gps, SimSpec
+from bench.simspec import SimSpec
 from vehicle_models._aircraft import Aircraft, Plant, SteeredAirframe
 from vehicle_models._battery import BatteryModel
 from vehicle_models._jsbsim import StartPose, VehicleMotion
-from vehicle_models._navigation import Navigation
 from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
 from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
 
@@ -45,39 +44,9 @@ def main() -> None:
     """Fly as the autopilot by whose name the program was started."""
     with ExitStack() as stack:
         if Path(sys.argv[0]).name == "px4":
-            fly_px4(
-                lambda instance, parameters, state: stack.enter_context(_px4(instance, parameters, state))
-            )
+            fly_px4(partial(_px4, stack))
         else:
-            fly_ardupilot(
-                lambda instance, parameters, state: stack.enter_context(
-                    _ardupilot(instance, parameters, state)
-                )
-            )
-
-
-class HeardNavigation(Navigation):
-    """The estimate of position with the errors of the fixes that come over the link of PX4."""
-
-    def __init__(self, state: State, step_s: float, random: np.random.Generator) -> None:
-        super().__init__(Gps(), step_s, random)
-        self._state = state
-        self._heard_us = 0
-
-    def step(self) -> None:
-        if self.off:
-            self._dead_reckon()
-            return
-        if self._state.fix_us != self._heard_us:
-            self._heard_us = self._state.fix_us
-            north_m, east_m = self._state.fix_error_m
-            self.fix_error_enu_m = (east_m, north_m, 0.0)
-            self.fixes += 1
-        # As fast as an estimator follows its receiver.
-        share = 2.0 / CONTROLLER_HZ
-        self.error_enu_m = tuple(  # type: ignore[assignment]
-            now + share * (fix - now) for now, fix in zip(self.error_enu_m, self.fix_error_enu_m, strict=True)
-        )
+            fly_ardupilot(partial(ImitatedArduPilot, stack))
 
 
 class TruePlant:
@@ -181,7 +150,6 @@ class Imitation(Aircraft):
     def __init__(self, plan: VehiclePlan, links: list[Any], state: State) -> None:
         self._state = state
         super().__init__(plan, links)
-        self._navigation = HeardNavigation(state, self.step_s, np.random.default_rng(1))
 
     @property
     def armed(self) -> bool:
@@ -192,10 +160,6 @@ class Imitation(Aircraft):
         """None in OFFBOARD on the ground, nor behind the end of a flight, as observed of PX4."""
         mode = self._flight.mode.name
         return mode != "TERMINATION" and (mode != "OFFBOARD" or self._plant.motion.up_m > 0.0)
-
-    def set_gps_off(self, off: bool) -> None:
-        if off != self._navigation.off:
-            self._navigation.set_off(off)
 
     def rotor_speeds(self) -> list[float]:
         return self._crude.rotors()
@@ -242,9 +206,7 @@ class ImitatedSide:
     def has_outputs(self) -> bool:
         return self._imitation is None or self._imitation.has_outputs
 
-    def rotors(self, *, gps_off: bool = False) -> list[float]:
-        if self._imitation:
-            self._imitation.set_gps_off(gps_off)
+    def rotors(self) -> list[float]:
         return self._imitation.rotor_speeds() if self._imitation else [0.0] * 4
 
     def serve(self) -> None:
@@ -283,7 +245,7 @@ class ImitatedSide:
 
 class ImitatedArduPilot(ImitatedSide):
     def __init__(
-        self, instance: int, parameters: Mapping[str, float], state: State, stack: ExitStack
+        self, stack: ExitStack, instance: int, parameters: Mapping[str, float], state: State
     ) -> None:
         spec = LinkSpec("first", "tcp_in", port=5760 + 10 * instance)
         links = stack.enter_context(open_links((spec,)))
@@ -301,17 +263,10 @@ class ImitatedArduPilot(ImitatedSide):
         self._has_all_ports = True
 
 
-@contextmanager
-def _px4(instance: int, parameters: Mapping[str, float], state: State) -> Iterator[ImitatedSide]:
+def _px4(stack: ExitStack, instance: int, parameters: Mapping[str, float], state: State) -> ImitatedSide:
     specs = [
         LinkSpec("onboard", "udp_in", port=14580 + instance),
         LinkSpec("gcs", "udp_in", port=18570 + instance, streams="gcs"),
     ]
-    with open_links(tuple(specs)) as links:
-        yield ImitatedSide("px4", parameters, links, specs, state, 200)
-
-
-@contextmanager
-def _ardupilot(instance: int, parameters: Mapping[str, float], state: State) -> Iterator[ImitatedArduPilot]:
-    with ExitStack() as stack:
-        yield ImitatedArduPilot(instance, parameters, state, stack)
+    links = stack.enter_context(open_links(tuple(specs)))
+    return ImitatedSide("px4", parameters, links, specs, state, 200)

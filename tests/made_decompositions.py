@@ -6,7 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.contracts import Observation
-from bench.scoring import Difficulty
+from bench.scoring import (
+    Difficulty,
+    Explanation,
+    ScoredRun,
+    Sources,
+    explain,
+    node_reports,
+    score_table,
+    summary_frame,
+)
 from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
 Layer = Mapping[str, Sequence[str]] | Sequence[dict[str, Any]]
@@ -47,6 +56,7 @@ def made_decomposition(
     principles: Layer = (),
     *,
     given: bool = False,
+    vocabulary: DecompositionVocabulary | None = None,
     **more: Any,
 ) -> Decomposition:
     """These levels as a decomposition; with `given`, difficulties are stated with the runs."""
@@ -61,7 +71,8 @@ def made_decomposition(
         },
         "observables": list(observables),
     }
-    vocabulary = DecompositionVocabulary(difficulty="given") if given else None
+    if given:
+        vocabulary = DecompositionVocabulary(difficulty="given")
     return decomposition_of(DecompositionDocument.model_validate(document | more), vocabulary)
 
 
@@ -88,3 +99,14 @@ def rated(difficulty: Difficulty, node: str) -> float:
     value = difficulty.of(node)
     assert value is not None
     return value
+
+
+def explained(
+    decomposition: Decomposition, runs: Sequence[ScoredRun], node: str, limit: int = 0, **sources: Any
+) -> Explanation:
+    """Why a node has its score over these runs."""
+    scores = score_table(decomposition, runs)
+    summary = summary_frame(scores, decomposition).filter(node=node, configuration="all")
+    return explain(
+        decomposition, node, runs, scores, node_reports(scores, summary), Sources(**sources), limit=limit
+    )

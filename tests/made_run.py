@@ -4,7 +4,7 @@ can be set.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,12 @@ from bench.streams import (
 )
 
 RADAR, TRUCK, NEAR, FAR, HOUSE = range(5)
+GROUPS = {
+    "radar": ("radar-vehicle", "adversary", 1),
+    "truck": ("military-truck", "adversary", 1),
+    "walkers": ("civilian", "bystander", 2),
+    "houses": ("house", "clutter", 1),
+}
 PLACES = {
     "radar-1": ("radar", 100.0, 100.0),
     "truck-1": ("truck", -100.0, 100.0),
@@ -78,6 +84,47 @@ PLACES = {
     "walker-2": ("walkers", 0.0, -200.0),  # far from everything
     "house-1": ("houses", 90.0, 80.0),
 }
+SUB_AREAS = {"first": ("radar", 1, 105.0, 95.0), "second": ("truck", 2, -90.0, 100.0)}
+
+
+def square(side_m: float, *, east_m: float = 0.0, north_m: float = 0.0) -> dict[str, Any]:
+    half = side_m / 2.0
+    corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    return {"corners": [{"east_m": east_m + east, "north_m": north_m + north} for east, north in corners]}
+
+
+def realized_simspec(
+    groups: Mapping[str, tuple[str, str, int]],
+    places: Mapping[str, tuple[str, float, float]],
+    sub_areas: Mapping[str, tuple[str, int, float, float]],
+    **changes: Any,
+) -> SimSpec:
+    """Groups (asset, role, count), actors (group, east and north in metres) and what intelligence says: about whom, with
+    which priority, east and north of the sub-area's middle.
+    """
+    document = {
+        "name": "made",
+        "world": {"area": square(600.0)},
+        "actors": [
+            {"id": name, "asset": asset, "role": role, "count": count}
+            for name, (asset, role, count) in groups.items()
+        ],
+        "intelligence": [
+            {"id": name, "about": about, "priority": priority, "uncertainty_m": 50.0}
+            for name, (about, priority, _, _) in sub_areas.items()
+        ],
+        "realized": {
+            "actors": [
+                {"id": name, "group": group, "east_m": east_m, "north_m": north_m, "heading_deg": 0.0}
+                for name, (group, east_m, north_m) in places.items()
+            ],
+            "reports": [
+                {"id": name, "east_m": east_m, "north_m": north_m}
+                for name, (_, _, east_m, north_m) in sub_areas.items()
+            ],
+        },
+    }
+    return SimSpec.model_validate(document | changes)
 
 
 def simspec(
@@ -87,41 +134,12 @@ def simspec(
     found.
     """
     absent = {*(() if walkers else ("walkers",)), *(() if targets else ("radar", "truck"))}
-    groups = [
-        {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
-        {"id": "truck", "asset": "military-truck", "role": "adversary", "count": 1},
-        {"id": "walkers", "asset": "civilian", "role": "bystander", "count": 2},
-        {"id": "houses", "asset": "house", "role": "clutter", "count": 1},
-    ]
-    placed = [
-        {
-            "id": name,
-            "group": group,
-            "east_m": walker_east_m if name == "walker-1" else east_m,
-            "north_m": north_m,
-            "heading_deg": 0.0,
-        }
-        for name, (group, east_m, north_m) in PLACES.items()
-        if group not in absent
-    ]
-    intelligence = [
-        {"id": "first", "about": "radar", "priority": 1, "uncertainty_m": 50.0},
-        {"id": "second", "about": "truck", "priority": 2, "uncertainty_m": 50.0},
-    ]
-    reports = [
-        {"id": "first", "east_m": 105.0, "north_m": 95.0},
-        {"id": "second", "east_m": -90.0, "north_m": 100.0},
-    ]
-    corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
-    return SimSpec.model_validate(
-        {
-            "name": "made",
-            "world": {"area": {"corners": [{"east_m": east, "north_m": north} for east, north in corners]}},
-            "actors": [group for group in groups if group["id"] not in absent],
-            "intelligence": intelligence if targets else [],
-            "realized": {"actors": placed, "reports": reports if targets else []},
-            **changes,
-        }
+    places = PLACES | {"walker-1": ("walkers", walker_east_m, 100.0)}
+    return realized_simspec(
+        {name: group for name, group in GROUPS.items() if name not in absent},
+        {name: place for name, place in places.items() if place[0] not in absent},
+        SUB_AREAS if targets else {},
+        **changes,
     )
 
 
@@ -260,7 +278,6 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     topics = VehicleTopics(spec.vehicle.name)
     assert spec.realized is not None
     starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
-    facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(starts), 1))
     yield text_record(0.0, TRUTH_CAST, CastDocument(members=cast(spec)))
     yield text_record(0.0, SESSION_EVENTS, EventDocument(name="begun"))
     for state in link((0.0, True), (seconds * 0.4, False), (seconds * 0.6, True)):
@@ -280,14 +297,7 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
             encode(UInt8MultiArray(data=b"\xfd" * 90)),
         )
         if step % 5 == 0:
-            moved = starts + np.array([0.05 * step, 0.0, 0.0])
-            stamp = Time.of(at_s(time_s).ns)
-            yield Record(
-                at_s(time_s),
-                TRUTH_ACTORS,
-                "geometry_msgs/msg/PoseArray",
-                encode_pose_array(stamp, "map", moved, facing),
-            )
+            yield actor_places(time_s, starts + np.array([0.05 * step, 0.0, 0.0]))
         if step % 2 == 0:
             sighting = SightingDocument(actor=NEAR, range_m=61.5, height_px=20.25, visible=0.75, box=BOX)
             yield text_record(
@@ -302,29 +312,36 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     )
 
 
+def actor_places(time_s: float, places: np.ndarray) -> Record:
+    """Truth of where everybody is, shape (actors, 3) in metres; all face east."""
+    facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(places), 1))
+    data = encode_pose_array(Time.of(at_s(time_s).ns), "map", places, facing)
+    return Record(at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data)
+
+
 def odometry(
     time_s: float,
     place: tuple[float, float, float],
     yaw_rad: float,
     forward_mps: float,
     pitch_rad: float = 0.0,
+    *,
+    left_mps: float = 0.0,
+    up_mps: float = 0.0,
 ) -> Record:
-    """Truth of one moment; `pitch_rad` is nose down, about the axis to the left."""
-    yawed, pitched = (
-        (np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)),
-        (np.sin(pitch_rad / 2), np.cos(pitch_rad / 2)),
-    )
+    """Truth of one moment; `pitch_rad` is nose down, about the axis to the left; speeds are along the body's axes."""
+    yaw, pitch = yaw_rad / 2.0, pitch_rad / 2.0
     turn = Quaternion(
-        float(-yawed[0] * pitched[0]),
-        float(yawed[1] * pitched[0]),
-        float(yawed[0] * pitched[1]),
-        float(yawed[1] * pitched[1]),
+        float(-np.sin(yaw) * np.sin(pitch)),
+        float(np.cos(yaw) * np.sin(pitch)),
+        float(np.sin(yaw) * np.cos(pitch)),
+        float(np.cos(yaw) * np.cos(pitch)),
     )
     message = Odometry(
         header=Header(Time.of(at_s(time_s).ns), "map"),
         child_frame_id="vehicle_1/base_link",
         pose=PoseWithCovariance(Pose(Point(*place), turn)),
-        twist=TwistWithCovariance(Twist(Vector3(forward_mps, 0.0, 0.0), Vector3())),
+        twist=TwistWithCovariance(Twist(Vector3(forward_mps, left_mps, up_mps), Vector3())),
     )
     return Record(at_s(time_s), TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
 
@@ -343,10 +360,17 @@ def estimate(time_s: float, place: tuple[float, float, float], vehicle: str = "v
 def detections(
     exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]
 ) -> Record:
-    centre = Pose2D(Point2D((box[0] + box[2]) / 2, (box[1] + box[3]) / 2))
-    result = ObjectHypothesisWithPose(ObjectHypothesis(label, score))
-    box_message = Detection2D(
-        results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1"
-    )
-    message = Detection2DArray(Header(Time.of(at_s(exposed_s).ns), "vehicle_1/front"), (box_message,))
-    return Record(at_s(exposed_s + 0.1), topic, Detection2DArray.TYPE, encode(message))
+    return detections_of(detected(exposed_s, label, score=score, box=box), topic)
+
+
+def detections_of(frame: DetectionFrame, topic: str) -> Record:
+    """What the bench sends for a frame."""
+    boxes = []
+    for detection in frame.detections:
+        left, top, right, bottom = detection.box
+        centre = Pose2D(Point2D((left + right) / 2, (top + bottom) / 2))
+        result = ObjectHypothesisWithPose(ObjectHypothesis(detection.class_label, detection.score))
+        bounds = BoundingBox2D(centre, right - left, bottom - top)
+        boxes.append(Detection2D(results=(result,), bbox=bounds, id=detection.track))
+    message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(boxes))
+    return Record(frame.published, topic, Detection2DArray.TYPE, encode(message))

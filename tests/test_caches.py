@@ -35,6 +35,11 @@ def stricter(decomposition: Decomposition) -> Decomposition:
     return decomposition_of(type(decomposition.document).model_validate(document))
 
 
+def changed_counts(points: int, others: int) -> tuple[tuple[int, int, int], ...]:
+    """Points, factors and a seed; then another number of each."""
+    return (points, 3, 1), (others, 3, 1), (points, 4, 1), (points, 3, 2)
+
+
 DECOMPOSITION = load_decomposition("search-and-report")
 CORNERS = tuple((corner.east_m, corner.north_m) for corner in square(9.0).corners)
 LENS = Lens("test", 320, 240, 300.0, 303.0, 163.5, 117.75, (-0.05, 0.01, 0.0, 0.0, 0.0))
@@ -57,19 +62,11 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (replace(LENS, distortion=(-0.1, 0.0, 0.0, 0.0, 0.0)),),
     ),
     "bench.realization.design._fractional_factorial._search": ((9, 4, 3), (8, 4, 3), (9, 5, 3), (9, 4, 4)),
-    "bench.realization.design._orthogonal_hypercubes._maximin_columns": (
-        (17, 3, 1),
-        (33, 3, 1),
-        (17, 4, 1),
-        (17, 3, 2),
+    "bench.realization.design._orthogonal_hypercubes._maximin_columns": changed_counts(17, 33),
+    "bench.realization.design._orthogonal_hypercubes.nearly_orthogonal_latin_hypercube": changed_counts(
+        12, 13
     ),
-    "bench.realization.design._orthogonal_hypercubes.nearly_orthogonal_latin_hypercube": (
-        (12, 3, 1),
-        (13, 3, 1),
-        (12, 4, 1),
-        (12, 3, 2),
-    ),
-    "bench.realization.design._space_filling._latin": ((12, 3, 1), (13, 3, 1), (12, 4, 1), (12, 3, 2)),
+    "bench.realization.design._space_filling._latin": changed_counts(12, 13),
     "bench.realization.placement._check_geometry.grown_polygon": ((square(9.0),), (square(8.0),)),
     "bench.realization.placement._fitting.may_fit": (
         (shapely.box(0.0, 0.0, 3.0, 3.0), ASSETS["civilian-car"]),
@@ -82,28 +79,24 @@ CALLS: dict[str, tuple[tuple[Any, ...], ...]] = {
         (shapely.box(0, 0, 1, 1),),
         (shapely.Polygon([(0, 0), (4, 0), (1, 1), (0, 4)]),),
     ),
-    "bench.realization.placement.proofs._capacity._offered_m2": (
-        (square(9.0), 1.0),
-        (square(8.0), 1.0),
-        (square(9.0), 2.0),
+    "bench.realization.placement.proofs._capacity._offered_m2": tuple(
+        (square(side_m), space_m) for side_m, space_m in ((9.0, 1.0), (8.0, 1.0), (9.0, 2.0))
     ),
     "bench.reporting.statistics._design_quality._placed_features": tuple(
         (load_simspec(ROOT / "campaigns" / "standard" / name).model_dump_json(),)
         for name in ("search-1.yaml", "search-2.yaml")
     ),
-    "bench.scoring._arrays._arrays": (
-        (_DocumentKey(DECOMPOSITION),),
-        (_DocumentKey(stricter(DECOMPOSITION)),),
+    "bench.scoring._arrays._arrays": tuple(
+        (_DocumentKey(tree),) for tree in (DECOMPOSITION, stricter(DECOMPOSITION))
     ),
     "bench.simspec._seeds._derived_seed": ((1, "gusts"), (2, "gusts"), (1, "sensors")),
     "bench.streams._cdr._string": (("a", 0), ("b", 0), ("a", 1)),
     "vehicle_models.controller.links._frames._target_place": ((76,), (11,)),
     "vehicle_models.controller.links._frames.v1_length": ((30,), (24,)),
     "agent_adapters.reference.flight._routes._everything_joined": ((3,), (4,)),
-    "agent_adapters.reference.surrogate.batch._airspace.in_arrays": (
-        (Airspace(),),
-        (Airspace(fence=CORNERS),),
-        (Airspace(blocks=(block_round(CORNERS, 5.0),)),),
+    "agent_adapters.reference.surrogate.batch._airspace.in_arrays": tuple(
+        (space,)
+        for space in (Airspace(), Airspace(fence=CORNERS), Airspace(blocks=(block_round(CORNERS, 5.0),)))
     ),
 }
 OF_PROCESS = {

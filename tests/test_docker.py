@@ -78,13 +78,8 @@ def test_what_is_copied_is_there_and_is_all_that_the_wheel_needs() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
     files = [project["project"]["readme"], *project["project"]["license-files"]]
-    assert {
-        *wheel["packages"],
-        *wheel["force-include"],
-        *files,
-        "pyproject.toml",
-        "requirements.lock",
-    } <= set(sources)
+    files += ["pyproject.toml", "requirements.lock"]
+    assert {*wheel["packages"], *wheel["force-include"], *files} <= set(sources)
     assert [copy.arguments for copy in named(run, "COPY")] == [["--from=build", "/opt/rebar", "/opt/rebar"]]
 
 
@@ -160,9 +155,8 @@ def test_its_steps_build_an_installation_that_another_user_runs() -> None:
 
         variables = {name: moved(value, root) for name, value in environment(run).items()}
         variables["PATH"] = variables["PATH"].replace("$PATH", "/usr/bin:/bin")
-        identity = (
-            {"user": USER, "group": USER, "extra_groups": []} if os.geteuid() == 0 and is_for_all else {}
-        )
+        may_change = os.geteuid() == 0 and is_for_all
+        identity = {"user": USER, "group": USER, "extra_groups": []} if may_change else {}
 
         def rebar(*arguments: str) -> str:
             ended = subprocess.run(
@@ -181,9 +175,8 @@ def test_its_steps_build_an_installation_that_another_user_runs() -> None:
         scene.write_text(text, encoding="utf-8")
         shown = rebar(*entrypoint.arguments, "simulate", "mine/examples/search.yaml", "--out", "first")
         assert "completed after" in shown, shown
-        assert (root / "work" / "first" / "recording.mcap").stat().st_uid == (
-            USER if identity else os.geteuid()
-        )
+        owner = (root / "work" / "first" / "recording.mcap").stat().st_uid
+        assert owner == (USER if identity else os.geteuid())
 
 
 def _copy(source: Path, target: Path) -> None:

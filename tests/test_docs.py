@@ -1,9 +1,12 @@
-"""Every link between the pages leads to a page, and to a heading that the page has; every run that is named is one."""
+"""Every link between the pages leads to a page, and to a heading that the page has; every run that is named is one; and the site of them."""
 
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -50,12 +53,10 @@ def broken_links(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page: Path) -> None:
-    """Links within the repository; addresses elsewhere are not followed."""
     assert broken_links(page) == []
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
-    """A missing page and a missing heading are both told, and a good link of each kind is not."""
     (tmp_path / "other.md").write_text("# One thing\n")
     page = tmp_path / "page.md"
     page.write_text(
@@ -109,3 +110,30 @@ def test_the_runs_of_a_text_are_found() -> None:
     assert is_flown("demo", "p001-r1-reference-naive")
     assert not is_flown("demo", "p017-r2-reference-naive")
     assert is_flown("", "p017-r2-reference-naive")
+
+
+MISSING = [name for name in ("furo", "myst_parser", "sphinx") if find_spec(name) is None]
+
+
+@pytest.mark.slow
+@pytest.mark.process
+@pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)} (make docs installs them)")
+def test_the_site_is_whole(tmp_path: Path) -> None:
+    """Built without a warning; it holds the public faces, and asks nobody for anything."""
+    site = tmp_path / "site"
+    command = "-m sphinx --builder html --fail-on-warning --keep-going --quiet --conf-dir docs/site ."
+    line = [sys.executable, *command.split(), str(site)]
+    built = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (built.returncode, built.stderr) == (0, "")
+    assert "docs/site/index.html" in (site / "index.html").read_text()
+    start = (site / "docs" / "site" / "index.html").read_text()
+    # Every page is reached from the start.
+    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")):
+        address = page.relative_to(ROOT).with_suffix(".html")
+        assert (site / address).exists()
+        assert f"../../{address}".replace("../../docs/", "../") in start
+    names = re.findall(r'id="([\w.]+)"', (site / "docs" / "site" / "api.html").read_text())
+    contracts = {"bench.contracts.Tape", "bench.contracts.Measure.__call__"}
+    assert contracts | {"bench.streams.RosNode.publisher", "agent_adapters.client.open_bench"} <= {*names}
+    for page in site.rglob("*.html"):
+        assert not re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="https?:[^"]*"', page.read_text()), page

@@ -13,26 +13,28 @@ from bench.lazy import declared_names
 
 
 def test_every_declared_name_can_be_had() -> None:
-    """Each name of the face is fetched from the room that owns it."""
     for name in bench.__all__:
         assert getattr(bench, name).__name__ == name
 
 
-def test_importing_the_face_imports_no_room() -> None:
-    """`import bench` costs next to nothing: no simulator, no middleware."""
-    code = (
-        "import bench, sys; print([m for m in ('jsbsim', 'zenoh', 'numpy', 'pydantic') if m in sys.modules])"
-    )
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout.strip()
-        == "[]"
-    )
+@pytest.mark.parametrize(
+    ("statement", "unwanted"),
+    [
+        # No simulator, no middleware.
+        ("import bench", {"jsbsim", "zenoh", "numpy", "pydantic"}),
+        # Each runner and most commands rate difficulty; scipy and polars take longer to import than all else.
+        ("from bench.scoring import difficulty_of", {"scipy", "polars"}),
+        # Agents use it.
+        ("import bench.polygons", {"numpy", "shapely"}),
+    ],
+)
+def test_an_import_brings_no_more_than_it_needs(statement: str, unwanted: set[str]) -> None:
+    code = f"import sys; {statement}; print(sys.modules.keys() & {unwanted})"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "set()"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    """A typing error in an import says so."""
     with pytest.raises(AttributeError, match="no_such_thing"):
         bench.no_such_thing  # noqa: B018
 
@@ -65,10 +67,3 @@ def test_rooms_give_each_declared_name_at_its_first_use(room: str) -> None:
     assert all(hasattr(module, name) for name in declared_names(room))
     with pytest.raises(AttributeError, match="no_such_thing"):
         module.no_such_thing  # noqa: B018
-
-
-def test_rating_difficulty_imports_no_statistics() -> None:
-    """Each runner and most commands rate difficulty; scipy and polars take longer to import than all else."""
-    code = "from bench.scoring import difficulty_of; import sys; print([m for m in ('scipy', 'polars') if m in sys.modules])"
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout.strip() == "[]"

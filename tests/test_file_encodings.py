@@ -17,9 +17,8 @@ TEXT_MODE = re.compile("[rwax]t?[+]?")
 def calls_without_encoding(source: str) -> Iterator[int]:
     """Lines of calls that open a file or a program as text in the encoding of the locale."""
     for node in ast.walk(ast.parse(source)):
-        if not isinstance(node, ast.Call) or "encoding" in (
-            given := {word.arg: word.value for word in node.keywords}
-        ):
+        given = {word.arg: word.value for word in node.keywords} if isinstance(node, ast.Call) else {}
+        if not isinstance(node, ast.Call) or "encoding" in given:
             continue
         is_method = isinstance(node.func, ast.Attribute)
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
@@ -33,12 +32,8 @@ def calls_without_encoding(source: str) -> Iterator[int]:
                 is_temporary = name.endswith("File")
                 place = 0 if is_temporary or (is_method and name == "open") else 1
                 modes = [given["mode"]] if "mode" in given else node.args[place : place + 1]
-                text = [
-                    mode
-                    for mode in modes
-                    if isinstance(mode, ast.Constant) and TEXT_MODE.fullmatch(str(mode.value))
-                ]
-                if text or not (modes or is_temporary):
+                constant = [str(mode.value) for mode in modes if isinstance(mode, ast.Constant)]
+                if any(map(TEXT_MODE.fullmatch, constant)) or not (modes or is_temporary):
                     yield node.lineno
             case "run" | "Popen" | "check_output" if "text" in given or "universal_newlines" in given:
                 yield node.lineno

@@ -18,7 +18,7 @@ from bench.recording._recorder import CHUNK_BYTES
 TESTS = Path(__file__).parent
 
 
-def killed(body: str, *folders: Path) -> None:
+def killed(body: str, folder: Path) -> None:
     """A program that ends by SIGKILL: no buffer is written at its end."""
     program = f"""
 import os, signal, sys
@@ -30,9 +30,8 @@ stack = ExitStack()
 {body}
 os.kill(os.getpid(), signal.SIGKILL)
 """
-    ran = subprocess.run(
-        [sys.executable, "-c", program, *map(str, folders)], capture_output=True, check=False
-    )
+    command = [sys.executable, "-c", program, str(folder)]
+    ran = subprocess.run(command, capture_output=True, check=False)
     assert ran.returncode == -signal.SIGKILL, ran.stderr.decode()
 
 
@@ -81,21 +80,13 @@ plans = realizations(small_campaign(points=1, replicates=2))
 journal = stack.enter_context(open_journal(folder / "journal.sqlite"))
 journal.add(PlannedRealization(plan, "0" * 64, "1" * 64) for plan in plans)
 """
+START = "journal.start(plans[0].id, 'w1')"
+FINISH = "journal.finish(SessionResult(realization=plans[0].id, outcome=Outcome.COMPLETED), 'a' * 64)"
 
 
 @pytest.mark.parametrize(
     ("steps", "state", "attempts", "results"),
-    [
-        ("", "planned", 0, 0),
-        ("journal.start(plans[0].id, 'w1')", "running", 1, 0),
-        (
-            "journal.start(plans[0].id, 'w1')\n"
-            "journal.finish(SessionResult(realization=plans[0].id, outcome=Outcome.COMPLETED), 'a' * 64)",
-            "done",
-            1,
-            1,
-        ),
-    ],
+    [("", "planned", 0, 0), (START, "running", 1, 0), (f"{START}\n{FINISH}", "done", 1, 1)],
 )
 def test_a_killed_runner_has_journalled_its_last_step(
     tmp_path: Path, steps: str, state: str, attempts: int, results: int

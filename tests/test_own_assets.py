@@ -60,13 +60,18 @@ perception: {mode: perfect}
 """
 
 
+def written(folder: Path, boats: str = BOATS, harbour: str = HARBOUR) -> Path:
+    """The file of the harbour, beside that of its boats."""
+    (folder / "boats.yaml").write_text(boats)
+    (folder / "harbour.yaml").write_text(harbour)
+    return folder / "harbour.yaml"
+
+
 @pytest.fixture(scope="module")
 def harbour(tmp_path_factory: pytest.TempPathFactory) -> SimSpec:
     """The harbour, placed; its file of boats is gone."""
     folder = tmp_path_factory.mktemp("harbour")
-    (folder / "boats.yaml").write_text(BOATS)
-    (folder / "harbour.yaml").write_text(HARBOUR)
-    simspec = place(load_simspec(folder / "harbour.yaml"))
+    simspec = place(load_simspec(written(folder)))
     (folder / "boats.yaml").unlink()
     return simspec
 
@@ -105,7 +110,6 @@ def test_both_boats_are_flown_over_detected_and_scored(harbour: SimSpec, tmp_pat
 
 
 def test_both_boats_are_drawn_in_their_sizes_and_colours(harbour: SimSpec) -> None:
-    """Corners against the stated sizes; in the picture the red boat is red, the blue one blue and white."""
     cast, random = cast_of(harbour), np.random.default_rng(1)
     for member in cast:
         corners = look_of(member, 0.0, random, np.zeros(3)).geometry.corners_m.reshape(-1, 3)
@@ -127,9 +131,7 @@ def test_both_boats_are_drawn_in_their_sizes_and_colours(harbour: SimSpec) -> No
 
 def test_a_look_without_height_is_named(tmp_path: Path) -> None:
     flat = BOATS.replace("2, 2, 7]", "2, 2, 2]").replace("0, -10, 10, -3, 3, 2]", "2, -10, 10, -3, 3, 2]")
-    (tmp_path / "boats.yaml").write_text(flat)
-    (tmp_path / "harbour.yaml").write_text(HARBOUR)
-    _, trawler = cast_of(place(load_simspec(tmp_path / "harbour.yaml")))
+    _, trawler = cast_of(place(load_simspec(written(tmp_path, flat))))
     with pytest.raises(SetupError, match=r"assets\.trawler\.look: its solids are flat"):
         look_of(trawler, 0.0, np.random.default_rng(1), np.zeros(3))
 
@@ -141,15 +143,12 @@ def test_an_asset_of_a_simspec_goes_before_the_catalogues(harbour: SimSpec) -> N
     document["actors"] = [{"id": "a", "asset": "house", "count": 1}, {"id": "b", "asset": "shed", "count": 1}]
     document["intelligence"] = []
     own = SimSpec.model_validate(document)
-    assert [(group.role, group.definition.length_m) for group in own.actors] == [
-        (Role.ADVERSARY, 9.0),
-        (Role.CLUTTER, 5.0),
-    ]
+    kinds = [(group.role, group.definition.length_m) for group in own.actors]
+    assert kinds == [(Role.ADVERSARY, 9.0), (Role.CLUTTER, 5.0)]
 
 
 def test_a_campaign_keeps_the_assets_of_its_base(tmp_path: Path) -> None:
-    (tmp_path / "boats.yaml").write_text(BOATS)
-    (tmp_path / "harbour.yaml").write_text(HARBOUR)
+    written(tmp_path)
     campaign_file = tmp_path / "campaign.yaml"
     campaign_file.write_text(
         "format: rebar.campaign/1\nname: harbour\nbase_file: harbour.yaml\ndecomposition: search-and-report\n"
@@ -168,69 +167,40 @@ def test_a_campaign_keeps_the_assets_of_its_base(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("boats", "harbour_text", "message"),
+    ("right", "wrong", "message"),
     [
+        ("length_m: 9.0", "length_m: -9.0", r"boats\.yaml:3: assets\.speedboat\.length_m"),
+        ("width_m: 6.4", "widht_m: 6.4", r"boats\.yaml.*did you mean width_m\?"),
+        ("[fishing_boat]", "[whale]", "assets.speedboat.confused_with: 'whale' is no class"),
+        ("paint: body", "paint: bodi", r"look\.postures\.moored\[0\]: no paint 'bodi'"),
+        ('"#2040c0"', "blue", "look.paints.body: .*write colours as #rrggbb"),
+        ("frustum: [-9, 9, -2, 2, 0, -10, 10, -3, 3, 2]", "use: hull", "no parts here"),
+        ("boats.yaml", "boat.yaml", r"boat\.yaml: there is no such file \(did you mean boats"),
         (
-            BOATS.replace("length_m: 9.0", "length_m: -9.0"),
-            HARBOUR,
-            r"boats\.yaml:3: assets\.speedboat\.length_m",
-        ),
-        (BOATS.replace("width_m: 6.4", "widht_m: 6.4"), HARBOUR, r"boats\.yaml.*did you mean width_m\?"),
-        (
-            BOATS.replace("[fishing_boat]", "[whale]"),
-            HARBOUR,
-            "assets.speedboat.confused_with: 'whale' is no class",
-        ),
-        (
-            BOATS.replace("paint: body", "paint: bodi"),
-            HARBOUR,
-            r"look\.postures\.moored\[0\]: no paint 'bodi'",
-        ),
-        (BOATS.replace('"#2040c0"', "blue"), HARBOUR, "look.paints.body: .*write colours as #rrggbb"),
-        (
-            BOATS.replace("frustum: [-9, 9, -2, 2, 0, -10, 10, -3, 3, 2]", "use: hull"),
-            HARBOUR,
-            "no parts here",
-        ),
-        (
-            BOATS,
-            HARBOUR.replace("boats.yaml", "boat.yaml"),
-            r"boat\.yaml: there is no such file \(did you mean boats",
-        ),
-        (
-            BOATS.replace("    role: bystander\n", ""),
-            HARBOUR,
+            "    role: bystander\n",
+            "",
             r"actors\[1\]\.role: is missing, and asset 'trawler' states none: add it",
         ),
         (
-            BOATS,
-            HARBOUR.replace("asset: trawler", "asset: barge"),
+            "asset: trawler",
+            "asset: barge",
             r"actors\[1\]\.asset: there is no asset 'barge' \(the catalogue has",
         ),
+        ("asset: trawler", "asset: barge, role: clutter", r"actors\[1\]\.asset: there is no asset 'barge'"),
         (
-            BOATS,
-            HARBOUR.replace("asset: trawler", "asset: barge, role: clutter"),
-            r"actors\[1\]\.asset: there is no asset 'barge'",
-        ),
-        (
-            BOATS,
-            HARBOUR.replace("mode: perfect", "model: {false_labels: {dragon: 0.5}}"),
+            *("mode: perfect", "model: {false_labels: {dragon: 0.5}}"),
             r"perception\.model\.false_labels: 'dragon' is no class label; known: .*boat",
         ),
         (
-            BOATS,
-            HARBOUR.replace("mode: perfect", "model: {confusion: {boat: {soldier: 0.5}}}"),
+            *("mode: perfect", "model: {confusion: {boat: {soldier: 0.5}}}"),
             r"perception\.model\.confusion: 'soldier' is no class label",
         ),
     ],
 )
-def test_faults_name_file_asset_field_and_fix(
-    tmp_path: Path, boats: str, harbour_text: str, message: str
-) -> None:
-    (tmp_path / "boats.yaml").write_text(boats)
-    (tmp_path / "harbour.yaml").write_text(harbour_text)
+def test_faults_name_file_asset_field_and_fix(tmp_path: Path, right: str, wrong: str, message: str) -> None:
+    assert right in BOATS + HARBOUR
     with pytest.raises(SetupError, match=message):
-        load_simspec(tmp_path / "harbour.yaml")
+        load_simspec(written(tmp_path, BOATS.replace(right, wrong), HARBOUR.replace(right, wrong)))
 
 
 def test_a_file_of_assets_can_be_named_in_a_file_alone() -> None:
@@ -241,10 +211,7 @@ def test_a_file_of_assets_can_be_named_in_a_file_alone() -> None:
 @pytest.mark.parametrize(
     ("second", "message"),
     [
-        (
-            BOATS,
-            r"second\.yaml \(package second\): .*has assets of these names: speedboat, trawler \(name them other",
-        ),
+        (BOATS, r"second\.yaml \(package second\): .*of these names: speedboat, trawler \(name them other"),
         (BOATS.replace("speedboat", "bus").replace("trawler", "ferry"), "assets of these names: bus"),
         (None, r"'second' of second is None, and no path of a file"),
     ],
@@ -252,11 +219,10 @@ def test_a_file_of_assets_can_be_named_in_a_file_alone() -> None:
 def test_packages_whose_assets_clash_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, second: str | None, message: str
 ) -> None:
-    paths: dict[str, Path | None] = {"first": tmp_path / "first.yaml", "second": tmp_path / "second.yaml"}
+    other = None if second is None else tmp_path / "second.yaml"
+    paths: dict[str, Path | None] = {"first": tmp_path / "first.yaml", "second": other}
     (tmp_path / "first.yaml").write_text(BOATS)
     (tmp_path / "second.yaml").write_text(second or "")
-    if second is None:
-        paths["second"] = None
     # Installing packages takes seconds for each; test_plugins_outside installs one.
     monkeypatch.setattr("bench.plugins.plugins", lambda group: paths)
     monkeypatch.setattr("bench.plugins.load_plugin", lambda group, name: paths[name])
@@ -275,6 +241,5 @@ def test_the_catalogue_is_a_file_that_users_can_copy(tmp_path: Path) -> None:
     """Every asset of it has a role, so that a group of it needs none."""
     assert AssetTable(assets=ASSETS).assets == ASSETS
     for name, asset in ASSETS.items():
-        assert (
-            ActorGroup.model_validate({"id": "a", "asset": name, "count": 1}).role is asset.role is not None
-        )
+        group = ActorGroup.model_validate({"id": "a", "asset": name, "count": 1})
+        assert group.role is asset.role is not None

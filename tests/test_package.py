@@ -49,9 +49,8 @@ REMOVED = frozenset(
 
 
 def project() -> dict[str, object]:
-    document: dict[str, dict[str, object]] = tomllib.loads(
-        (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    )
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    document: dict[str, dict[str, object]] = tomllib.loads(text)
     return document["project"]
 
 
@@ -66,9 +65,8 @@ def test_classifiers_and_pages_name_the_pythons_that_were_tried() -> None:
     classifiers = project()["classifiers"]
     assert isinstance(classifiers, list)
     prefix = "Programming Language :: Python :: 3."
-    assert [name.removeprefix(prefix) for name in classifiers if name.startswith(prefix)] == [
-        version.split(".")[1] for version in FLOWN
-    ]
+    classified = [name.removeprefix(prefix) for name in classifiers if name.startswith(prefix)]
+    assert classified == [version.split(".")[1] for version in FLOWN]
     stated = f"{', '.join(FLOWN[:-1])} and {FLOWN[-1]}"
     for page in ("README.md", "docs/scope.md"):
         assert stated in (ROOT / page).read_text(encoding="utf-8"), page
@@ -79,13 +77,8 @@ def test_classifiers_and_pages_name_the_pythons_that_were_tried() -> None:
 @pytest.mark.parametrize("version", PYTHONS)
 def test_the_lock_has_one_version_of_every_dependency_for_every_python(version: str) -> None:
     """A universal lock may pin two versions of a package; on one Python exactly one of them applies."""
-    environment = {
-        "python_version": version,
-        "python_full_version": f"{version}.1",
-        "sys_platform": "linux",
-        "platform_system": "Linux",
-        "os_name": "posix",
-    }
+    environment = {"python_version": version, "python_full_version": f"{version}.1"}
+    environment |= {"sys_platform": "linux", "platform_system": "Linux", "os_name": "posix"}
     applying = [pin for pin in pins() if pin.marker is None or pin.marker.evaluate(environment)]
     names = [pin.name for pin in applying]
     assert len(names) == len(set(names)) > 40
@@ -97,7 +90,6 @@ def test_the_lock_has_one_version_of_every_dependency_for_every_python(version: 
 
 
 def test_no_module_is_imported_that_a_later_python_lacks() -> None:
-    """Imports anywhere in the wheel's packages, those inside functions too."""
     packages = ("bench", "vehicle_models", "test_ports", "agent_adapters", "decompositions")
     files = [path for package in packages for path in (ROOT / package).rglob("*.py")]
     assert len(files) > 400

@@ -39,9 +39,7 @@ def test_a_folder_is_gone_after_the_block(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_next_process_removes_what_a_killed_one_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_next_one_removes_what_a_killed_one_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = killed_in(tmp_path)
     # So young it might be one whose maker has not locked it yet.
     assert list(left_folders(tmp_path)) == []
@@ -54,7 +52,6 @@ def test_the_next_process_removes_what_a_killed_one_left(
 
 
 def test_nothing_else_is_taken_for_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files, folders of a user's own with like names, and links to folders stay."""
     monkeypatch.setattr(temporary_folders, "UNLOCKED_S", 0.0)
     (tmp_path / "rebar-results").mkdir()
     (tmp_path / "rebar-agent-mine").mkdir()

@@ -59,7 +59,6 @@ def test_texts_of_any_mixture_are_shown_once() -> None:
 
 
 def test_json_text_keeps_its_values() -> None:
-    """What JSON leaves as it is, and this shows, is the same string when it is read."""
     signs = "".join(sign for sign in HIDDEN if not "\ud800" <= sign <= "\udfff")
     value = {"a\u202e": [signs, 1, None, True]}
     text = visible(json.dumps(value, ensure_ascii=False))
@@ -106,16 +105,8 @@ def test_labels_refuse_what_is_not_seen() -> None:
 @pytest.mark.parametrize("field", ["id", "class_label", "intelligence_id", "repeats", "reason"])
 @pytest.mark.parametrize("sign", ["\x1b", "\x9b", "\u202e", "\u200b", "\n"])
 def test_a_report_is_refused_for_its_labels_and_never_for_its_words(field: str, sign: str) -> None:
-    document: dict[str, Any] = {
-        "id": "r-1",
-        "time_s": 1.0,
-        "class_label": "truck",
-        "east_m": 0.0,
-        "north_m": 0.0,
-        "confidence": 0.5,
-        "mark": False,
-        field: f"a{sign}b",
-    }
+    seen: dict[str, Any] = {"class_label": "truck", "east_m": 0.0, "north_m": 0.0, "confidence": 0.5}
+    document = {"id": "r-1", "time_s": 1.0, "mark": False, **seen, field: f"a{sign}b"}
     report = parse_document(TargetReport, json.dumps(document))
     assert (report is None) is (field != "reason")
     assert report is None or report.reason == f"a{sign}b"
@@ -138,9 +129,17 @@ def opened(encoding: str, monkeypatch: pytest.MonkeyPatch) -> io.BytesIO:
     return written
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    ("encoding", "shown"),
+    [
+        ("utf-8", "70–80 ≤ 90 °"),
+        ("ascii", r"70-80 <= 90  deg \u65e5\u672c"),
+        ("latin-1", "70-80 <= 90 °"),
+        ("cp1252", "70–80 <= 90 °"),
+    ],
+)
 def test_whatever_is_printed_is_seen_and_can_be_written(
-    encoding: str, monkeypatch: pytest.MonkeyPatch
+    encoding: str, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written = opened(encoding, monkeypatch)
     before = sys.stdout
@@ -156,12 +155,7 @@ def test_whatever_is_printed_is_seen_and_can_be_written(
     assert hidden_in(text) == set()
     assert text.count(r"\x1b[2J\x1b]52;c;cm0=") == 6
     assert "[red]x[/red] :smile:" in text
-    if encoding == "utf-8":
-        assert "70–80 ≤ 90 °" in text
-    if encoding == "ascii":
-        assert r"70-80 <= 90  deg \u65e5\u672c" in text
-    if encoding == "cp1252":
-        assert "70–80 <= 90 °" in text
+    assert shown in text
 
 
 def test_a_console_keeps_its_own_control_codes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import groupby
+from typing import Any, TypeVar
 
 import numpy as np
 from air_documents import valid
@@ -16,48 +18,12 @@ from agent_adapters.client import MavlinkFrame, Moment
 from agent_adapters.reference import Settings
 from agent_adapters.reference._agent import Agent, AgentParts
 from agent_adapters.reference._settings import PolicyName
-from bench import simspec
-from bench.contracts import (
-    TF_STATIC,
-    AgentStatus,
-    AgentTracks,
-    ConsentAnswer,
-    ConsentRequest,
-    Decision,
-    IntelligenceDocument,
-    MissionOrder,
-    OperatorLinkDocument,
-    OrderAnswer,
-    OrderDocument,
-    Origin,
-    PixelDetector,
-    Point,
-    SimTime,
-    TargetReport,
-    VehicleTopics,
-    document_text,
-)
-from bench.streams import (
-    BoundingBox2D,
-    CameraInfo,
-    CompressedImage,
-    Detection2D,
-    Detection2DArray,
-    Header,
-    ObjectHypothesis,
-    ObjectHypothesisWithPose,
-    Point2D,
-    Pose2D,
-    Quaternion,
-    String,
-    TFMessage,
-    Time,
-    Transform,
-    TransformStamped,
-)
+from bench import contracts, simspec, streams
+from bench.contracts import MissionOrder, SimTime, VehicleTopics, document_text
 
-ORIGIN = valid(Origin, simspec.Origin().model_dump())
+ORIGIN = valid(contracts.Origin, simspec.Origin().model_dump())
 NAME = "vehicle_1"
+Document = TypeVar("Document")
 STEP_S = 0.1
 METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0  # near enough for a place this close to the origin
 WIDTH_PX, HEIGHT_PX = 1280, 720
@@ -91,23 +57,27 @@ ARMED_MODE = DISARMED_MODE | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
-def camera_info() -> CameraInfo:
-    return CameraInfo(
-        header=Header(Time(), "optical"), height=HEIGHT_PX, width=WIDTH_PX,
+def camera_info() -> streams.CameraInfo:
+    return streams.CameraInfo(
+        header=streams.Header(streams.Time(), "optical"), height=HEIGHT_PX, width=WIDTH_PX,
         k=(FOCAL_PX, 0.0, WIDTH_PX / 2, 0.0, FOCAL_PX, HEIGHT_PX / 2, 0.0, 0.0, 1.0),
     )  # fmt: skip
 
 
-def mount_quaternion() -> Quaternion:
+def mount_quaternion() -> streams.Quaternion:
     """From optical axes to body axes: looking ahead, then pitched down by the tilt."""
     c, s = math.cos(TILT_RAD / 2), math.sin(TILT_RAD / 2)
-    return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
+    return streams.Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
 
 
-def mount(parent: str = f"{NAME}/base_level") -> TFMessage:
-    header = Header(Time(), parent)
-    return TFMessage(
-        (TransformStamped(header, f"{NAME}/camera_front_optical", Transform(rotation=mount_quaternion())),)
+def mount(parent: str = f"{NAME}/base_level") -> streams.TFMessage:
+    header = streams.Header(streams.Time(), parent)
+    return streams.TFMessage(
+        (
+            streams.TransformStamped(
+                header, f"{NAME}/camera_front_optical", streams.Transform(rotation=mount_quaternion())
+            ),
+        )
     )
 
 
@@ -342,10 +312,10 @@ def grey_jpeg() -> bytes:
 
 def mission_order(**changes: object) -> MissionOrder:
     corners = tuple(
-        Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
+        contracts.Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
     )
     document: dict[str, object] = {
-        "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
+        "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": contracts.Point(east_m=0, north_m=0),
         "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
         "min_report_confidence": 0.6, "max_altitude_m": 120.0,
         "target_classes": ("mobile_radar", "military_vehicle"), "bystander_classes": ("civilian",),
@@ -355,43 +325,47 @@ def mission_order(**changes: object) -> MissionOrder:
 
 def intelligence(
     name: str, label: str, east_m: float, north_m: float, priority: int = 1, **changes: float
-) -> IntelligenceDocument:
+) -> contracts.IntelligenceDocument:
     details = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
     document = {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority}
-    return valid(IntelligenceDocument, document | details)
+    return valid(contracts.IntelligenceDocument, document | details)
 
 
-def order_document(name: str, kind: str, intelligence_id: str | None = None) -> OrderDocument:
-    document = {
-        "id": name,
-        "kind": kind,
-        "issued_s": 0.0,
-        "within_s": 10.0,
-        "intelligence_id": intelligence_id,
-    }
-    return valid(OrderDocument, document)
+def order_document(name: str, kind: str, intelligence_id: str | None = None) -> contracts.OrderDocument:
+    document = {"id": name, "kind": kind, "issued_s": 0.0, "within_s": 10.0}
+    return valid(contracts.OrderDocument, document | {"intelligence_id": intelligence_id})
+
+
+RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
+NEAR_RADAR = Actor("civilian", 140.0, 90.0)
+BOTH = (
+    intelligence("alpha", "mobile_radar", 110.0, 80.0),
+    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
+)
+"""What is told of the radar and the truck."""
 
 
 @dataclass(slots=True)
 class World:
-    """Runs an agent through a mission without a network and records what it publishes."""
+    """Runs an agent through a mission without a network and records what it publishes, and where the vehicle is."""
 
     actors: list[Actor]
-    reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(
-        default_factory=dict
-    )
-    orders_at: dict[float, OrderDocument] = field(default_factory=dict)
+    reports_at: dict[float, contracts.IntelligenceDocument | tuple[contracts.IntelligenceDocument, ...]]
+    orders_at: dict[float, contracts.OrderDocument] = field(default_factory=dict)
     consents: Mapping[str, tuple[bool, float]] = field(default_factory=dict)  # granted, after how long
     link_down: tuple[float, float] | None = None  # from, until
     blind: tuple[float, float] | None = None
     mission: MissionOrder | None = field(default_factory=mission_order)
     score: float = 0.9
     # With a detector the agent gets pictures, all of them grey, and no detections.
-    open_detector: Callable[[World], PixelDetector] | None = None
+    open_detector: Callable[[World], contracts.PixelDetector] | None = None
     vehicle: Multicopter = field(default_factory=Multicopter)
     published: list[tuple[str, str]] = field(default_factory=list)
     each_step: Callable[[World], None] = lambda world: None
-    # The same by the last part of the topic: phase and requests for consent are looked at in every step.
+    # By the time in tenths of a second: east, north and height, and the speed over ground.
+    at: dict[float, tuple[float, float, float]] = field(default_factory=dict)
+    speed_mps: dict[float, float] = field(default_factory=dict)
+    # What is published, by the last part of the topic: phase and requests for consent are looked at in every step.
     _texts: defaultdict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
 
     def _publish(self, topic: str, text: str) -> None:
@@ -399,117 +373,128 @@ class World:
         self._texts[topic.rpartition("/")[2]].append(text)
 
     def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
-        parts = AgentParts.of(
-            NAME,
-            self.vehicle,
-            self._publish,
-            policy,
-            Settings.of(options, policy),
-            self.open_detector(self) if self.open_detector is not None else None,
-        )
-        agent = Agent(NAME, parts)
+        vehicle, settings = self.vehicle, Settings.of(options, policy)
+        detector = self.open_detector(self) if self.open_detector is not None else None
+        agent = Agent(NAME, AgentParts.of(NAME, vehicle, self._publish, policy, settings, detector))
         number = 0
-        while self.vehicle.time_s < until_s:
-            agent.act(
-                Moment(
-                    SimTime(round(self.vehicle.time_s * 1e9)),
-                    self._samples(number),  # type: ignore[arg-type]
-                    {"onboard": self.vehicle.frames()},
-                )
-            )
+        while vehicle.time_s < until_s and self.phase not in ("complete", "aborted"):
+            now = SimTime(round(vehicle.time_s * 1e9))
+            agent.act(Moment(now, tuple(self._samples(number)), {"onboard": vehicle.frames()}))  # type: ignore[arg-type]
             for _ in range(5):
-                self.vehicle.step(STEP_S / 5)
+                vehicle.step(STEP_S / 5)
+            time_s = round(vehicle.time_s, 1)
+            self.at[time_s] = vehicle.east_m, vehicle.north_m, vehicle.height_m
+            self.speed_mps[time_s] = vehicle.speed_mps
             self.each_step(self)
             number += 1
-            if self.phase in ("complete", "aborted"):
-                break
         return self
 
-    def _samples(self, number: int) -> tuple[FakeSample, ...]:
-        topics = VehicleTopics(NAME)
-        samples = []
+    def _samples(self, number: int) -> Iterator[FakeSample]:
+        topics, now_s = VehicleTopics(NAME), self.vehicle.time_s
+
+        def sample(topic: str, document: Any) -> FakeSample:
+            return FakeSample(topic, streams.String(document_text(document)))
+
+        def is_due(at_s: float) -> bool:
+            return abs(at_s - now_s) < STEP_S / 2
+
         if number == 0:
-            samples += [
-                FakeSample(TF_STATIC, mount()),
-                FakeSample(topics.camera_info("front"), camera_info()),
-            ]
+            yield FakeSample(contracts.TF_STATIC, mount())
+            yield FakeSample(topics.camera_info("front"), camera_info())
             if self.mission is not None:
-                samples.append(FakeSample(topics.mission, String(document_text(self.mission))))
-        for due_s in sorted(self.reports_at):
-            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                reports = self.reports_at[due_s]
-                for report in reports if isinstance(reports, tuple) else (reports,):
-                    samples.append(FakeSample(topics.intelligence, String(document_text(report))))
-        for due_s in sorted(self.orders_at):
-            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                samples.append(FakeSample(topics.orders, String(document_text(self.orders_at[due_s]))))
+                yield sample(topics.mission, self.mission)
+        for due_s in filter(is_due, sorted(self.reports_at)):
+            reports = self.reports_at[due_s]
+            for report in reports if isinstance(reports, tuple) else (reports,):
+                yield sample(topics.intelligence, report)
+        for due_s in filter(is_due, sorted(self.orders_at)):
+            yield sample(topics.orders, self.orders_at[due_s])
         for request in self.consent_requests:
             granted, after_s = self.consents.get(request.intelligence_id, (False, math.inf))
-            if abs(request.time_s + after_s - self.vehicle.time_s) < STEP_S / 2:
-                answer = ConsentAnswer(request=request.id, granted=granted, answered_s=self.vehicle.time_s)
-                samples.append(FakeSample(topics.consents, String(document_text(answer))))
+            if is_due(request.time_s + after_s):
+                yield sample(topics.consents, contracts.ConsentAnswer(request.id, granted, now_s))
         for due_s, up in ((0.0, True), *zip(self.link_down or (), (False, True), strict=False)):
-            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                samples.append(
-                    FakeSample(topics.operator_link, String(document_text(OperatorLinkDocument(up=up))))
-                )
-        blind = self.blind is not None and self.blind[0] <= self.vehicle.time_s < self.blind[1]
+            if is_due(due_s):
+                yield sample(topics.operator_link, contracts.OperatorLinkDocument(up=up))
+        blind = self.blind is not None and self.blind[0] <= now_s < self.blind[1]
         if number % 2 == 0 and not blind:
-            seen = FakeSample(topics.detections, self.frame())
-            if self.open_detector is not None:
-                header = self.frame().header
-                picture = CompressedImage(header, "bgr8; jpeg compressed bgr8", grey_jpeg())
-                seen = FakeSample(topics.image_compressed("front"), picture)
-            samples.append(seen)
-        return tuple(samples)
+            frame = self.frame()
+            if self.open_detector is None:
+                yield FakeSample(topics.detections, frame)
+            else:
+                picture = streams.CompressedImage(frame.header, "bgr8; jpeg compressed bgr8", grey_jpeg())
+                yield FakeSample(topics.image_compressed("front"), picture)
 
-    def frame(self) -> Detection2DArray:
+    def frame(self) -> streams.Detection2DArray:
         """What the camera shows now."""
-        header = Header(Time.of(round(self.vehicle.time_s * 1e9)), "optical")
+        header = streams.Header(streams.Time.of(round(self.vehicle.time_s * 1e9)), "optical")
         detections = []
         for actor in self.actors:
-            pixel = (
-                pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle)
-                if self.vehicle.time_s < actor.leaves_s
-                else None
-            )
-            if pixel is not None:
-                hypothesis = ObjectHypothesisWithPose(ObjectHypothesis(actor.label, self.score))
-                detections.append(
-                    Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0))
-                )
-        return Detection2DArray(header, tuple(detections))
-
-    @property
-    def phase(self) -> str:
-        texts = self._texts["status"]
-        return valid(AgentStatus, texts[-1]).phase if texts else ""
+            pixel = pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle)
+            if pixel is not None and self.vehicle.time_s < actor.leaves_s:
+                best = streams.ObjectHypothesisWithPose(streams.ObjectHypothesis(actor.label, self.score))
+                box = streams.BoundingBox2D(streams.Pose2D(streams.Point2D(*pixel)), 20.0, 30.0)
+                detections.append(streams.Detection2D(header, (best,), box))
+        return streams.Detection2DArray(header, tuple(detections))
 
     @property
     def phases(self) -> list[str]:
         """The phases in order, without repeats of the same phase."""
-        phases = [valid(AgentStatus, text).phase for text in self._texts["status"]]
-        return [phase for index, phase in enumerate(phases) if index == 0 or phases[index - 1] != phase]
+        return [phase for phase, _ in groupby(self._said("status", contracts.AgentStatus), lambda s: s.phase)]
 
     @property
-    def reports(self) -> list[TargetReport]:
-        return [valid(TargetReport, text) for text in self._texts["reports"]]
+    def phase(self) -> str:
+        texts = self._texts["status"]
+        return valid(contracts.AgentStatus, texts[-1]).phase if texts else ""
 
     @property
-    def decisions(self) -> list[Decision]:
-        return [valid(Decision, text) for text in self._texts["decisions"]]
+    def home_m(self) -> float:
+        """How far the vehicle is from home, which lies at the origin."""
+        return math.hypot(self.vehicle.east_m, self.vehicle.north_m)
 
     @property
-    def answers(self) -> list[OrderAnswer]:
-        return [valid(OrderAnswer, text) for text in self._texts["answers"]]
+    def reports(self) -> list[contracts.TargetReport]:
+        return self._said("reports", contracts.TargetReport)
 
     @property
-    def consent_requests(self) -> list[ConsentRequest]:
-        return [valid(ConsentRequest, text) for text in self._texts["consent_requests"]]
+    def reported(self) -> list[str | None]:
+        """What the reports are about."""
+        return [report.intelligence_id for report in self.reports]
 
     @property
-    def tracks(self) -> AgentTracks:
-        return valid(AgentTracks, self._texts["tracks"][-1])
+    def decisions(self) -> list[contracts.Decision]:
+        return self._said("decisions", contracts.Decision)
 
-    def decisions_to(self, action: str) -> list[Decision]:
-        return [decision for decision in self.decisions if decision.action == action]
+    @property
+    def answers(self) -> list[contracts.OrderAnswer]:
+        return self._said("answers", contracts.OrderAnswer)
+
+    @property
+    def consent_requests(self) -> list[contracts.ConsentRequest]:
+        return self._said("consent_requests", contracts.ConsentRequest)
+
+    @property
+    def tracks(self) -> contracts.AgentTracks:
+        return self._said("tracks", contracts.AgentTracks)[-1]
+
+    def decisions_to(self, action: str, subject: str | None = None) -> list[contracts.Decision]:
+        return [d for d in self.decisions if d.action == action and subject in (None, d.subject)]
+
+    def _said(self, topic: str, kind: type[Document]) -> list[Document]:
+        return [valid(kind, text) for text in self._texts[topic]]
+
+
+def world(*actors: Actor, **changes: Any) -> World:
+    """The radar and the truck, told of before the flight; other actors in their place if given."""
+    return World(list(actors or (RADAR, TRUCK)), {0.0: BOTH}, **changes)
+
+
+def changing(from_s: float, **state: Any) -> Callable[[World], None]:
+    """For `each_step`: from a moment on the vehicle has such a state."""
+
+    def step(now: World) -> None:
+        if now.vehicle.time_s > from_s:
+            for name, value in state.items():
+                setattr(now.vehicle, name, value)
+
+    return step

@@ -1,19 +1,20 @@
-"""Scenes of the shipped campaigns, flown by an agent and measured in memory."""
+"""Scenes, of the shipped campaigns and small ones, flown by an agent and measured in memory."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign import load_campaign, load_measurable_decomposition, measure_all, measures_of
-from bench.contracts import Observation, SessionResult
+from bench.contracts import Observation, Record, SessionResult, Tape
 from bench.realization import RealizationPlan, place, realize
 from bench.recording import TapeBuilder
 from bench.simspec import AgentSpec, SimSpec
-from bench.simulation import SessionPlan, run_session
+from bench.simulation import HostClock, SessionPlan, run_session
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 DECOMPOSITION = "search-and-report-full"
@@ -39,14 +40,56 @@ def scene(campaign: str, name: str, replicate: int = 1) -> RealizationPlan:
     )
 
 
+def small_scene(
+    agent: str | dict[str, Any],
+    *actors: tuple[str, str, float, float] | tuple[str, str, float, float, float],
+    area: tuple[float, float, float, float] = (-60.0, -60.0, 60.0, 60.0),
+    **document: Any,
+) -> SimSpec:
+    """Actors (id, asset, east and north in metres, heading) in an area (west, south, east, north), and a vehicle.
+
+    Civilians are bystanders, all others adversaries.
+    """
+    west, south, east, north = area
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    groups = [
+        {
+            "id": name,
+            "asset": asset,
+            "role": "bystander" if asset == "civilian" else "adversary",
+            "count": 1,
+            "placement": {"at": {"east_m": e, "north_m": n, "heading_deg": turned[0] if turned else 30.0}},
+        }
+        for name, asset, e, n, *turned in actors
+    ]
+    scene = {
+        "name": "scene",
+        "world": {"area": {"corners": [{"east_m": e, "north_m": n} for e, n in corners]}},
+        "vehicle": {"home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": 90.0}},
+        "actors": groups,
+        "agent": {"manifest": agent} if isinstance(agent, str) else agent,
+    }
+    return SimSpec.model_validate(scene | document)
+
+
+def run_scene(spec: SimSpec, tap: Callable[[Record], None], clock: HostClock | None = None) -> SessionResult:
+    """How a session with the agent of a placed SimSpec ended."""
+    manifest, at = load_manifest(spec.agent.manifest)
+    with tempfile.TemporaryDirectory() as folder:
+        plan = SessionPlan(spec, manifest, at, open_agent, Path(folder), tap, clock=clock or HostClock())
+        return run_session(plan)
+
+
+def taped(spec: SimSpec) -> tuple[SessionResult, Tape]:
+    """The same, and what was recorded."""
+    builder = TapeBuilder(spec)
+    return run_scene(spec, builder), builder.tape()
+
+
 def fly(
     plan: RealizationPlan, agent: str, decomposition: str = DECOMPOSITION
 ) -> tuple[SimSpec, SessionResult, Sequence[Observation]]:
     """The placed SimSpec, how the session ended, and every observation of the decomposition."""
     spec = place(plan.simspec.model_copy(update={"agent": AgentSpec(manifest=agent)}))
-    manifest, at = load_manifest(agent)
-    tape = TapeBuilder(spec)
-    with tempfile.TemporaryDirectory() as folder:
-        end = run_session(SessionPlan(spec, manifest, at, open_agent, Path(folder), tape))
-    measures = measures_of(load_measurable_decomposition(decomposition))
-    return spec, end, measure_all(measures, tape.tape(), spec)
+    end, tape = taped(spec)
+    return spec, end, measure_all(measures_of(load_measurable_decomposition(decomposition)), tape, spec)

@@ -386,12 +386,8 @@ def demo_text(numbers: Numbers) -> str:
     )
     first, second = (agent.label for agent in numbers.campaign.agents)
     scenes = len(numbers.runs) // 2
-    alike = listed(
-        [
-            f"{node} {passed[first, node]} and {passed[second, node]}"
-            for node in ("KA-03", "KA-05", "KA-09", "KA-20")
-        ]
-    )
+    nodes = ("KA-03", "KA-05", "KA-09", "KA-20")
+    alike = listed([f"{node} {passed[first, node]} and {passed[second, node]}" for node in nodes])
     return paragraph(
         f"They are alike in finding and classifying (of {scenes} scenes they pass {alike}), and differ in marking near "
         f"bystanders (KA-18 {passed[first, 'KA-18']} and {passed[second, 'KA-18']})."
@@ -445,15 +441,8 @@ def main() -> None:
     if not given.pages:
         for name, with_null_agents in WITH_FLOOR.items():
             published, folder = Published(name), given.folder / name
-            command = [
-                sys.executable,
-                "-m",
-                "bench.cli",
-                "run",
-                f"campaigns/{name}.yaml",
-                "--out",
-                str(folder.resolve()),
-            ]
+            command = [sys.executable, "-m", "bench.cli", "run", f"campaigns/{name}.yaml"]
+            command += ["--out", str(folder.resolve())]
             subprocess.run([*command, *(["--floor"] if with_null_agents else [])], cwd=ROOT, check=True)
             published.keep(folder)
         with tempfile.TemporaryDirectory() as temporary:

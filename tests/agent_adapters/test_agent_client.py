@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -73,10 +74,26 @@ def heartbeats(count: int) -> list[bytes]:
         mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 29, 0, mavlink.MAV_STATE_STANDBY, 3
     )
     frames = []
-    for _ in range(count):
+    for number in range(count):
+        mav.seq = number
         frames.append(bytes(message.pack(mav)))
-        mav.seq += 1
     return frames
+
+
+@contextmanager
+def open_udp_link() -> Iterator[tuple[MavlinkLink, socket.socket, socket.socket]]:
+    """A link that listens, and two sockets that send there."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = probe.getsockname()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        open_link("onboard", f"udpin:127.0.0.1:{address[1]}") as link,
+    ):
+        one.connect(address)
+        other.connect(address)
+        yield link, one, other
 
 
 def test_the_tick_protocol_follows_the_contract() -> None:
@@ -101,17 +118,10 @@ def test_the_tick_protocol_follows_the_contract() -> None:
 
 
 def test_malformed_lines_are_counted_and_ignored() -> None:
-    """Noise, an unknown kind, a tick with a wrong field, a line beyond all bounds: none of them is a tick,
-    none an error.
-    """
+    """Noise, an unknown kind, a tick with a wrong field, a line beyond all bounds: none is a tick, none an error."""
 
     def play(peer: socket.socket) -> None:
-        peer.sendall(
-            b"good morning\n\n"
-            + b'{"kind":"tock"}\n'
-            + b'{"kind":"tick","number":-1,"time_ns":0}\n'
-            + b"\xff\xfe\n"
-        )
+        peer.sendall(b'good morning\n\n{"kind":"tock"}\n{"kind":"tick","number":-1,"time_ns":0}\n\xff\xfe\n')
         peer.sendall(b'{"kind":"tick","number":7,"time_ns":5,"topics":{"a":' + b"1" * 70_000 + b"}}\n")
         send_line(peer, kind="tick", number=1, time_ns=9)
 
@@ -134,56 +144,30 @@ def test_a_closed_tick_socket_raises_link_lost() -> None:
         pass
 
 
-def test_udp_frames_are_counted_whole_and_handed_over_once() -> None:
-    """Two frames in a datagram and one in another are three messages; noise between is none; each is taken
-    once.
+def test_udp_frames_of_the_first_sender_are_counted_whole_and_handed_over_once() -> None:
+    """Two frames in a datagram and one in another are three messages; noise between is none. The other sender is not the
+    vehicle.
     """
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
-    ):
-        vehicle.bind(("127.0.0.1", 0))
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-        probe.close()
-        with open_link("onboard", f"udpin:127.0.0.1:{port}") as link:
-            assert not link.send(b"nobody there yet")
-            frames = heartbeats(3)
-            vehicle.sendto(frames[0] + b"noise!" + frames[1], ("127.0.0.1", port))
-            vehicle.sendto(frames[2], ("127.0.0.1", port))
-            link.wait(3, timeout_s=5.0)
-            assert [(frame.message_id, frame.system, frame.data) for frame in link.take()] == [
-                (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1, frame_bytes) for frame_bytes in frames
-            ]
-            assert link.take() == []
-            assert (link.received, link.garbage_bytes) == (3, 6)
-            assert link.send(b"answer")
-            assert vehicle.recv(100) == b"answer"
-            assert link.sent == 1
-
-
-def test_datagrams_of_a_second_sender_are_ignored() -> None:
-    """Datagrams of anybody but the first sender are not the vehicle's."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
-    ):
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-        probe.close()
-        with open_link("onboard", f"udpin:127.0.0.1:{port}") as link:
-            vehicle.sendto(heartbeats(1)[0], ("127.0.0.1", port))
-            link.wait(1, timeout_s=5.0)
-            stranger.sendto(heartbeats(1)[0], ("127.0.0.1", port))
-            vehicle.sendto(heartbeats(1)[0], ("127.0.0.1", port))
-            link.wait(2, timeout_s=5.0)
-            link.poll()
-            assert link.received == 2
+    with open_udp_link() as (link, vehicle, stranger):
+        assert not link.send(b"nobody there yet")
+        frames = heartbeats(3)
+        vehicle.send(frames[0] + b"noise!" + frames[1])
+        link.wait(2, timeout_s=5.0)
+        stranger.send(frames[0])
+        vehicle.send(frames[2])
+        link.wait(3, timeout_s=5.0)
+        link.poll()
+        assert [(frame.message_id, frame.system, frame.data) for frame in link.take()] == [
+            (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1, frame_bytes) for frame_bytes in frames
+        ]
+        assert link.take() == []
+        assert (link.received, link.garbage_bytes) == (3, 6)
+        assert link.send(b"answer")
+        assert vehicle.recv(100) == b"answer"
+        assert link.sent == 1
 
 
 def test_missing_messages_raise_link_lost_after_the_timeout() -> None:
-    """Waiting for messages has an end, and says how many of them came."""
     with open_link("onboard", "udpout:127.0.0.1:9") as link, pytest.raises(LinkLost, match="0 of 4 messages"):
         link.wait(4, timeout_s=0.05)
 
@@ -228,7 +212,6 @@ def test_tcp_end_of_stream_is_lost() -> None:
 
 @pytest.mark.parametrize("text", ["serial:/dev/ttyACM0", "udpin:14540", "tcp:host:port", ""])
 def test_an_invalid_connection_string_is_a_setup_error(text: str) -> None:
-    """The error quotes the invalid connection string."""
     with pytest.raises(SetupError, match="is not a MAVLink connection string"), open_link("onboard", text):
         pass
 
@@ -243,10 +226,9 @@ def test_the_environment_is_read_and_every_fault_named() -> None:
     assert (read.tick, read.seed, read.domain, dict(read.options)) == (("127.0.0.1", 4000), 7, 3, {"a": 1})
     assert read_environment(valid | {"REBAR_TICK_SECRET": "s"}).tick_secret == "s"
     assert read_environment(valid | {"EXTRA": "tcp:h:1"}, {"extra": "EXTRA"}).mavlink == {"extra": "tcp:h:1"}
+    wrong = {"REBAR_TICK": "4000", "REBAR_SEED": "x", "REBAR_OPTIONS": "[]", "ROS_DOMAIN_ID": ""}
     with pytest.raises(SetupError) as caught:
-        read_environment(
-            {"REBAR_TICK": "4000", "REBAR_SEED": "x", "REBAR_OPTIONS": "[]", "ROS_DOMAIN_ID": ""}
-        )
+        read_environment(wrong)
     assert len(caught.value.faults) == 6
 
 
@@ -255,19 +237,15 @@ def open_air() -> Iterator[tuple[Router, AgentEnvironment]]:
     plan = AirPlan(1, agent_reads=((ORDERS, STRING), (CLOCK, Clock.TYPE)), agent_writes=((REPORTS, STRING),))
     with open_router(plan) as router:
         access = router.access
-        yield (
-            router,
-            replace(TICKLESS, zenoh=access.locator, zenoh_user=access.user, zenoh_password=access.password),
-        )
+        credentials: dict[str, Any] = {"zenoh_user": access.user, "zenoh_password": access.password}
+        yield router, replace(TICKLESS, zenoh=access.locator, **credentials)
 
 
 WANTED = (Wanted(ORDERS, String, latched=True, depth=4), Wanted(CLOCK, Clock))
 
 
 def test_a_moment_holds_exactly_the_samples_of_its_tick() -> None:
-    """Latched and live samples come by name of topic and in order, whenever they arrive, and what is
-    published is counted.
-    """
+    """Latched and live samples come by name of topic and in order, and what is published is counted."""
     with open_air() as (router, environment):
         node = router.node("bench")
         orders, clock = node.latched(ORDERS, String, depth=4), node.publisher(CLOCK, Clock)

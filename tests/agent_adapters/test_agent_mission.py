@@ -7,34 +7,44 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from agent_fakes import HOLD, OFFBOARD, Actor, World, intelligence
+from agent_fakes import (
+    BOTH,
+    HOLD,
+    NEAR_RADAR,
+    OFFBOARD,
+    RADAR,
+    TRUCK,
+    Actor,
+    World,
+    changing,
+    intelligence,
+    mission_order,
+    order_document,
+    world,
+)
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.reference.mission._mission import MissionOrderMissing
 from bench.contracts import VehicleTopics
 
-RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
-NEAR_RADAR, FAR_OFF = Actor("civilian", 140.0, 90.0), Actor("civilian", -100.0, -200.0)
-BOTH = (
-    intelligence("alpha", "mobile_radar", 110.0, 80.0),
-    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
-)
+FAR_OFF = Actor("civilian", -100.0, -200.0)
 
 
-def world(*actors: Actor, **changes: object) -> World:
-    return World(list(actors), {0.0: BOTH}, **changes)  # type: ignore[arg-type]
+@pytest.fixture(scope="module")
+def calm() -> World:
+    """Nothing but the two targets."""
+    return world().fly("naive")
 
 
 def test_naive_searches_reports_marks_and_comes_home() -> None:
-    """Two targets are reported in order of priority, close to their true places, marked, within the time, and
-    it lands at home.
-    """
+    """Two targets are reported in order of priority, close to their true places, marked, within the time."""
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("naive")
     assert mission.phases[-3:] == ["returning", "landing", "complete"]
     assert {"taking_off", "transit", "searching"} <= set(mission.phases)
-    assert [report.intelligence_id for report in mission.reports] == ["alpha", "bravo"]
+    assert mission.reported == ["alpha", "bravo"]
     assert all(report.mark and report.bystanders_seen is None for report in mission.reports)
     for report, actor in zip(mission.reports, (RADAR, TRUCK), strict=True):
         assert report.class_label == actor.label
@@ -43,7 +53,7 @@ def test_naive_searches_reports_marks_and_comes_home() -> None:
         assert len(report.evidence) >= 6
     assert mission.vehicle.time_s < 280.0
     assert not mission.vehicle.armed
-    assert (mission.vehicle.east_m**2 + mission.vehicle.north_m**2) ** 0.5 < 3.0
+    assert mission.home_m < 3.0
     assert mission.vehicle.peak_m < 62.0
 
 
@@ -62,40 +72,32 @@ def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
 
 
 def test_aware_marks_later_when_the_bystander_has_gone() -> None:
-    """A bystander who leaves after the first look is gone at the revisit: now it is reported marked."""
-    walker = Actor("civilian", 140.0, 90.0, leaves_s=60.0)
-    mission = world(RADAR, TRUCK, walker).fly("bystander_aware")
-    about_radar = [report for report in mission.reports if report.intelligence_id == "alpha"]
-    assert [report.mark for report in about_radar] == [False, True]
-    assert about_radar[1].repeats == about_radar[0].id != about_radar[1].id
-    assert about_radar[1].time_s > 60.0
+    mission = world(RADAR, TRUCK, replace(NEAR_RADAR, leaves_s=60.0)).fly("bystander_aware")
+    first, second = [report for report in mission.reports if report.intelligence_id == "alpha"]
+    assert (first.mark, second.mark) == (False, True)
+    assert second.repeats == first.id != second.id
+    assert second.time_s > 60.0
     assert mission.decisions_to("revisit")
 
 
 def test_streams_are_lowered_to_what_is_read() -> None:
     """In the air no message comes that the agent does not read, and positions come at 10 Hz."""
-    mission = world(RADAR)
     counted: list[dict[int, int]] = []
-    mission.each_step = lambda now: counted.append(dict(now.vehicle.sent))
-    mission.fly("naive", until_s=60.0)
+    world(each_step=lambda now: counted.append(dict(now.vehicle.sent))).fly("naive", until_s=60.0)
     span = {kind: counted[590][kind] - counted[390][kind] for kind in counted[590]}  # 20 s
     assert span[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == 200
     assert span[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 200
     assert span[mavlink.MAVLINK_MSG_ID_VFR_HUD] == span[mavlink.MAVLINK_MSG_ID_HIGHRES_IMU] == 0
 
 
-def test_objects_of_another_class_are_not_reported() -> None:
-    """A civilian car where a radar should be is looked at, at most, and the task ends as not found."""
-    mission = world(Actor("civilian_vehicle", 130.0, 70.0), TRUCK).fly("naive")
-    assert [report.intelligence_id for report in mission.reports] == ["bravo"]
+@pytest.mark.parametrize(
+    "other", [Actor("civilian_vehicle", 130.0, 70.0), Actor("mobile_radar", 110.0, 190.0)]
+)
+def test_another_class_and_what_is_far_outside_the_circle_are_not_reported(other: Actor) -> None:
+    mission = world(other, TRUCK).fly("naive")
+    assert mission.reported == ["bravo"]
     assert [decision.subject for decision in mission.decisions_to("give_up")] == ["alpha"]
     assert mission.phase == "complete"
-
-
-def test_a_target_outside_the_reported_circle_is_not_reported() -> None:
-    """An object of the right class far outside the reported circle is not reported."""
-    mission = world(Actor("mobile_radar", 110.0, 190.0), TRUCK).fly("naive")
-    assert [report.intelligence_id for report in mission.reports] == ["bravo"]
 
 
 def test_low_confidence_is_not_reported() -> None:
@@ -111,42 +113,23 @@ def test_a_more_urgent_report_diverts() -> None:
     mission = World([RADAR, TRUCK], {0.0: BOTH[1], 30.0: BOTH[0]}).fly("naive")
     (divert,) = mission.decisions_to("divert")
     assert divert.subject == "bravo"
-    assert [report.intelligence_id for report in mission.reports] == ["alpha", "bravo"]
+    assert mission.reported == ["alpha", "bravo"]
 
 
 def test_a_task_that_does_not_fit_is_skipped() -> None:
-    """With little time the less urgent task is skipped, with a reason, and it is down in time."""
-    mission = world(RADAR, TRUCK)
-    assert mission.mission is not None
-    mission.mission = replace(mission.mission, time_limit_s=122.0)
-    mission.fly("naive")
+    """With little time the less urgent task is skipped, and it is down in time."""
+    mission = world(mission=mission_order(time_limit_s=122.0)).fly("naive")
     assert [decision.subject for decision in mission.decisions_to("skip")] == ["bravo"]
     assert mission.phase == "complete"
     assert mission.vehicle.time_s < 130.0
 
 
-def test_low_battery_brings_it_home() -> None:
-    """At a quarter of the battery it returns, whatever is left to do."""
-
-    def drain(now: World) -> None:
-        if now.vehicle.time_s > 30.0:
-            now.vehicle.battery = 20
-
-    mission = world(RADAR, TRUCK, each_step=drain).fly("naive")
-    (decision,) = mission.decisions_to("return")
-    assert decision.time_s == pytest.approx(30.0, abs=1.5)
-    assert "battery" in decision.reason
-    assert mission.phase == "complete"
-
-
 def test_lost_offboard_control_is_requested_again() -> None:
-    """When the autopilot leaves offboard, the agent asks for it again and goes on."""
-
     def nudge(now: World) -> None:
         if abs(now.vehicle.time_s - 30.0) < 0.05:
             now.vehicle.mode = HOLD
 
-    mission = world(RADAR, TRUCK, each_step=nudge).fly("naive")
+    mission = world(each_step=nudge).fly("naive")
     assert len(mission.decisions_to("retake")) == 1
     assert len(mission.reports) == 2
 
@@ -160,17 +143,15 @@ def test_offboard_control_that_is_refused_ends_the_mission() -> None:
             if now.vehicle.mode == OFFBOARD:
                 now.vehicle.mode = HOLD
 
-    mission = world(RADAR, TRUCK, each_step=take).fly("naive")
+    mission = world(each_step=take).fly("naive")
     assert mission.phase == "aborted"
     assert not mission.vehicle.armed
     assert "keeps it" in mission.decisions_to("abort")[0].reason
 
 
 def test_the_second_acknowledgement_of_a_mode_change_counts() -> None:
-    """PX4's first acknowledgement of a mode change says ACCEPTED whatever follows: the second one counts."""
-    mission = world(RADAR)
-    mission.vehicle.refuse_offboard = True
-    mission.fly("naive")
+    """PX4's first acknowledgement of a mode change says ACCEPTED whatever follows."""
+    mission = world(each_step=changing(0.0, refuse_offboard=True)).fly("naive")
     assert mission.phase == "aborted"
     assert "does not give control" in mission.decisions_to("abort")[0].reason
 
@@ -181,59 +162,52 @@ def test_the_mission_continues_after_a_silent_autopilot() -> None:
     def mute_link(now: World) -> None:
         now.vehicle.mute = 30.0 < now.vehicle.time_s < 45.0
 
-    mission = world(RADAR, TRUCK, each_step=mute_link).fly("naive")
-    lost, regained = [decision for decision in mission.decisions_to("notice") if decision.subject == "link"]
+    mission = world(each_step=mute_link).fly("naive")
+    lost, regained = mission.decisions_to("notice", "link")
     assert lost.time_s == pytest.approx(32.7, abs=0.3)
     assert regained.time_s == pytest.approx(45.0, abs=0.3)
-    assert [report.intelligence_id for report in mission.reports] == ["alpha", "bravo"]
+    assert mission.reported == ["alpha", "bravo"]
     assert mission.phase == "complete"
     assert not mission.vehicle.armed
 
 
 def test_a_missing_mission_order_raises() -> None:
-    """Without a mission order the agent ends with a sentence."""
     with pytest.raises(MissionOrderMissing, match="no mission order within 20 s"):
-        world(RADAR, mission=None).fly("naive")
+        world(mission=None).fly("naive")
 
 
-def test_no_intelligence_keeps_it_on_the_ground() -> None:
-    """With an order but nothing to look for, the vehicle never leaves the ground."""
-    mission = World([RADAR]).fly("naive")
+@pytest.mark.parametrize(
+    "situation",
+    [
+        {"reports_at": {}},
+        {"mission": mission_order(time_limit_s=80.0)},
+        {"mission": mission_order(battery_reserve_fraction=0.5), "each_step": changing(0.0, battery=40)},
+        {"orders_at": {1.0: order_document("end", "abort")}},
+    ],
+    ids=["nothing to look for", "too little time", "too little charge", "told to abort"],
+)
+def test_it_stays_on_the_ground(situation: dict[str, Any]) -> None:
+    mission = World(**{"actors": [RADAR, TRUCK], "reports_at": {0.0: BOTH}, **situation}).fly("naive")
     assert mission.phase == "aborted"
     assert mission.vehicle.peak_m == 0.0
 
 
-def test_a_mission_without_a_feasible_task_stays_on_the_ground() -> None:
-    """When no task fits between takeoff and landing, the vehicle stays where it is."""
-    mission = world(RADAR, TRUCK)
-    assert mission.mission is not None
-    mission.mission = replace(mission.mission, time_limit_s=80.0)
-    mission.fly("naive")
-    assert mission.phase == "aborted"
-    assert mission.vehicle.peak_m == 0.0
-
-
-def test_malformed_documents_are_ignored() -> None:
-    """Documents that are none, and classes of any length, change nothing and raise nothing."""
+def test_tracks_and_status_are_published_every_second(calm: World) -> None:
+    """The tracks hold the objects where they are, and the beginning of a class that is too long."""
+    for kind in ("tracks", "status"):
+        count = sum(topic == getattr(VehicleTopics("vehicle_1"), kind) for topic, _ in calm.published)
+        assert count >= int(calm.vehicle.time_s)
+    believed = {track.class_label: (track.east_m, track.north_m) for track in calm.tracks.tracks}
+    assert believed["mobile_radar"] == pytest.approx((RADAR.east_m, RADAR.north_m), abs=3.0)
     odd = world(RADAR, TRUCK, Actor("x" * 300, 120.0, 70.0)).fly("naive")
     assert len(odd.reports) == 2
-    assert all(len(track.class_label) <= 64 for track in odd.tracks.tracks)
-
-
-def test_tracks_and_status_are_published_every_second() -> None:
-    """Tracks and status come once a second; the tracks hold the objects where they are."""
-    mission = world(RADAR, TRUCK).fly("naive")
-    for kind in ("tracks", "status"):
-        count = sum(topic == getattr(VehicleTopics("vehicle_1"), kind) for topic, _ in mission.published)
-        assert count >= int(mission.vehicle.time_s)
-    believed = {track.class_label: (track.east_m, track.north_m) for track in mission.tracks.tracks}
-    assert believed["mobile_radar"] == pytest.approx((RADAR.east_m, RADAR.north_m), abs=3.0)
+    assert "x" * 64 in {track.class_label for track in odd.tracks.tracks}
 
 
 TWIN = """
 import hashlib, json, sys
 sys.path[:0] = {folders!r}
-from test_agent_mission import NEAR_RADAR, RADAR, TRUCK, world
+from agent_fakes import NEAR_RADAR, RADAR, TRUCK, world
 flown = world(RADAR, TRUCK, NEAR_RADAR).fly("bystander_aware")
 print(json.dumps([hashlib.sha256(json.dumps(flown.published).encode()).hexdigest(), flown.vehicle.commands]))
 """
@@ -241,28 +215,103 @@ print(json.dumps([hashlib.sha256(json.dumps(flown.published).encode()).hexdigest
 
 def test_same_inputs_give_the_same_bytes() -> None:
     """Two processes with different hash seeds say the same, word for word."""
-    code = TWIN.format(folders=[str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    code = TWIN.format(folders=[str(parent) for parent in Path(__file__).parents[:2]])
+    command = [sys.executable, "-c", code]
     outputs = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={"PYTHONHASHSEED": seed},
-            capture_output=True,
-            check=True,
-            text=True,
-        ).stdout
+        subprocess.run(command, env={"PYTHONHASHSEED": seed}, capture_output=True, check=True).stdout
         for seed in ("1", "2")
     ]
     assert outputs[0] == outputs[1]
     assert len(json.loads(outputs[0])[1]) > 10
 
 
-def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported() -> None:
-    """With a deadline ahead it leaves the first sub-area once that target is reported; else it sees all."""
-    mission = world(RADAR, TRUCK)
-    assert mission.mission is not None
-    mission.mission = replace(mission.mission, report_deadline_s=80.0)
-    mission.fly("naive")
-    calm = world(RADAR, TRUCK).fly("naive")
+def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported(calm: World) -> None:
+    """Without one it sees all of it."""
+    mission = world(mission=mission_order(report_deadline_s=80.0)).fly("naive")
     assert [decision.subject for decision in mission.decisions_to("move_on")] == ["alpha"]
     assert not calm.decisions_to("move_on")
     assert mission.reports[1].time_s < calm.reports[1].time_s - 5.0
+
+
+# Intelligence that comes in flight.
+
+EAST, WEST = Actor("mobile_radar", 120.0, 10.0), Actor("military_vehicle", -120.0, 120.0)
+PEOPLE = [Actor("civilian", 130.0, 25.0), Actor("civilian", 110.0, 0.0)]
+LATE = intelligence("late", "military_vehicle", -115.0, 115.0, priority=2, uncertainty_m=40.0)
+
+
+def about_east(uncertainty_m: float) -> Any:
+    return intelligence("alpha", "mobile_radar", 115.0, 0.0, uncertainty_m=uncertainty_m)
+
+
+def flight(actors: list[Actor], late_s: float | None) -> World:
+    late = {} if late_s is None else {late_s: LATE}
+    flown = World(actors, {0.0: about_east(40.0), **late}, mission=mission_order(time_limit_s=400.0))
+    return flown.fly("bystander_aware", until_s=420.0)
+
+
+def moment(mission: World, action: str, subject: str) -> float:
+    return round(mission.decisions_to(action, subject)[0].time_s, 1)
+
+
+def test_a_revisit_is_left_for_late_intelligence_and_made_up_for() -> None:
+    """Two people stand by the target: the mark is withheld, and looked at again after the late report is served."""
+    revisit_s = moment(flight([EAST, *PEOPLE], None), "revisit", "alpha")
+    late_s = round(revisit_s + 6.0, 1)
+    mission = flight([EAST, WEST, *PEOPLE], late_s)
+    assert moment(mission, "move_on", "alpha") - late_s < 1.0
+    assert moment(mission, "go", "late") - late_s < 1.0
+    assert set(mission.reported) == {"alpha", "late"}
+    assert len(mission.decisions_to("revisit")) == 2
+    assert mission.phase == "complete"
+
+
+@pytest.mark.parametrize("after_s", [5.0, 12.0])
+def test_a_second_pass_is_left_for_late_intelligence(after_s: float) -> None:
+    """Nothing stands where the first report says: the second pass gives way."""
+    quiet = flight([WEST], None)
+    late_s = round(quiet.decisions_to("search")[1].time_s + after_s, 1)
+    mission = flight([WEST], late_s)
+    assert moment(mission, "give_up", "alpha") - late_s < 1.0
+    assert moment(mission, "go", "late") - late_s < 1.0
+    assert mission.reported == ["late"]
+    assert mission.home_m < 3.0
+
+
+@pytest.mark.parametrize("deadline_s", [None, 400.0])
+def test_what_was_seen_during_the_flight_is_served_while_it_is_fresh(deadline_s: float | None) -> None:
+    """Two targets wait after the first: the one seen lately ends the rest of the first search, the other does not."""
+
+    def left_s(observed_s: float) -> float:
+        """When it turns to the second target."""
+        order = mission_order(time_limit_s=600.0, report_deadline_s=deadline_s)
+        told: dict[float, Any] = {0.0: about_east(90.0), 5.0: replace(LATE, observed_s=observed_s)}
+        mission = World([EAST, WEST], told, mission=order).fly("naive", until_s=260.0)
+        return moment(mission, "go", "late") - moment(mission, "report", "alpha")
+
+    fresh_s, old_s = left_s(4.0), left_s(-30.0)
+    assert fresh_s < old_s - 10.0
+    # It is there before 120 s have passed since it was told: 258 m at 8 m/s, and a search of 15 s.
+    assert fresh_s + 258.0 / 8.0 + 15.0 < 5.0 + 120.0
+
+
+@pytest.mark.parametrize("people", [PEOPLE, []])
+def test_what_a_broken_off_search_finds_is_reported_unless_it_would_be_marked(people: list[Actor]) -> None:
+    """Ordered away just before the target is identified, it goes on seeing it for a moment."""
+    both = (about_east(60.0), replace(LATE, id="bravo"))
+    actors = [EAST, WEST, *people]
+    found_s = moment(World(actors, {0.0: both}).fly("bystander_aware", until_s=60.0), "report", "alpha")
+    orders = {round(found_s - 0.4, 1): order_document("other", "retask", "bravo")}
+
+    mission = World(actors, {0.0: both}, orders).fly("bystander_aware")
+
+    visits = [decision.subject for decision in mission.decisions_to("go")]
+    reported_s = moment(mission, "report", "alpha")
+    if people:
+        assert visits == ["alpha", "bravo"]
+        assert found_s <= reported_s < moment(mission, "report", "bravo")
+        assert [report.mark for report in mission.reports if report.intelligence_id == "alpha"] == [False]
+    else:
+        assert visits == ["alpha", "bravo", "alpha"]
+        assert reported_s > moment(mission, "report", "bravo")
+    assert set(mission.reported) == {"alpha", "bravo"}

@@ -1,49 +1,44 @@
-"""How the reference agent lives through outages and faults: it says so, obeys the rules, goes on."""
+"""How the reference agent lives through outages, faults and drift: it says so, obeys the rules, goes on."""
 
 from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
+import numpy as np
 import pytest
-from agent_fakes import LAND, OFFBOARD, Actor, World, intelligence, mission_order, order_document
-
-RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
-BOTH = (
-    intelligence("alpha", "mobile_radar", 110.0, 80.0),
-    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
+from agent_fakes import (
+    LAND,
+    OFFBOARD,
+    Actor,
+    World,
+    changing,
+    intelligence,
+    mission_order,
+    order_document,
+    world,
 )
 
+from agent_adapters.reference._settings import PolicyName
+from agent_adapters.reference.perception._drift import WINDOW_S, DriftCheck
+from bench.simspec import Gps
+from vehicle_models._navigation import Navigation
 
-def world(*actors: Actor, **changes: object) -> World:
-    return World(list(actors or (RADAR, TRUCK)), {0.0: BOTH}, **changes)  # type: ignore[arg-type]
+STEP_S = 0.1
+EAST, SOUTH_WEST = (1.0, 0.0), (-math.sqrt(0.5), -math.sqrt(0.5))
 
 
 def notice_times(mission: World, subject: str) -> list[float]:
-    return [notice.time_s for notice in mission.decisions_to("notice") if notice.subject == subject]
-
-
-class Trail:
-    def __init__(self) -> None:
-        self.home_m: dict[float, float] = {}
-        self.speed_mps: dict[float, float] = {}
-
-    def __call__(self, now: World) -> None:
-        time_s = round(now.vehicle.time_s, 1)
-        self.home_m[time_s] = math.hypot(now.vehicle.east_m, now.vehicle.north_m)
-        self.speed_mps[time_s] = now.vehicle.speed_mps
+    return [notice.time_s for notice in mission.decisions_to("notice", subject)]
 
 
 def test_without_the_operator_it_holds_when_the_rules_say_so() -> None:
     """After the grace it stands until the link is back; what it reported meanwhile is said again."""
-    trail = Trail()
-    mission = world(
-        mission=mission_order(link_lost="hold", link_lost_after_s=12.0),
-        link_down=(24.0, 70.0),
-        each_step=trail,
-    ).fly("naive")
+    rules = mission_order(link_lost="hold", link_lost_after_s=12.0)
+    mission = world(mission=rules, link_down=(24.0, 70.0)).fly("naive")
     assert notice_times(mission, "operator_link") == pytest.approx([24.0, 70.0])
-    assert max(trail.speed_mps[round(42.0 + k / 10, 1)] for k in range(270)) < 1.0
+    assert max(mission.speed_mps[round(42.0 + k / 10, 1)] for k in range(270)) < 1.0
     first, again = [report for report in mission.reports if report.intelligence_id == "alpha"][:2]
     assert 24.0 < first.time_s < 40.0
     assert again.time_s == pytest.approx(70.0)
@@ -54,11 +49,10 @@ def test_without_the_operator_it_holds_when_the_rules_say_so() -> None:
 
 def test_without_the_operator_it_turns_home_when_the_rules_say_so_and_goes_on_when_heard() -> None:
     """It comes nearer home while the link is down, and both targets are reported in the end."""
-    trail = Trail()
     rules = mission_order(link_lost="return", link_lost_after_s=5.0)
-    mission = world(mission=rules, link_down=(22.0, 34.0), each_step=trail).fly("naive")
-    assert trail.home_m[34.0] < trail.home_m[28.0] - 20.0
-    assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
+    mission = world(mission=rules, link_down=(22.0, 34.0)).fly("naive")
+    assert math.hypot(*mission.at[34.0][:2]) < math.hypot(*mission.at[28.0][:2]) - 20.0
+    assert set(mission.reported) == {"alpha", "bravo"}
 
 
 def test_without_the_operator_for_good_it_lands_at_home() -> None:
@@ -66,18 +60,17 @@ def test_without_the_operator_for_good_it_lands_at_home() -> None:
     mission = world(mission=mission_order(link_lost="return"), link_down=(30.0, 900.0)).fly("naive")
     assert mission.phase == "complete"
     assert mission.vehicle.time_s < 120.0
-    assert math.hypot(mission.vehicle.east_m, mission.vehicle.north_m) < 3.0
+    assert mission.home_m < 3.0
 
 
 @pytest.mark.parametrize("policy", ["naive", "bystander_aware"])
-def test_a_silent_detector_is_noticed_and_nothing_new_is_reported(policy: str) -> None:
+def test_a_silent_detector_is_noticed_and_nothing_new_is_reported(policy: PolicyName) -> None:
     """While nothing comes, no first report is made and the search waits; afterwards it goes on."""
-    trail = Trail()
-    mission = world(blind=(21.0, 50.0), each_step=trail).fly(policy)  # type: ignore[arg-type]
+    mission = world(blind=(21.0, 50.0)).fly(policy)
     assert notice_times(mission, "detections") == pytest.approx([22.5, 50.0], abs=0.5)
     assert not [report for report in mission.reports if 23.0 < report.time_s < 50.0]
-    assert trail.speed_mps[45.0] < 1.0
-    assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
+    assert mission.speed_mps[45.0] < 1.0
+    assert set(mission.reported) == {"alpha", "bravo"}
 
 
 def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None:
@@ -90,13 +83,13 @@ def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None
     naive = world(each_step=jam).fly("naive", 90.0)
     assert notice_times(jammed, "gps") == pytest.approx([18.5, 30.5], abs=1.0)
     assert notice_times(naive, "gps") == notice_times(jammed, "gps")
-    sigmas = [
-        next(r.position_sigma_m for r in mission.reports if r.intelligence_id == "alpha")
+    usual_m, larger_m = (
+        next(
+            report.position_sigma_m or 0.0 for report in mission.reports if report.intelligence_id == "alpha"
+        )
         for mission in (calm, jammed)
-    ]
-    assert sigmas[0] is not None
-    assert sigmas[1] is not None
-    assert sigmas[1] > sigmas[0] + 1.0
+    )
+    assert 0.0 < usual_m < larger_m - 1.0
     assert all(report.position_sigma_m is None for report in naive.reports)
 
 
@@ -117,66 +110,142 @@ def test_a_failsafe_is_left_alone_and_the_mission_goes_on_after_it() -> None:
     assert len(set(command_counts[12:])) == 1  # from when the heartbeat has told it
     assert mission.decisions_to("yield")
     assert "landing" in mission.phases[: mission.phases.index("returning")]
-    assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
+    assert set(mission.reported) == {"alpha", "bravo"}
 
 
-def test_a_battery_drop_below_the_reserve_is_noticed_and_brings_it_home() -> None:
-    """Below what the rules want to be left it turns home at once."""
-
-    def drain(now: World) -> None:
-        if now.vehicle.time_s > 30.0:
-            now.vehicle.battery = 45
-
-    mission = world(mission=mission_order(battery_reserve_fraction=0.5), each_step=drain).fly("naive")
+@pytest.mark.parametrize(("battery", "rules"), [(20, {}), (45, {"battery_reserve_fraction": 0.5})])
+def test_a_battery_drop_below_the_reserve_is_noticed_and_brings_it_home(
+    battery: int, rules: dict[str, Any]
+) -> None:
+    """Below a quarter, or below what the rules want to be left, it turns home at once, whatever is left to do."""
+    mission = world(mission=mission_order(**rules), each_step=changing(30.0, battery=battery)).fly("naive")
     assert notice_times(mission, "battery") == pytest.approx([30.5], abs=1.0)
     (back,) = mission.decisions_to("return")
     assert back.time_s == pytest.approx(30.5, abs=1.5)
     assert "battery" in back.reason
-    flat = world(mission=mission_order(battery_reserve_fraction=0.5))
-    flat.vehicle.battery = 40
-    assert flat.fly("naive").vehicle.peak_m == 0.0
+    assert mission.phase == "complete"
 
 
-@pytest.mark.parametrize("charge", [90, 60])
-def test_a_battery_that_was_never_full_is_no_drop(charge: int) -> None:
-    """The first charge that is heard is not compared with a full battery; the drop in flight is still told."""
-
-    def drain(now: World) -> None:
-        if now.vehicle.time_s > 30.0:
-            now.vehicle.battery = charge - 20
-
-    flown = world(each_step=drain)
-    flown.vehicle.battery = charge
-    assert notice_times(flown.fly("naive"), "battery") == pytest.approx([30.5], abs=1.0)
+@pytest.mark.parametrize(("charge", "left"), [(100, 50), (90, 70), (60, 40)])
+def test_a_drop_that_leaves_enough_is_told_and_does_not_end_the_mission(charge: int, left: int) -> None:
+    """The first charge that is heard is not compared with a full battery: one that was never full is no drop."""
+    drained = world(each_step=changing(30.0, battery=left))
+    drained.vehicle.battery = charge
+    assert notice_times(drained.fly("naive"), "battery") == pytest.approx([30.5], abs=1.0)
+    assert set(drained.reported) == {"alpha", "bravo"}
 
 
 def test_a_report_is_made_before_its_deadline_with_fewer_viewpoints() -> None:
     """Before it has seen all sides it reports when the deadline nears; else it takes its time."""
     due = world(mission=mission_order(report_deadline_s=45.0)).fly("naive", 60.0, min_viewpoint_deg=250.0)
     free = world().fly("naive", 60.0, min_viewpoint_deg=250.0)
-    assert [30.0 <= report.time_s < 45.0 for report in due.reports if report.intelligence_id == "alpha"] == [
-        True
-    ]
+    (about_alpha,) = [report for report in due.reports if report.intelligence_id == "alpha"]
+    assert 30.0 <= about_alpha.time_s < 45.0
     assert "due" in due.decisions_to("report")[0].reason
     assert not [report for report in free.reports if report.time_s < 45.0]
 
 
 def test_in_the_air_decisions_are_logged_at_least_once_a_minute() -> None:
-    """Status at least every five seconds, and a decision at least once a minute, however long it waits."""
-    mission = world(
-        orders_at={40.0: order_document("wait", "hold")}, mission=mission_order(time_limit_s=280.0)
-    ).fly("naive")
+    """However long it waits."""
+    waiting = {40.0: order_document("wait", "hold")}
+    mission = world(orders_at=waiting, mission=mission_order(time_limit_s=280.0)).fly("naive")
     times = [decision.time_s for decision in mission.decisions if decision.time_s > 10.0]
     assert max(b - a for a, b in pairwise(times)) <= 60.0
 
 
-def test_a_battery_drop_that_leaves_enough_charge_does_not_end_the_mission() -> None:
-    """The charge halves at once, and what is left is plenty: the mission goes on."""
+# Satellite navigation that drifts.
 
-    def drain(now: World) -> None:
-        if now.vehicle.time_s > 30.0:
-            now.vehicle.battery = 50
 
-    mission = world(each_step=drain).fly("naive")
-    assert notice_times(mission, "battery")
-    assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
+def feed(check: DriftCheck, index: int, error_en_m: tuple[float, float]) -> None:
+    """One position of a vehicle that flies curves, stated with an error, and its exact velocity."""
+    time_s = index * STEP_S
+    place = (40.0 * math.sin(0.2 * time_s) + error_en_m[0], 25.0 * math.cos(0.3 * time_s) + error_en_m[1])
+    velocity = (8.0 * math.cos(0.2 * time_s), -7.5 * math.sin(0.3 * time_s))
+    check.take(time_s, place, velocity)
+
+
+@pytest.mark.parametrize("direction", [EAST, SOUTH_WEST])
+def test_drift_is_noticed_measured_and_over(direction: tuple[float, float]) -> None:
+    """0.25 m/s for 30 s: noticed within ten seconds, followed within a metre, over when the fixes jump back."""
+    check, noticed_s, worst_m = DriftCheck(), math.inf, 0.0
+    for index in range(900):
+        time_s = index * STEP_S
+        drifted_m = 0.25 * (time_s - 30.0) if 30.0 <= time_s < 60.0 else 0.0
+        drift_en_m = (drifted_m * direction[0], drifted_m * direction[1])
+        feed(check, index, drift_en_m)
+        if check.since_s is not None and time_s < 60.0:
+            noticed_s = min(noticed_s, time_s)
+            error_m = math.dist(check.offset_en_m, drift_en_m)
+            worst_m = max(worst_m, error_m)
+            assert error_m <= check.doubt_m * 3.0
+    assert 30.0 < noticed_s < 40.0
+    assert worst_m < 1.0
+    assert check.since_s is None
+    assert check.offset_en_m == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("wander_m", [0.3, 0.8])
+def test_no_drift_is_seen_in_the_ordinary_error(wander_m: float) -> None:
+    """The error of the simulated receiver, twenty flights of 200 s: no false alarm."""
+    for seed in range(20):
+        navigation = Navigation(Gps(wander_m=wander_m), STEP_S, np.random.default_rng(seed))
+        check = DriftCheck()
+        for index in range(2000):
+            navigation.step()
+            feed(check, index, navigation.error_enu_m[:2])
+            assert check.since_s is None, (seed, index)
+
+
+def test_a_jump_when_fixes_return_is_no_drift() -> None:
+    check = DriftCheck()
+    for index in range(1000):
+        time_s = index * STEP_S
+        if 20.0 <= time_s < 32.0:
+            check.suspend(time_s)
+        feed(check, index, (6.0, -3.0) if time_s >= 33.0 else (0.0, 0.0))
+        assert check.since_s is None
+    assert WINDOW_S < 12.0
+
+
+def drifting_world(direction: tuple[float, float], until_s: float) -> World:
+    """Two targets; the position drifts by 0.6 m/s from 35 s on."""
+
+    def drift(now: World) -> None:
+        time_s = now.vehicle.time_s
+        away_m = 0.6 * (time_s - 35.0) if 35.0 <= time_s < until_s else 0.0
+        now.vehicle.position_error_m = (away_m * direction[0], away_m * direction[1])
+
+    told = (
+        intelligence("alpha", "mobile_radar", 115.0, 0.0),
+        intelligence("bravo", "military_vehicle", -10.0, 140.0, priority=2),
+    )
+    actors = [Actor("mobile_radar", 120.0, 10.0), Actor("military_vehicle", -20.0, 150.0)]
+    return World(actors, {0.0: told}, mission=mission_order(time_limit_s=280.0), each_step=drift)
+
+
+@pytest.mark.parametrize("direction", [EAST, SOUTH_WEST])
+def test_reports_under_drift_are_right_and_say_how_sure(direction: tuple[float, float]) -> None:
+    """Drift to the end of the session: told, both targets within three of the stated sigmas, down at home."""
+    mission = drifting_world(direction, math.inf).fly("bystander_aware")
+    assert [36.0 < time_s < 45.0 for time_s in notice_times(mission, "gps")] == [True]
+    places = {"alpha": (120.0, 10.0), "bravo": (-20.0, 150.0)}
+    assert set(mission.reported) == set(places)
+    sigmas_m = {}
+    for report in mission.reports:
+        error_m = math.dist((report.east_m, report.north_m), places[report.intelligence_id or ""])
+        assert report.position_sigma_m is not None
+        assert error_m <= 3.0 * report.position_sigma_m
+        assert report.position_sigma_m < 12.0
+        sigmas_m[report.time_s] = report.position_sigma_m
+    assert max(sigmas_m) > 60.0
+    assert sigmas_m[max(sigmas_m)] > 3.0
+    assert mission.phase == "complete"
+    assert mission.home_m < 6.0
+
+
+def test_the_end_of_a_drift_is_told_too() -> None:
+    mission = drifting_world(EAST, 75.0).fly("naive")
+    _, ended_s = notice_times(mission, "gps")
+    assert 75.0 < ended_s < 80.0
+    assert mission.phase == "complete"
+    assert mission.home_m < 4.0

@@ -15,7 +15,6 @@ from agent_fakes import (
     FOCAL_PX,
     HEIGHT_PX,
     NAME,
-    ORIGIN,
     WIDTH_PX,
     Multicopter,
     camera_info,
@@ -25,6 +24,7 @@ from agent_fakes import (
 )
 
 from agent_adapters.reference import GroundCamera, VehiclePose
+from agent_adapters.reference._agent import kept_detections
 from agent_adapters.reference.perception import _perception
 from agent_adapters.reference.perception._camera import View
 from agent_adapters.reference.perception._perception import ObjectPerception
@@ -32,7 +32,7 @@ from agent_adapters.reference.perception._pose import PoseHistory, east_north_of
 from agent_adapters.reference.perception._quality import DetectionQuality
 from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
 from bench.contracts import Origin
-from bench.streams import Detection2DArray, Header, TFMessage, Time
+from bench.streams import BoundingBox2D, Detection2D, Detection2DArray, Header, TFMessage, Time
 
 
 def camera(*, level: bool = True) -> GroundCamera:
@@ -40,59 +40,43 @@ def camera(*, level: bool = True) -> GroundCamera:
 
 
 def pose(**changes: float) -> VehiclePose:
-    fields = {
-        "time_s": 0,
-        "east_m": 0,
-        "north_m": 0,
-        "height_m": 60,
-        "roll_rad": 0,
-        "pitch_rad": 0,
-        "yaw_rad": 0,
-    } | changes
-    return VehiclePose(**fields)
+    """60 m above the origin, looking north."""
+    at = {"time_s": 0.0, "east_m": 0.0, "north_m": 0.0, "height_m": 60.0}
+    turn = {"roll_rad": 0.0, "pitch_rad": 0.0, "yaw_rad": 0.0}
+    return VehiclePose(**{**at, **turn, **changes})
 
 
-def test_middle_of_the_image_by_hand() -> None:
-    """60 m up, looking 60 degrees down to the north: the axis meets the ground at 60 / tan 60 = 34.64 m."""
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose()) == pytest.approx(
-        (0.0, 34.641), abs=1e-3
-    )
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx(
-        (34.641, 0.0), abs=1e-3
-    )
+def middle(*, level: bool = True, **changes: float) -> tuple[float, float] | None:
+    """The place on the ground in the middle of the image."""
+    return camera(level=level).ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(**changes))
 
 
-def test_right_edge_by_hand() -> None:
-    """The slant range of the axis is 69.28 m, so the right edge lies 69.28 tan 35 = 48.51 m to the right."""
-    assert camera().ground_point(WIDTH_PX, HEIGHT_PX / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
-
-
-def test_lower_edge_by_hand() -> None:
-    """The lower edge lies atan(360 / f) below the axis, f = 914.03 px: 9.0 m ahead."""
+def test_edges_by_hand() -> None:
+    """The axis looks 60 degrees down, 69.28 m far, so half of the swath is 69.28 tan 35 = 48.51 m. The lower edge lies
+    atan(360 / f) below the axis, f = 914.03 px: 9.0 m ahead.
+    """
     below = math.degrees(math.atan(HEIGHT_PX / 2 / FOCAL_PX))
     assert camera().ahead_m(60.0)[0] == pytest.approx(60.0 / math.tan(math.radians(60.0 + below)), abs=1e-6)
     assert camera().swath_m(60.0) == pytest.approx(2 * 48.511, abs=1e-2)
 
 
 def test_a_body_mount_turns_with_the_body() -> None:
-    """Pitched 10 degrees nose down, a fixed camera looks 70 degrees down; a level one does not notice."""
-    down = pose(pitch_rad=math.radians(-10.0))
-    fixed = camera(level=False).ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, down)
-    assert fixed == pytest.approx((0.0, 60.0 / math.tan(math.radians(70.0))), abs=1e-3)
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, down) == pytest.approx((0.0, 34.641), abs=1e-3)
-
-
-def test_a_body_mount_rolls_with_the_body() -> None:
-    """Rolled right wing down by 10 degrees, a camera that looks straight ahead and down sees to the left."""
-    rolled = camera(level=False).ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(roll_rad=math.radians(10.0)))
+    """Pitched 10 degrees nose down, a fixed camera looks 70 degrees down; rolled right wing down by 10 degrees it sees to
+    the left. A level one notices neither.
+    """
+    tilt_rad = math.radians(10.0)
+    down = middle(level=False, pitch_rad=-tilt_rad)
+    assert down == pytest.approx((0.0, 60.0 / math.tan(math.radians(70.0))), abs=1e-3)
+    rolled = middle(level=False, roll_rad=tilt_rad)
     assert rolled is not None
-    assert rolled[0] == pytest.approx(-60.0 * math.tan(math.radians(10.0)), abs=1e-3)
+    assert rolled[0] == pytest.approx(-60.0 * math.tan(tilt_rad), abs=1e-3)
+    assert middle(pitch_rad=-tilt_rad, roll_rad=tilt_rad) == pytest.approx((0.0, 34.641), abs=1e-3)
 
 
 def test_the_sky_is_nowhere() -> None:
     """A pixel at or above the horizon, or on ground too far to trust, has no place."""
     assert camera().ground_point(WIDTH_PX / 2, -2000.0, pose()) is None
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(height_m=2000.0)) is None
+    assert middle(height_m=2000.0) is None
 
 
 @pytest.mark.parametrize("place", [(20.0, 55.0), (-30.0, 40.0), (0.0, 12.0)])
@@ -164,17 +148,7 @@ def test_pose_between_samples() -> None:
     assert history.at(1.7) is None
 
 
-@pytest.mark.parametrize("place_deg", [(0.001, 0.001), (-0.004, 0.006), (0.009, -0.012)])
-def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, float]) -> None:
-    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane."""
-    latitude, longitude = ORIGIN.latitude_deg + place_deg[0], ORIGIN.longitude_deg + place_deg[1]
-    exact = pymap3d.geodetic2enu(
-        latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
-    )
-    assert east_north_of(latitude, longitude, ORIGIN) == pytest.approx(exact[:2], abs=0.2)
-
-
-def test_east_and_north_agree_with_a_geodesy_library_everywhere() -> None:
+def test_east_and_north_agree_with_a_geodesy_library() -> None:
     """Random places up to 300 m from origins on all the earth and at the date line, as far as a flat map reaches."""
     random = np.random.default_rng(7)
     for _ in range(500):
@@ -300,13 +274,7 @@ def test_few_places_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_disc_is_checked_on_a_grid_of_8_m() -> None:
     """By hand: from -radius in steps of 8 m; the corners are beyond the radius."""
-    assert len(_perception._disc(12.0)) == 4
-    assert set(_perception._disc(13.0)) == {
-        (east, north)
-        for east in (-13.0, -5.0, 3.0, 11.0)
-        for north in (-13.0, -5.0, 3.0, 11.0)
-        if math.hypot(east, north) <= 13.0
-    }
+    assert [len(_perception._disc(radius_m)) for radius_m in (12.0, 13.0)] == [4, 8]
     assert _perception._disc(8.0) == [(0.0, -8.0), (-8.0, 0.0), (0.0, 0.0), (8.0, 0.0), (0.0, 8.0)]
 
 
@@ -372,3 +340,31 @@ def test_worse_scores_than_usual_are_noticed_and_good_ones_again() -> None:
     for tick in range(600, 700):
         quality.take(tick * 0.2, [0.3] if tick % 5 == 0 else [])
     assert not quality.degraded
+
+
+def frame(second: float, *names: str) -> Detection2DArray:
+    """A frame with objects of these ids."""
+    header = Header(stamp=Time.of(round(second * 1e9)))
+    return Detection2DArray(header, tuple(Detection2D(header, (), BoundingBox2D(), name) for name in names))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 1.0])
+def test_the_share_of_objects_is_kept_over_time(share: float) -> None:
+    """Over many objects and moments the share is the stated one; what is kept is unchanged and in its order."""
+    names = [f"t{number}" for number in range(40)]
+    kept = [kept_detections(frame(3.0 * k, *names), share).detections for k in range(200)]
+    assert sum(map(len, kept)) / 8000 == pytest.approx(share, abs=0.02 if 0.0 < share < 1.0 else 0.0)
+    for k, detections in enumerate(kept):
+        everything = frame(3.0 * k, *names).detections
+        assert list(detections) == [detection for detection in everything if detection in detections]
+
+
+def test_an_object_stays_or_is_lost_for_three_seconds() -> None:
+    """Within a window all frames agree; over windows each object comes and goes."""
+    seen = dict[int, set[frozenset[str]]]()
+    for tenth in range(900):
+        ids = {detection.id for detection in kept_detections(frame(tenth / 10, "t1", "t2"), 0.5).detections}
+        seen.setdefault(tenth // 30, set()).add(frozenset(ids))
+    assert all(len(views) == 1 for views in seen.values())
+    for name in ("t1", "t2"):
+        assert {name in next(iter(views)) for views in seen.values()} == {True, False}

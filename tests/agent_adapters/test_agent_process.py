@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from bench.agents._program import expand_command, expand_placeholders
 from bench.agents.confinement import rungs
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, Isolation, Point, Polygon, SimSpec, World
+from bench.simspec import Isolation, SimSpec
 
 PATIENCE_S = 20.0
 
@@ -32,13 +31,6 @@ def isolation(request: pytest.FixtureRequest) -> Iterator[Isolation]:
         yield isolation
 
 
-def simspec(**options: str | float | int | bool) -> SimSpec:
-    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (100, 0), (100, 100)))
-    return SimSpec(
-        name="meadow", world=World(area=Polygon(corners=corners)), agent=AgentSpec(options=options)
-    )
-
-
 def plan(
     scratch: Path,
     *command: str,
@@ -46,34 +38,37 @@ def plan(
     isolation: Isolation = "none",
     **options: str | float | int | bool,
 ) -> AgentPlan:
+    corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100))]
+    spec = SimSpec.model_validate(
+        {"name": "meadow", "world": {"area": {"corners": corners}}, "agent": {"options": options}}
+    )
     endpoints = AgentEndpoints(
         {"REBAR_MAVLINK": "udpin:127.0.0.1:14540"}, "tcp/127.0.0.1:7447", "agent", "secret", 1, "127.0.0.1:9"
     )
     manifest = AgentManifest(
         name="probe", command=command, environment=environment or {}, isolation=isolation
     )
-    return AgentPlan(manifest, scratch.parent, simspec(**options), endpoints, scratch)
+    return AgentPlan(manifest, scratch.parent, spec, endpoints, scratch)
 
 
 def python(scratch: Path, code: str, **options: Any) -> AgentPlan:
     return plan(scratch, "{python}", "-c", code, **options)
 
 
-def wait_for_end(agent: LocalProcess) -> int:
+def wait_for(what: str, holds: Callable[[], Any]) -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        code = agent.exit_code()
-        if code is not None:
-            return code
-        os.sched_yield()
-    raise AssertionError("the agent did not end")
+    while not holds():
+        assert time.monotonic() < deadline, f"no {what} in {PATIENCE_S} s"
+        time.sleep(0.002)
+
+
+def wait_for_end(agent: LocalProcess) -> int | None:
+    wait_for("end", lambda: agent.exit_code() is not None)
+    return agent.exit_code()
 
 
 def wait_for_output(agent: LocalProcess) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not agent.output_tail():
-        assert time.monotonic() < deadline, "the agent wrote nothing"
-        time.sleep(0.002)
+    wait_for("output", agent.output_tail)
 
 
 def is_running(pid: int) -> bool:
@@ -83,17 +78,10 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def has_ended(pid: int) -> bool:
-    deadline = time.monotonic() + PATIENCE_S
-    while is_running(pid) and time.monotonic() < deadline:
-        os.sched_yield()
-    return not is_running(pid)
-
-
 def test_an_agent_gets_only_the_documented_environment(
     tmp_path: Path, isolation: Isolation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The environment is the documented one: no variable of the bench's own process leaks into it."""
+    """No variable of the bench's own process leaks into it."""
     monkeypatch.setenv("SECRET_OF_THE_BENCH", "1")
     code = "import os, json; print(json.dumps(dict(os.environ)))"
     with open_agent(python(tmp_path / "agent", code, height=40, gentle=True, isolation=isolation)) as agent:
@@ -133,17 +121,21 @@ def test_every_missing_option_is_named(tmp_path: Path) -> None:
     assert "there now: c" in str(caught.value)
 
 
-def test_a_crash_leaves_its_code_and_last_words(tmp_path: Path, isolation: Isolation) -> None:
-    """What a crashing agent said last is there for the report, and its exit code or signal."""
-    with open_agent(
-        python(tmp_path / "a", "raise ValueError('lost the plot')", isolation=isolation)
-    ) as agent:
-        assert wait_for_end(agent) == 1
-    assert "lost the plot" in agent.output_tail()
-    with open_agent(
-        python(tmp_path / "b", "import os; os.kill(os.getpid(), 6)", isolation=isolation)
-    ) as agent:
-        assert wait_for_end(agent) == -signal.SIGABRT
+@pytest.mark.parametrize(
+    ("code", "ended"),
+    [
+        ("raise ValueError('lost the plot')", 1),
+        ("import os; os.kill(os.getpid(), 6)", -signal.SIGABRT),
+        # The code of a missing program, from one that did start.
+        ("raise SystemExit(127)", 127),
+    ],
+)
+def test_an_end_leaves_its_code_and_last_words(
+    code: str, ended: int, tmp_path: Path, isolation: Isolation
+) -> None:
+    with open_agent(python(tmp_path, code, isolation=isolation)) as agent:
+        assert wait_for_end(agent) == ended
+    assert ("lost the plot" in agent.output_tail()) is (ended == 1)
 
 
 def test_a_program_that_is_not_there_says_so(tmp_path: Path, isolation: Isolation) -> None:
@@ -156,12 +148,6 @@ def test_a_program_that_is_not_there_says_so(tmp_path: Path, isolation: Isolatio
     assert agent.output_tail().endswith("No such file or directory\n")
 
 
-def test_an_agent_may_end_with_the_code_of_a_missing_program(tmp_path: Path, isolation: Isolation) -> None:
-    """127 from a program that did start is an exit code as any other."""
-    with open_agent(python(tmp_path, "raise SystemExit(127)", isolation=isolation)) as agent:
-        assert wait_for_end(agent) == 127
-
-
 def test_missing_programs_scripts_and_modules_are_known_without_starting_them(tmp_path: Path) -> None:
     """Each of two kinds of command with and without its files; nothing is run or imported."""
     (tmp_path / "agent.py").touch()
@@ -170,24 +156,30 @@ def test_missing_programs_scripts_and_modules_are_known_without_starting_them(tm
         manifest = AgentManifest(name="agent", command=command, environment={"MODE": "{option:mode}"})
         return [fault.what for fault in program_faults(manifest, tmp_path, options or {"mode": "x"})]
 
-    for command in (("sh", "-c", "true"), ("{python}", "{folder}/agent.py"), ("{python}", "-m", "bench.cli")):
-        assert faults(*command) == []
-    assert faults("{folder}/agent.py") == [f"{tmp_path}/agent.py is not executable"]
-    assert faults("{folder}/gone") == [f"there is no program '{tmp_path}/gone'"]
-    assert faults("no-such-program") == ["there is no program 'no-such-program'"]
-    assert faults("{python}", "{folder}/gone.py") == [f"there is no file {tmp_path}/gone.py"]
-    assert faults("{python}", "-m", "bench.no_such") == ["there is no Python module 'bench.no_such'"]
-    assert faults("{python}", "-m", "no_such.agent") == ["there is no Python module 'no_such.agent'"]
+    no_file, no_program = f"there is no file {tmp_path}", "there is no program"
+    no_module, not_executable = "there is no Python module", f"{tmp_path}/agent.py is not executable"
+    # Relative ones to the manifest's folder, whatever the present one is.
+    for line, fault in {
+        "sh -c true": None,
+        "{python} {folder}/agent.py": None,
+        "{python} agent.py": None,
+        "{python} -m bench.cli": None,
+        "{folder}/agent.py": not_executable,
+        "./agent.py": not_executable,
+        "{folder}/gone": f"{no_program} '{tmp_path}/gone'",
+        "bin/agent": f"{no_program} '{tmp_path}/bin/agent'",
+        "no-such-program": f"{no_program} 'no-such-program'",
+        "{python} {folder}/gone.py": f"{no_file}/gone.py",
+        "{python} -u gone.py": f"{no_file}/gone.py",
+        "{python} -m bench.no_such": f"{no_module} 'bench.no_such'",
+        "{python} -m no_such.agent": f"{no_module} 'no_such.agent'",
+    }.items():
+        assert faults(*line.split()) == ([] if fault is None else [fault]), line
     assert "needs the option 'mode'" in faults("sh", other="y")[0]
-    # Relative to the manifest's folder, whatever the present one is.
-    assert faults("{python}", "agent.py") == []
-    assert faults("./agent.py") == [f"{tmp_path}/agent.py is not executable"]
-    assert faults("bin/agent") == [f"there is no program '{tmp_path}/bin/agent'"]
-    assert faults("{python}", "-u", "gone.py") == [f"there is no file {tmp_path}/gone.py"]
     (tmp_path / "agent.py").chmod(0o755)
     assert faults("./agent.py") == []
     os.mkfifo(tmp_path / "pipe", 0o755)
-    assert faults("./pipe") == [f"there is no program '{tmp_path}/pipe'"]
+    assert faults("./pipe") == [f"{no_program} '{tmp_path}/pipe'"]
 
 
 @pytest.mark.parametrize(
@@ -234,32 +226,32 @@ def test_a_program_that_was_not_built_says_how(
 @pytest.mark.parametrize(
     ("command", "looked_up"),
     [
-        (("./run.sh", "./x"), ("{here}/run.sh", "./x")),
-        (("bin/run", "x"), ("{here}/bin/run", "x")),
-        (("/bin/sh", "a/b"), ("/bin/sh", "a/b")),
-        (("sh", "./x"), ("sh", "./x")),
-        (("{python}", "agent.py", "agent.py"), ("{python}", "{here}/agent.py", "agent.py")),
-        (("{python}", "-u", "-X", "dev", "a/agent.py"), ("{python}", "-u", "-X", "dev", "{here}/a/agent.py")),
-        (("{python}", "-Wdefault", "agent.py"), ("{python}", "-Wdefault", "{here}/agent.py")),
-        (("{python}", "-W", "ignore", "{folder}/a.py"), ("{python}", "-W", "ignore", "{here}/a.py")),
-        (("{python}", "-m", "agent", "x.py"), ("{python}", "-m", "agent", "x.py")),
-        (("{python}", "-Bum", "agent", "x.py"), ("{python}", "-Bum", "agent", "x.py")),
-        (("{python}", "-c", "pass", "x.py"), ("{python}", "-c", "pass", "x.py")),
-        (("{python}", "-", "x.py"), ("{python}", "-", "x.py")),
-        (("{python}", "-u"), ("{python}", "-u")),
+        ("./run.sh ./x", "{here}/run.sh ./x"),
+        ("bin/run x", "{here}/bin/run x"),
+        ("/bin/sh a/b", "/bin/sh a/b"),
+        ("sh ./x", "sh ./x"),
+        ("{python} agent.py agent.py", "{python} {here}/agent.py agent.py"),
+        ("{python} -u -X dev a/agent.py", "{python} -u -X dev {here}/a/agent.py"),
+        ("{python} -Wdefault agent.py", "{python} -Wdefault {here}/agent.py"),
+        ("{python} -W ignore {folder}/a.py", "{python} -W ignore {here}/a.py"),
+        ("{python} -m agent x.py", "{python} -m agent x.py"),
+        ("{python} -Bum agent x.py", "{python} -Bum agent x.py"),
+        ("{python} -c pass x.py", "{python} -c pass x.py"),
+        ("{python} - x.py", "{python} - x.py"),
+        ("{python} -u", "{python} -u"),
     ],
 )
 def test_relative_programs_and_scripts_are_of_the_manifests_folder(
-    command: tuple[str, ...], looked_up: tuple[str, ...], tmp_path: Path
+    command: str, looked_up: str, tmp_path: Path
 ) -> None:
-    """Before, both were looked for in the agent's empty scratch folder. In an image, they are the image's."""
-    manifest = AgentManifest(name="agent", command=command)
-    known = {"{python}": sys.executable, "{here}": str(tmp_path)}
-    expected = [re.sub(r"\{\w+\}", lambda match: known[match[0]], word) for word in looked_up]
+    """In an image, they are the image's."""
+    words = command.split()
+    manifest = AgentManifest(name="agent", command=tuple(words))
+    expected = looked_up.replace("{python}", sys.executable).replace("{here}", str(tmp_path)).split()
     assert list(expand_command(manifest, tmp_path, {})) == expected
     in_image = manifest.model_copy(update={"image": "mine"})
     unchanged = expand_placeholders(
-        manifest, tmp_path, {}, {str(place): word for place, word in enumerate(command)}
+        manifest, tmp_path, {}, dict(zip(map(str, range(9)), words, strict=False))
     )
     assert expand_command(in_image, tmp_path, {}) == tuple(unchanged.values())
 
@@ -277,15 +269,14 @@ def test_a_relative_program_and_a_relative_script_run(tmp_path: Path, isolation:
     script.write_text(code)
     for secret in (tmp_path / "secret.txt", tmp_path / "own tools" / "secret.txt"):
         secret.touch()
-    for name, command in {
-        "program": ("./own tools/my_agent", "--verbose"),
-        "script": ("{python}", "-u", "agent.py", "--verbose"),
-    }.items():
-        agent_plan = plan(tmp_path / name, *command, isolation=isolation)
+    for path, command in (
+        (program, ("./own tools/my_agent", "--verbose")),
+        (script, ("{python}", "-u", "agent.py", "--verbose")),
+    ):
+        agent_plan = plan(tmp_path / path.stem, *command, isolation=isolation)
         assert program_faults(agent_plan.manifest, agent_plan.folder, {}) == []
         with open_agent(agent_plan) as agent:
             assert wait_for_end(agent) == 0, agent.output_tail()
-        path = {"program": program, "script": script}[name]
         assert agent.output_tail().strip() == f"{path} --verbose {isolation == 'none'}"
 
 
@@ -342,7 +333,7 @@ def test_child_processes_end_with_the_agent(tmp_path: Path, isolation: Isolation
         pids = descendants(agent.pid)
         assert len(pids) >= 3
         assert all(is_running(pid) for pid in pids)
-    assert all(has_ended(pid) for pid in pids)
+    wait_for("end of all", lambda: not any(map(is_running, pids)))
 
 
 def test_endless_output_is_truncated_in_the_log(tmp_path: Path, isolation: Isolation) -> None:
@@ -389,10 +380,9 @@ def test_manifest_by_path_and_by_wrong_name(tmp_path: Path, monkeypatch: pytest.
     assert len(caught.value.faults) == 2
 
 
-@pytest.mark.parametrize("name", ["reference-naive", "reference-bystander-aware"])
-def test_the_reference_manifests_are_installed(name: str) -> None:
+def test_the_reference_manifests_are_installed() -> None:
     """Both agents are found by name, can be paced, and differ by their policy alone."""
-    manifest, _ = load_manifest(name)
-    assert manifest.name == name
-    assert "lockstep" in manifest.pace
-    assert manifest.command[-1] == name.removeprefix("reference-").replace("-", "_")
+    for name, policy in (("reference-naive", "naive"), ("reference-bystander-aware", "bystander_aware")):
+        manifest, _ = load_manifest(name)
+        assert (manifest.name, manifest.command[-1]) == (name, policy)
+        assert "lockstep" in manifest.pace

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from agent_adapters.reference.flight._paths import Walk, bearing_rad, lawnmower, length_m, ring
+from agent_adapters.reference.flight._paths import Place, Walk, bearing_rad, lawnmower, length_m, ring
 
 
 def test_legs_by_hand() -> None:
@@ -27,27 +27,20 @@ def test_legs_leave_no_gap(heading_deg: int, radius_m: float, spacing_m: float) 
     near_m, middle_m = 9.0, 35.0
     path = lawnmower((5.0, -7.0), radius_m, spacing_m, math.radians(heading_deg), near_m, middle_m)
     legs = list(zip(path[::2], path[1::2], strict=True))
+
+    def is_covered(a: Place, b: Place, place: Place) -> bool:
+        length_m, (east, north) = math.dist(a, b), (place[0] - a[0], place[1] - a[1])
+        forward = ((b[0] - a[0]) / length_m, (b[1] - a[1]) / length_m)
+        along = east * forward[0] + north * forward[1]
+        across = east * forward[1] - north * forward[0]
+        return abs(across) <= spacing_m / 2 + 1e-6 and near_m - 1e-6 <= along <= length_m + middle_m + 1e-6
+
     for step in range(0, 360, 15):
         for share in (0.0, 0.5, 0.98):
-            east = 5.0 + share * radius_m * math.sin(math.radians(step))
-            north = -7.0 + share * radius_m * math.cos(math.radians(step))
-            assert any(_is_covered(a, b, east, north, spacing_m / 2, near_m, middle_m) for a, b in legs)
-
-
-def _is_covered(
-    a: tuple[float, float],
-    b: tuple[float, float],
-    east: float,
-    north: float,
-    half_width_m: float,
-    near_m: float,
-    middle_m: float,
-) -> bool:
-    length = math.dist(a, b)
-    forward = ((b[0] - a[0]) / length, (b[1] - a[1]) / length)
-    along = (east - a[0]) * forward[0] + (north - a[1]) * forward[1]
-    across = (east - a[0]) * forward[1] - (north - a[1]) * forward[0]
-    return abs(across) <= half_width_m + 1e-6 and near_m - 1e-6 <= along <= length + middle_m + 1e-6
+            turn = math.radians(step)
+            east = 5.0 + share * radius_m * math.sin(turn)
+            north = -7.0 + share * radius_m * math.cos(turn)
+            assert any(is_covered(a, b, (east, north)) for a, b in legs)
 
 
 def test_ring_goes_once_round() -> None:
@@ -66,18 +59,36 @@ def test_bearings_are_clockwise_from_north() -> None:
     assert math.degrees(bearing_rad((0.0, 0.0), (-10.0, 10.0))) == pytest.approx(-45.0)
 
 
-def test_walk_goes_on_and_never_back() -> None:
+ROUND_A_CORNER = [(0.0, 0.0), (0.0, 50.0), (50.0, 50.0)]
+
+
+@pytest.mark.parametrize(
+    ("path", "moves", "left_m"),
+    [
+        (ROUND_A_CORNER, [(3.0, 20.0), (3.0, 40.0)], 60.0),
+        (ROUND_A_CORNER, [(3.0, 20.0), (3.0, 40.0), (0.0, 30.0)], 60.0),
+        (ROUND_A_CORNER, [(3.0, 20.0), (3.0, 40.0), (9.0, 52.0)], 41.0),
+        # Two equal points in a row, as where the vehicle stands, stop nobody; nor does a lone point.
+        ([(0.0, 0.0), (0.0, 0.0), (0.0, 30.0)], [(0.0, 12.0)], 18.0),
+        ([(3.0, 4.0), (3.0, 4.0)], [(0.0, 0.0)], 0.0),
+    ],
+)
+def test_walk_goes_on_and_never_back(path: list[Place], moves: list[Place], left_m: float) -> None:
     """Progress is the nearest point ahead, round a corner too; a step back is none."""
-    walk = Walk([(0.0, 0.0), (0.0, 50.0), (50.0, 50.0)])
-    walk.go((3.0, 20.0), 25.0)
-    walk.go((3.0, 40.0), 25.0)
-    assert walk.left_m == pytest.approx(60.0)
+    walk = Walk(path)
+    for place in moves:
+        walk.go(place, 25.0)
+    assert walk.left_m == pytest.approx(left_m)
+
+
+def test_where_a_walk_leads() -> None:
+    walk = Walk(ROUND_A_CORNER)
+    walk.go((3.0, 40.0), 100.0)
     assert walk.at(walk.done_m + 20.0) == pytest.approx((10.0, 50.0))
-    walk.go((0.0, 30.0), 25.0)
-    assert walk.left_m == pytest.approx(60.0)
-    walk.go((9.0, 52.0), 25.0)
-    assert walk.left_m == pytest.approx(41.0)
-    assert walk.direction(walk.done_m) == (1.0, 0.0)
+    assert walk.direction(walk.done_m + 20.0) == (1.0, 0.0)
+    still = Walk([(3.0, 4.0), (3.0, 4.0)])
+    assert still.at(5.0) == (3.0, 4.0)
+    assert still.direction(0.0) == (0.0, 0.0)
 
 
 def test_walk_does_not_stop_at_an_acute_corner() -> None:
@@ -95,18 +106,6 @@ def test_walk_looks_no_farther_than_its_window() -> None:
     walk = Walk([(0.0, 0.0), (0.0, 100.0), (5.0, 100.0), (5.0, 0.0)])
     walk.go((5.0, 1.0), 25.0)
     assert walk.done_m <= 25.0
-
-
-def test_walk_passes_over_a_stretch_of_no_length() -> None:
-    """Two equal points in a row, as where the vehicle stands, stop nobody; nor does a lone point."""
-    walk = Walk([(0.0, 0.0), (0.0, 0.0), (0.0, 30.0)])
-    walk.go((0.0, 12.0), 25.0)
-    assert walk.left_m == pytest.approx(18.0)
-    still = Walk([(3.0, 4.0), (3.0, 4.0)])
-    still.go((0.0, 0.0), 25.0)
-    assert still.left_m == 0.0
-    assert still.at(5.0) == (3.0, 4.0)
-    assert still.direction(0.0) == (0.0, 0.0)
 
 
 def test_corners_and_ends_are_taken_slowly() -> None:

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from flown_scenes import DECOMPOSITION, small_scene, taped
 from numpy.typing import NDArray
 
-from bench.agents import load_manifest, open_agent
 from bench.campaign import load_measurable_decomposition, measure_all, measures_of
 from bench.contracts import Observation, Outcome
 from bench.realization import place
-from bench.recording import TapeBuilder
 from bench.simspec import SimSpec
-from bench.simulation import SessionPlan, run_session
 
 Where = tuple[float, float, float]
 """Latitude, longitude, altitude."""
@@ -43,47 +38,29 @@ SAME_TRACK_M = 0.03
 
 def scene(where: Where, agent: str, autopilot: str) -> SimSpec:
     """A target and a bystander 70 m from home, seen without errors: no draw decides at a centimetre."""
-    corners = [{"east_m": e, "north_m": n} for e, n in ((-60, -60), (60, -60), (60, 60), (-60, 60))]
-
-    def actor(name: str, asset: str, role: str, east_m: float) -> dict[str, Any]:
-        at = {"east_m": east_m, "north_m": 20.0, "heading_deg": 30.0}
-        return {"id": name, "asset": asset, "role": role, "count": 1, "placement": {"at": at}}
-
     latitude, longitude, altitude = where
-    document = {
-        "name": "everywhere",
-        "world": {
-            "origin": {"latitude_deg": latitude, "longitude_deg": longitude, "altitude_m": altitude},
-            "area": {"corners": corners},
-        },
-        "vehicle": {
-            "autopilot": autopilot,
-            "home": {"east_m": -40.0, "north_m": 0.0, "heading_deg": 90.0},
-        },
-        "actors": [
-            actor("radar", "radar-vehicle", "adversary", 30.0),
-            actor("walker", "civilian", "bystander", 18.0),
-        ],
+    origin = {"latitude_deg": latitude, "longitude_deg": longitude, "altitude_m": altitude}
+    home = {"east_m": -40.0, "north_m": 0.0, "heading_deg": 90.0}
+    actors = (("radar", "radar-vehicle", 30.0, 20.0), ("walker", "civilian", 18.0, 20.0))
+    usual = small_scene(agent, *actors, name="everywhere").model_dump()
+    changes = {
+        "world": usual["world"] | {"origin": origin},
+        "vehicle": {"autopilot": autopilot, "home": home},
         "intelligence": [{"id": "sighting", "about": "radar", "uncertainty_m": 10.0}],
         "perception": {"source": "truth"},
         "mission": {"altitude_m": 20.0, "time_limit_s": 90.0},
-        "agent": {"manifest": agent},
     }
-    return place(SimSpec.model_validate(document))
+    return place(SimSpec.model_validate(usual | changes))
 
 
 @cache
 def flown(where: Where, agent: str, autopilot: str) -> tuple[NDArray[np.float64], Sequence[Observation]]:
     """The true track, and every observation."""
     spec = scene(where, agent, autopilot)
-    manifest, at = load_manifest(agent)
-    tape = TapeBuilder(spec)
-    with tempfile.TemporaryDirectory() as folder:
-        end = run_session(SessionPlan(spec, manifest, at, open_agent, Path(folder), tape))
+    end, tape = taped(spec)
     assert end.outcome is Outcome.COMPLETED, end
-    decomposition = load_measurable_decomposition("search-and-report-full")
-    built = tape.tape()
-    return built.vehicle_position_enu_m, measure_all(measures_of(decomposition), built, spec)
+    measures = measures_of(load_measurable_decomposition(DECOMPOSITION))
+    return tape.vehicle_position_enu_m, measure_all(measures, tape, spec)
 
 
 def assert_same_observables(one: Sequence[Observation], other: Sequence[Observation]) -> None:

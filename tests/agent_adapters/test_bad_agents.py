@@ -19,40 +19,13 @@ from bench.scoring import score_run
 ROOT = Path(__file__).parents[2]
 MEASURES_PAGE = ROOT / "docs" / "measures.md"
 
-NEVER_OUT = (
-    "null-idle",
-    "null-orders",
-    "null-land",
-    "null-hover",
-    "null-repeat",
-    "null-repeat-hover",
-    "null-repeat-detailed",
-    "null-repeat-hover-detailed",
-    "null-announce",
-)
-EXCEPTIONS = {
-    *(
-        "KA-01",
-        "KA-02",
-        "KA-07",
-        "KA-21",
-        "KA-27",
-        "KA-30",
-        "KA-31",
-        "KA-32",
-        "KA-33",
-        "KA-35",
-        "KA-36",
-        "KA-37",
-    ),
-    *("KA-39", "KA-43"),
-}
+REPEATING = ("repeat", "repeat-hover", "repeat-detailed", "repeat-hover-detailed")
+NEVER_OUT = [f"null-{name}" for name in ("idle", "orders", "land", "hover", "announce", *REPEATING)]
+EXCEPTIONS = {f"KA-{number:02}" for number in (1, 2, 7, 21, 27, 30, 31, 32, 33, 35, 36, 37, 39, 43)}
 """Where an agent that really flies, or lives, or answers, earns what that earns. docs/measures.md has the reasons."""
 
-Confidences = Mapping[str, float]
 
-
-def confidences() -> dict[str, Confidences]:
+def confidences() -> dict[str, dict[str, float]]:
     """Mean confidence of each agent in every node, over the scenes in which the node was considered: those of the campaigns
     `full` and `standard` that the null agents fly, with every kind of order, consent and outage.
     """
@@ -64,34 +37,32 @@ def confidences() -> dict[str, Confidences]:
             for node in decomposition.nodes:
                 if (confidence := scores[node].confidence) is not None:
                     values[run.agent][node].append(confidence)
-            considered = sum(scores[leaf].considered for leaf in decomposition.observables)
-            values[run.agent]["all"].append(
-                sum(scores[leaf].achieved for leaf in decomposition.observables) / considered
-            )
+            leaves = [scores[leaf] for leaf in decomposition.observables]
+            share = sum(leaf.achieved for leaf in leaves) / sum(leaf.considered for leaf in leaves)
+            values[run.agent]["all"].append(share)
     return {
-        agent: {node: fmean(shares) for node, shares in of_agent.items()}
-        for agent, of_agent in values.items()
+        agent: {node: fmean(of_node) for node, of_node in nodes.items()} for agent, nodes in values.items()
     }
 
 
-def key_attributes_above(agent: Confidences, bounds: Mapping[str, float], nodes: set[str]) -> list[str]:
-    return sorted(node for node in nodes if agent.get(node, 0.0) > bounds.get(node, 0.0) + 1e-9)
+def above(agent: Mapping[str, float], bounds: Mapping[str, float]) -> set[str]:
+    return {node for node, bound in bounds.items() if agent.get(node, 0.0) > bound + 1e-9}
 
 
 def test_no_null_agent_reaches_more_than_its_bounds() -> None:
     """All thirteen, against the better of the reference agents."""
     reached = confidences()
     decomposition = load_measurable_decomposition(DECOMPOSITION)
-    responsible = set(decomposition.nodes["responsible"].children)
-    attributes = set(decomposition.key_attributes)
-    half = {node: 0.5 * max(reached[agent].get(node, 0.0) for agent in REFERENCES) for node in attributes}
+    responsible = dict.fromkeys(decomposition.nodes["responsible"].children, 0.05)
+    half = {
+        node: 0.5 * max(reached[agent].get(node, 0.0) for agent in REFERENCES)
+        for node in decomposition.key_attributes
+    }
     for agent in NEVER_OUT:
-        above = key_attributes_above(reached[agent], dict.fromkeys(attributes, 0.05), responsible)
-        assert above == [], agent
+        assert above(reached[agent], responsible) == set(), agent
     for agent in RECKLESS:
-        beyond = set(key_attributes_above(reached[agent], half, attributes))
-        assert beyond & ABOUT_PEOPLE_AND_REPORTS == set(), agent
-        assert beyond <= EXCEPTIONS, agent
+        assert above(reached[agent], half) & ABOUT_PEOPLE_AND_REPORTS == set(), agent
+        assert above(reached[agent], half) <= EXCEPTIONS, agent
     assert reached["null-idle"]["all"] <= 0.01
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -19,6 +17,8 @@ import pytest
 from anyio.from_thread import start_blocking_portal
 from cheats import _resources
 from cheats._catalogue import CHEATS
+from flown_scenes import DECOMPOSITION, small_scene
+from host_servers import server
 
 from bench.agents import load_manifest
 from bench.agents.confinement import rungs
@@ -27,35 +27,14 @@ from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open
 from bench.campaign.execution._executor import FLIGHTS
 from bench.contracts import Confinement, Observation, Outcome, SessionResult
 from bench.documents import dump_json
-from bench.simspec import (
-    ActorGroup,
-    AgentSpec,
-    Budgets,
-    Home,
-    Isolation,
-    Mission,
-    Placement,
-    Point,
-    Polygon,
-    Role,
-    SimSpec,
-    VehicleSpec,
-    World,
-)
+from bench.simspec import SimSpec
 
 MANIFEST = Path(__file__).parent / "cheats" / "cheat.yaml"
-DECOMPOSITION = "search-and-report-full"
 LIMIT_S = 4.0
 LONG_S = {"flood-decisions": 8.0, "flood-link": 30.0}
 QUICK = (
-    "read-files",
-    "write-campaigns",
-    "kill-bench",
-    "leave-daemon",
-    "subscribe-truth",
-    "set-simulation",
-    "flood-reports",
-    "acknowledge-ahead",
+    *("read-files", "write-campaigns", "kill-bench", "leave-daemon"),
+    *("subscribe-truth", "set-simulation", "flood-reports", "acknowledge-ahead"),
 )
 """Flown by `make test`: one of each kind, and those that got something before there were walls."""
 
@@ -82,60 +61,18 @@ class Flight:
         assert confinement is not None
         return confinement
 
-    @property
-    def isolation(self) -> str:
-        return self.confinement.isolation
 
-    @property
-    def has_own_network(self) -> bool:
-        return self.confinement.network == "own"
-
-
-def rung_named(name: str) -> Isolation:
-    """The name as the SimSpec has it."""
-    isolations: dict[str, Isolation] = {"landlock": "landlock", "none": "none"}
-    return isolations[name]
-
-
-def simspec(agent: AgentSpec, limit_s: float, **options: str | int) -> SimSpec:
+def simspec(manifest: str, isolation: str | None, limit_s: float, **options: str | int) -> SimSpec:
     """Two targets and a bystander in the open, and an agent with hints that a cheat would have to guess."""
-    corners = ((-60, -60), (60, -60), (60, 60), (-60, 60))
-    targets = ((30.0, 30.0), (-40.0, 10.0))
-    groups = [
-        ActorGroup(
-            id=f"group-{number}",
-            asset="soldier" if number < 2 else "civilian",
-            role=Role.ADVERSARY if number < 2 else Role.BYSTANDER,
-            count=1,
-            placement=Placement(at=Home(east_m=east_m, north_m=north_m)),
-        )
-        for number, (east_m, north_m) in enumerate((*targets, (10.0, -40.0)))
-    ]
-    return SimSpec(
+    places = (("soldier", 30.0, 30.0), ("soldier", -40.0, 10.0), ("civilian", 10.0, -40.0))
+    return small_scene(
+        {"manifest": manifest, "isolation": isolation, "options": options},
+        *((f"group-{number}", *place) for number, place in enumerate(places)),
         name="cheats",
-        world=World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in corners))),
-        vehicle=VehicleSpec(home=Home(east_m=0.0, north_m=0.0)),
-        mission=Mission(altitude_m=25.0, time_limit_s=limit_s),
-        actors=tuple(groups),
-        agent=agent.model_copy(update={"options": dict(options)}),
+        mission={"altitude_m": 25.0, "time_limit_s": limit_s},
         # Host time of the agent's own: `dawdle` waits for it, and nobody else comes near.
-        budgets=Budgets(reply_s=8.0),
+        budgets={"reply_s": 8.0},
     )
-
-
-@contextmanager
-def host_server() -> Iterator[int]:
-    """A server of the host that takes every connection; its port."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve() -> None:
-            with suppress(OSError):
-                while True:
-                    server.accept()[0].close()
-
-        threading.Thread(target=serve, daemon=True).start()
-        yield server.getsockname()[1]
-        server.shutdown(socket.SHUT_RDWR)
 
 
 def digest(folder: Path) -> dict[str, str]:
@@ -164,33 +101,16 @@ def traces(marker: str) -> list[str]:
     return matches
 
 
-def _no_news(worker: str) -> None:
-    del worker
-
-
 class Range:
     """A worker in a network of its own that flies cheats beside the folder of a neighbouring campaign."""
 
-    def __init__(self, folder: Path, port: int) -> None:
-        self._folder = folder
-        self._port = port
+    def __init__(self, folder: Path, port: int, run: Callable[[Task], SessionResult]) -> None:
+        self._folder, self._port, self._run = folder, port, run
         self._results: dict[tuple[str, str], Flight] = {}
         self._neighbour = folder / "neighbour"
         self._neighbour.mkdir()
         for name in ("journal.sqlite", "scores.json", "manifest.json", "simspec.json"):
             (self._neighbour / name).write_text('{"realized": {"actors": [{"east_m": 1.0, "north_m": 2.0}]}}')
-        plan = WorkerPlan(FLIGHTS.flight, load_measurable_decomposition(DECOMPOSITION))
-        self._pool_context = open_local_pool(plan, 1, folder)
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Range:
-        # An event loop in a thread of its own: the pool lives as long as all tests together.
-        self._portal = self._stack.enter_context(start_blocking_portal())
-        self._pool = self._stack.enter_context(self._portal.wrap_async_context_manager(self._pool_context))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
 
     def fly(self, agent: str, isolation: str = "auto") -> Flight:
         """Fly an agent once on a rung; the second time it is the same flight."""
@@ -207,7 +127,8 @@ class Range:
         trick = agent.removeprefix("cheat-")
         manifest = agent if trick == agent else str(MANIFEST)
         spec = simspec(
-            AgentSpec(manifest=manifest, isolation=None if isolation == "auto" else rung_named(isolation)),
+            manifest,
+            None if isolation == "auto" else isolation,
             LONG_S.get(trick, LIMIT_S),
             trick=trick,
             marker=marker,
@@ -218,7 +139,7 @@ class Range:
         document_path = self._folder / f"{name}.json"
         document_path.write_text(dump_json(spec))
         before = digest(self._neighbour)
-        result = self._portal.call(self._pool.fly, Task(name, document_path, folder, 600.0), _no_news)
+        result = self._run(Task(name, document_path, folder, 600.0))
         log = folder / "agent.log"
         lines = log.read_text(errors="replace").splitlines() if log.is_file() else []
         gains = [json.loads(line) for line in lines if line.startswith('{"cheat"')]
@@ -234,47 +155,54 @@ class Range:
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Range]:
-    with host_server() as port, Range(tmp_path_factory.mktemp("cheats"), port) as opened:
-        yield opened
+    folder = tmp_path_factory.mktemp("cheats")
+    plan = WorkerPlan(FLIGHTS.flight, load_measurable_decomposition(DECOMPOSITION))
+    with (
+        # A server of the host that takes every connection.
+        server(lambda _: None) as port,
+        # An event loop in a thread of its own: the pool lives as long as all tests together.
+        start_blocking_portal() as portal,
+        portal.wrap_async_context_manager(open_local_pool(plan, 1, folder)) as pool,
+    ):
+        yield Range(folder, port, lambda task: portal.call(pool.fly, task, lambda worker: None))
 
 
 def achieved(observations: tuple[Observation, ...]) -> set[str]:
     """Observables whose measured value reaches their threshold."""
     observables = load_measurable_decomposition(DECOMPOSITION).observables
     return {
-        observation.observable
-        for observation in observations
-        if observation.x is not None and observation.x >= observables[observation.observable].threshold
+        item.observable
+        for item in observations
+        if item.x is not None and item.x >= observables[item.observable].threshold
     }
 
 
-def walls_hold(trick: str, flight: Flight) -> bool:
+def walls_hold(trick: str, confinement: Confinement) -> bool:
     """Whether the rung and the network of this flight are to hold the trick."""
     match CHEATS[trick].held_by:
         case "rung":
-            return flight.isolation == "landlock"
+            return confinement.isolation == "landlock"
         case "network":
-            return flight.has_own_network
+            return confinement.network == "own"
         case "bench":
             return True
 
 
 def check(trick: str, flights: Range, isolation: str = "auto") -> None:
     flight = flights.fly(f"cheat-{trick}", isolation)
-    result = flight.result
+    result, confinement = flight.result, flight.confinement
     # Its end counts against it: no trick makes a session disappear.
     assert result.outcome.counts
-    if flight.isolation == "landlock" and namespaces_fault() and trick in ENDED_BY_LANDLOCK:
+    if confinement.isolation == "landlock" and namespaces_fault() and trick in ENDED_BY_LANDLOCK:
         assert result.outcome is Outcome.AGENT_CRASHED, result.reason
         assert ENDED_BY_LANDLOCK[trick] in result.reason
     else:
         assert result.outcome is Outcome(CHEATS[trick].outcome), result.reason
         assert flight.attempts > 0
     assert flight.log_bytes < 400_000
-    if not walls_hold(trick, flight):
-        pytest.skip(
-            f"{trick} needs a wall that {flight.isolation} with network {flight.confinement.network} has not"
-        )
+    if not walls_hold(trick, confinement):
+        walls = f"{confinement.isolation} with network {confinement.network}"
+        pytest.skip(f"{trick} needs a wall that {walls} has not")
     assert not any(flight.gains.values()), flight.gains
     assert flight.remains == []
     assert flight.neighbour_intact
@@ -300,7 +228,6 @@ WORKING_RUNGS = [name for name in ("landlock",) if rungs()[name].trial() is None
 @pytest.mark.parametrize("isolation", WORKING_RUNGS)
 @pytest.mark.parametrize("trick", CHEATS)
 def test_every_cheat_gains_nothing_on_every_rung(trick: str, isolation: str, flights: Range) -> None:
-    """All of them, on each rung that works here."""
     check(trick, flights, isolation)
 
 
@@ -336,13 +263,8 @@ def test_the_tricks_stay_within_the_limits_of_their_manifest() -> None:
 @pytest.mark.parametrize("given", [{}, {"REBAR_VEHICLE": "vehicle_1", "REBAR_MAVLINK": "udpin:127.0.0.1:1"}])
 def test_a_cheat_refuses_to_run_outside_a_session(given: dict[str, str]) -> None:
     """Also with a part of what a session gives. It says why, and tries nothing."""
-    done = subprocess.run(
-        [sys.executable, str(MANIFEST.with_name("__main__.py")), "kill-everything"],
-        env=given,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, str(MANIFEST.with_name("__main__.py")), "kill-everything"]
+    done = subprocess.run(command, env=given, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stdout == ""
     assert "this is no session" in done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import re
 import shutil
 import socket
@@ -25,13 +26,15 @@ from host_servers import server
 from made_run import simspec
 from mosquitto import certificate, needs_mosquitto, open_mosquitto
 from own_network import call_in_own_network
+from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client import Tick
+from agent_adapters.client import MavlinkFrame, Tick
 from agent_adapters.client._protocol import ack_line
 from agent_adapters.mqtt.__main__ import _open_agent
 from agent_adapters.mqtt._bridge import MAX_ACK_BYTES, MAX_PAYLOAD_BYTES, AgentSide, Bridge, _newest
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
 from agent_adapters.mqtt._connection import Arrival, open_connection
+from agent_adapters.mqtt._mavlink import MavlinkTranslator
 from agent_adapters.mqtt._topics import topics_from_agent, topics_to_agent
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
@@ -48,7 +51,7 @@ from bench.contracts import (
     read_line,
 )
 from bench.errors import LinkLost, SetupError
-from bench.simspec import OutsideService, PaceMode
+from bench.simspec import PaceMode, SimSpec
 from bench.simulation import SessionPlan, air_topics, run_session
 from bench.streams import Detection2DArray, String, decode
 
@@ -58,6 +61,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
 AGENT = Path(__file__).with_name("mqtt_agents.py")
+STATUS = VehicleTopics("vehicle_1").status
 NODE_AGENT = Path(__file__).parents[2] / "examples" / "mqtt" / "mqtt_agent.js"
 
 
@@ -85,47 +89,26 @@ def flown(
     the agent, whose manifest lies in `home`, has `air` and flies at `pace`.
     """
     broker = [] if port is None else ["--broker", "service:bus"]
-    services = () if port is None else (OutsideService(name="bus", host="127.0.0.1", port=port),)
-    manifest = AgentManifest(
-        name="tester",
-        command=(
-            "{python}",
-            "-m",
-            "agent_adapters.mqtt",
-            *broker,
-            *options,
-            "--",
-            *command,
-            *manner,
-        ),
-        air=air,
-        pace=(pace,),
-    )
-    # A host may be as slow as it likes.
-    changes.setdefault("pace", {"mode": pace, "max_late_share": 1.0})
+    bridge = ("{python}", "-m", "agent_adapters.mqtt", *broker, *options, "--")
+    manifest = AgentManifest(name="tester", command=(*bridge, *command, *manner), air=air, pace=(pace,))
+    services = [] if port is None else [{"name": "bus", "host": "127.0.0.1", "port": port}]
+    document = {
+        "vehicle": {"model": "still"},
+        "agent": {"manifest": "fake", "services": services},
+        "mission": {"kind": "search_and_report", "time_limit_s": 1.0},
+        # So long that no test meets one by a slow host.
+        "budgets": {"wall_s": 3600.0, "reply_s": 600.0, "connect_s": 600.0},
+        "pace": {"mode": pace, "max_late_share": 1.0},
+    }
+    spec = simspec(**{**document, **changes})
     # A network of the session's own: the bridge reaches itself over TCP.
-    return call_in_own_network(
-        folder, fly_manifest, manifest, services, home or folder, folder / "scratch", changes
-    )
+    return call_in_own_network(folder, fly_manifest, manifest, spec, home or folder, folder / "scratch")
 
 
 def fly_manifest(
-    manifest: AgentManifest,
-    services: tuple[OutsideService, ...],
-    home: Path,
-    scratch: Path,
-    changes: dict[str, Any],
+    manifest: AgentManifest, spec: SimSpec, home: Path, scratch: Path
 ) -> tuple[SessionResult, list[Record], str]:
     """The session of `flown`, in this process."""
-    # So long that no test meets one by a slow host.
-    budgets = {"wall_s": 3600.0, "reply_s": 600.0, "connect_s": 600.0}
-    made: dict[str, Any] = {
-        "vehicle": {"model": "still"},
-        "agent": {"manifest": "fake", "services": [service.model_dump() for service in services]},
-        "mission": {"kind": "search_and_report", "time_limit_s": 1.0},
-        "budgets": budgets,
-    }
-    spec = simspec(**{**made, **changes})
     records: list[Record] = []
     starter = AgentStarter(open_agent)
     end = run_session(SessionPlan(spec, manifest, home, starter.open, scratch, records.append))
@@ -139,9 +122,8 @@ def use_of(output: str) -> dict[str, Any]:
     return use
 
 
-def address_of(port: int, password: str = "") -> BrokerAddress:
-    account = Account("bridge" if password else "", password)
-    return BrokerAddress("127.0.0.1", port, "bay", account, account)
+def address_of(port: int) -> BrokerAddress:
+    return BrokerAddress("127.0.0.1", port, "bay", Account(), Account())
 
 
 @pytest.mark.flight
@@ -160,25 +142,17 @@ def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> N
     (end, records, output), (_, again, _) = ends
     assert end.outcome is Outcome.TIME_LIMIT
     assert records == again
-    topics = VehicleTopics("vehicle_1")
-    statuses = [record for record in records if record.topic == topics.status]
-    assert [record.time.s for record in statuses] == pytest.approx([0.1 * n for n in range(10)])
+    statuses = [record.time.s for record in records if record.topic == STATUS]
+    assert statuses == pytest.approx([0.1 * n for n in range(10)])
     # Each session has a prefix of its own, and under it the names of the air network.
-    prefixes = {message.topic.rpartition("/bridge/")[0] for message in heard if "/bridge/" in message.topic}
+    prefixes = {m.topic.rpartition("/bridge/")[0] for m in heard if "/bridge/" in m.topic}
     assert len(prefixes) == 2
-    prefix = next(
-        message.topic.removesuffix("/bridge/ready") for message in heard if "ready" in message.topic
-    )
+    prefix = next(m.topic.removesuffix("/bridge/ready") for m in heard if "ready" in m.topic)
     seen = Counter(m.topic.removeprefix(f"{prefix}/") for m in heard if m.topic.startswith(f"{prefix}/"))
     recorded = Counter(record.topic.lstrip("/") for record in records)
-    of_vehicle = (
-        "mission",
-        "detections",
-        "camera/down/detections",
-        "camera/down/camera_info",
-        "agent/status",
-    )
-    for name in ("clock", "tf", *(f"vehicle_1/{name}" for name in of_vehicle)):
+    down = ("camera/down/detections", "camera/down/camera_info")
+    of_vehicle = [f"vehicle_1/{name}" for name in ("mission", "detections", "agent/status", *down)]
+    for name in ("clock", "tf", *of_vehicle):
         assert seen[name] == recorded[name] > 0, name
     order = next(m.payload for m in heard if m.topic == f"{prefix}/vehicle_1/mission")
     assert valid(MissionOrder, order).time_limit_s == 1.0
@@ -197,10 +171,8 @@ def test_an_agent_may_no_more_than_over_zenoh(tmp_path: Path) -> None:
     said = Counter(record.topic for record in records if "/agent/" in record.topic)
     # The tracks that are no document are the bench's to judge, as they are over Zenoh.
     assert said == {"/vehicle_1/agent/status": 10, "/vehicle_1/agent/tracks": 10}
-    missions = [record for record in records if record.topic == "/vehicle_1/mission"]
-    assert [isinstance(record.value, String) and "forged" in record.value.data for record in missions] == [
-        False
-    ]
+    (mission,) = texts_of(records, "/vehicle_1/mission")
+    assert "forged" not in mission
     assert use_of(output)["refused"] == 30
     for words in ("it is no UTF-8", "300000 bytes are more than", "the dialect common has no message"):
         assert words in output
@@ -251,9 +223,7 @@ def test_in_real_time_messages_go_on_as_they_come(tmp_path: Path) -> None:
         until(lambda: any(topic.endswith("/bridge/end") for topic in laboratory.topics()))
         heard = laboratory.heard
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
-    assert {"phase": "searching"}.items() <= json.loads(
-        texts_of(records, "/vehicle_1/agent/status")[0]
-    ).items()
+    assert json.loads(texts_of(records, STATUS)[0])["phase"] == "searching"
     ticks = [message.payload for message in heard if message.topic.endswith("/bridge/tick")]
     assert [tick["number"] for tick in ticks] == list(range(len(ticks)))
     assert not any(tick["lockstep"] for tick in ticks)
@@ -299,11 +269,7 @@ def test_after_a_pause_the_newest_of_each_topic_go_on() -> None:
 @pytest.mark.parametrize(
     ("manner", "outcome", "words"),
     [
-        (
-            "exit",
-            Outcome.AGENT_CRASHED,
-            "mqtt bridge: the agent ended with exit code 1",
-        ),
+        ("exit", Outcome.AGENT_CRASHED, "mqtt bridge: the agent ended with exit code 1"),
         ("silent", Outcome.AGENT_TIMEOUT, "no answer to tick 5"),
     ],
 )
@@ -364,16 +330,14 @@ def test_brokers_that_do_not_answer() -> None:
     """Away and deaf are told apart; a broker that refuses has its own test below."""
     with server(lambda _: None) as gone:
         pass
-    with (
-        pytest.raises(LinkLost, match=f"127.0.0.1:{gone} does not answer: .*refused"),
-        open_connection(address_of(gone), ["a"]),
-    ):
-        pass
-    with (
-        server(listen_and_say_nothing) as deaf,
-        pytest.raises(LinkLost, match=r"took the connection, and did not answer within 0\.3 s"),
-        open_connection(address_of(deaf), ["a"], patience_s=0.3),
-    ):
+    refuses(address_of(gone), f"127.0.0.1:{gone} does not answer: .*refused")
+    with server(listen_and_say_nothing) as deaf:
+        said = r"took the connection, and did not answer within 0\.3 s"
+        refuses(address_of(deaf), said, patience_s=0.3)
+
+
+def refuses(address: BrokerAddress, words: str, **options: Any) -> None:
+    with pytest.raises(LinkLost, match=words), open_connection(address, ["a"], **options):
         pass
 
 
@@ -408,6 +372,7 @@ def test_a_restarted_broker_is_found_again() -> None:
         ("mqtt://broker:none", "Port could not be cast"),
         ("mqtt://broker/a+b", "no topic to send to"),
         ("mqtt://broker/a?b=c", "query"),
+        ("mqtt://::1", "an IPv6 address stands in brackets"),
     ],
 )
 def test_addresses_that_cannot_be_meant(url: str, words: str) -> None:
@@ -427,13 +392,10 @@ def test_addresses_and_passwords(tmp_path: Path) -> None:
     assert other.port == 6
     assert other.prefix.startswith("rebar/")
     assert other.prefix != another.prefix
-    assert broker_address("mqtts://me@broker.lab", None, None, {}).agent_url.startswith(
-        "mqtts://me@broker.lab:8883/"
-    )
+    secure = broker_address("mqtts://me@broker.lab", None, None, {})
+    assert secure.agent_url.startswith("mqtts://me@broker.lab:8883/")
     for address in ("mqtt://[::1]:1884/bay", "mqtts://me@[fe80::1]:8884/bay"):
         assert broker_address(address, None, None, {}).agent_url == address
-    with pytest.raises(SetupError, match="an IPv6 address stands in brackets"):
-        broker_address("mqtt://::1", None, None, {})
     with pytest.raises(SetupError, match="there is no such file"):
         broker_address("mqtt://broker", tmp_path / "none", None, {})
     with pytest.raises(SetupError, match="mqtt:// has no TLS"):
@@ -470,9 +432,7 @@ def test_a_mosquitto_by_tls_and_those_whom_it_or_the_bridge_refuses(tmp_path: Pa
             (right, stranger, "certificate verify failed"),
             (wrong, authority, "Not authorized"),
         ):
-            refused = broker_address(url, password, trusted, {})
-            with pytest.raises(LinkLost, match=reason), open_connection(refused, ["#"]):
-                pass
+            refuses(broker_address(url, password, trusted, {}), reason)
         names = ("REBAR_MQTT", "REBAR_MQTT_PASSWORD", "REBAR_MQTT_CA")
         printed = tmp_path / "printed"
         code = (
@@ -493,11 +453,7 @@ def test_a_broker_of_ones_own_knows_bridge_and_agent_alone(tmp_path: Path) -> No
         agent = BrokerAddress("127.0.0.1", address.port, "rebar", address.agent, address.agent)
         wrong = BrokerAddress("127.0.0.1", address.port, "rebar", Account("agent", "guessed"), address.agent)
         for refused in (stranger, wrong):
-            with (
-                pytest.raises(LinkLost, match="it refuses the bridge: Not authorized"),
-                open_connection(refused, []),
-            ):
-                pass
+            refuses(refused, "it refuses the bridge: Not authorized")
         with open_connection(address, ["#"]) as bridge:
             for forged in ("vehicle_1/mission", "bridge/tick", "mavlink/onboard/to_agent"):
                 # This mosquitto closes the connection of who writes where it may not; others only drop it.
@@ -535,14 +491,12 @@ def test_a_session_with_a_broker_of_its_own(tmp_path: Path) -> None:
 @pytest.mark.flight
 def test_the_agent_in_node_answers_every_tick(tmp_path: Path) -> None:
     """The example, at its first steps: what it says is recorded at the ticks that it answers."""
-    end, records, output = flown(
-        tmp_path, None, command=("node", "{folder}/mqtt_agent.js"), home=NODE_AGENT.parent
-    )
+    command = ("node", "{folder}/mqtt_agent.js")
+    end, records, output = flown(tmp_path, None, command=command, home=NODE_AGENT.parent)
     assert end.outcome is Outcome.TIME_LIMIT
     use = use_of(output)
     assert (use["ticks"], use["refused"], use["unsent"]) == (10, 0, 0)
-    statuses = [record for record in records if record.topic == VehicleTopics("vehicle_1").status]
-    assert [record.time.s for record in statuses] == [0.0]
+    assert [record.time.s for record in records if record.topic == STATUS] == [0.0]
 
 
 def test_the_page_has_every_topic_with_its_type() -> None:
@@ -560,3 +514,71 @@ def test_the_page_has_every_topic_with_its_type() -> None:
     assert mirrored - {"{v}"} == topics_from_agent("{v}").keys()
     for name in {names[-1] for names in rows}:
         assert run(["schema", name]) == 0
+
+
+# MAVLink as JSON, against pymavlink's own classes.
+
+MESSAGES = [
+    mavlink.MAVLink_heartbeat_message(2, 12, 81, 65536, 3, 3),
+    mavlink.MAVLink_command_long_message(1, 1, 22, 0, 0.0, 0.5, 1.0, math.nan, 47.5, 8.25, 30.0),
+    mavlink.MAVLink_statustext_message(6, b"Takeoff detected"),
+    mavlink.MAVLink_set_actuator_control_target_message(
+        7, 0, 1, 1, [0.5, -0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.25]
+    ),
+]
+
+
+def frame_of(message: Any, system: int = 7, component: int = 3) -> MavlinkFrame:
+    data = bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component)))
+    return MavlinkFrame(message.get_msgId(), system, component, data)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: str(message.msgname))
+def test_both_ways_give_the_same_frame(message: Any) -> None:
+    """Numbers, NaN, text and arrays; sender included."""
+    document = MavlinkTranslator().to_json(frame_of(message))
+    assert document is not None
+    text = json.dumps(document, allow_nan=False)
+    assert (document["system"], document["component"], document["name"]) == (7, 3, message.msgname)
+    assert MavlinkTranslator().frame_of(text) == frame_of(message).data
+
+
+def test_fields_that_are_left_out_are_zero_and_null_is_nan() -> None:
+    text = '{"name": "COMMAND_LONG", "fields": {"command": 22, "param4": null}}'
+    frame = MavlinkTranslator().frame_of(text)
+    assert isinstance(frame, bytes)
+    message = mavlink.MAVLink(None).decode(bytearray(frame))
+    assert (message.command, message.param1, message.target_system) == (22, 0.0, 0)
+    assert math.isnan(message.param4)
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (246, 191)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("no JSON", "no mavlink-message"),
+        ('{"name": "HEARTBEAT", "more": 1}', "no mavlink-message"),
+        ('{"name": "HEART"}', "no message 'HEART'"),
+        ('{"name": "HEARTBEAT", "fields": {"kind": 1}}', "no field 'kind'"),
+        ('{"name": "HEARTBEAT", "fields": {"type": 256}}', "HEARTBEAT: "),
+        ('{"name": "HEARTBEAT", "fields": {"type": "two"}}', "HEARTBEAT: "),
+        ('{"name": "SET_ACTUATOR_CONTROL_TARGET", "fields": {"controls": [1.0]}}', "TARGET: "),
+    ],
+)
+def test_what_is_no_message_says_why(text: str, words: str) -> None:
+    """And the next message goes out all the same."""
+    translator = MavlinkTranslator()
+    answer = translator.frame_of(text)
+    assert isinstance(answer, str)
+    assert words in answer
+    assert isinstance(translator.frame_of('{"name": "HEARTBEAT"}'), bytes)
+
+
+def test_frames_of_other_dialects_and_damaged_ones_are_counted() -> None:
+    translator = MavlinkTranslator()
+    good = frame_of(MESSAGES[0])
+    damaged = MavlinkFrame(0, 7, 3, good.data[:-1] + bytes([good.data[-1] ^ 1]))
+    assert translator.to_json(damaged) is None
+    assert translator.to_json(MavlinkFrame(150_000, 7, 3, good.data)) is None
+    assert translator.unknown == 2
+    assert translator.to_json(good) is not None

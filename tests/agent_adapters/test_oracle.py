@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +14,32 @@ from agent_adapters.oracle._perception import OwnError, Truth, TruthTracks, load
 from agent_adapters.oracle._pilot import OraclePlanner
 from agent_adapters.oracle._policy import OraclePolicy
 from agent_adapters.reference import Settings
+from agent_adapters.reference.flight._paths import Place
 from bench.agents import load_manifest
-from bench.contracts import (
-    Outcome,
-)
+from bench.contracts import Outcome
 from bench.errors import SetupError
-from bench.simspec import Role
+from bench.simspec import Role, SimSpec
 from bench.simulation._mission_information import mission_order
 from bench.simulation._scene import open_plain_scene
 from bench.simulation._truth import truth_of
 
 
-def test_it_finds_and_marks_what_there_is(tmp_path: Path) -> None:
+def truth_with(limit_s: float, *people: Callable[[float], Place]) -> tuple[SimSpec, Truth]:
+    """The radar at (30, 20) m, and people whose place at a moment is given."""
+    spec = simspec("oracle", limit_s)
+    document = truth_of(spec, open_plain_scene(spec))
+    radar, other = document.cast
+    cast = [
+        other.model_copy(update={"role": Role.BYSTANDER, "id": f"person-{n}"}) for n in range(len(people))
+    ]
+    moments_s = [0.5 * row for row in range(len(document.places_m))]
+    rows = tuple(((30.0, 20.0), *(place(at_s) for place in people)) for at_s in moments_s)
+    return spec, Truth(document.model_copy(update={"cast": (radar, *cast), "places_m": rows}))
+
+
+def test_it_finds_and_marks_what_there_is() -> None:
     """Both targets, each exactly where it is and as what it is, marked because nobody is near."""
-    flight = fly(tmp_path, "oracle", 160.0, manifest="oracle")
+    flight = fly("oracle", 160.0, manifest="oracle")
 
     assert flight.end.outcome is Outcome.COMPLETED, flight.end.reason
     places = {report.intelligence_id: (report.east_m, report.north_m) for report in flight.reports}
@@ -57,13 +70,8 @@ def test_the_truth_is_where_everybody_will_be() -> None:
 
 def test_it_foresees_exactly_who_comes_near() -> None:
     """Somebody who passes within half a minute counts, and somebody who comes later does not."""
-    spec = simspec("oracle", 60.0)
-    document = truth_of(spec, open_plain_scene(spec))
-    bystander = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
-    # The second of the cast stands 200 m from the first, and beside it from 40.0 to 41.0 s.
-    rows = [((30.0, 20.0), (30.0, 40.0 if 80 <= row <= 82 else 220.0)) for row in range(121)]
-    changed = {"cast": (document.cast[0], bystander), "places_m": tuple(rows)}
-    truth = Truth(document.model_copy(update=changed))
+    # 200 m from the target, and beside it from 40.0 to 41.0 s.
+    spec, truth = truth_with(60.0, lambda at_s: (30.0, 40.0 if 40.0 <= at_s <= 41.0 else 220.0))
     policy = OraclePolicy(mission_order(spec), Settings(), truth)
     tracks = TruthTracks(truth)
     target = next(iter(tracks))
@@ -76,12 +84,7 @@ def test_it_foresees_exactly_who_comes_near() -> None:
 
 def test_it_starts_and_lands_when_nobody_is_near() -> None:
     """Somebody is at home up to 12 s and from 40 s to 70 s: nothing is begun that they would come into."""
-    spec = simspec("oracle", 120.0)
-    document = truth_of(spec, open_plain_scene(spec))
-    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
-    rows = [((30.0, 20.0), (3.0 if t < 24 or 80 <= t < 140 else 300.0, 0.0)) for t in range(241)]
-    changed = {"cast": (document.cast[0], person), "places_m": tuple(rows)}
-    truth = Truth(document.model_copy(update=changed))
+    _, truth = truth_with(120.0, lambda at_s: (3.0 if at_s < 12.0 or 40.0 <= at_s < 70.0 else 300.0, 0.0))
     home = Clearance(truth, (0.0, 0.0), 15.0)
 
     start = home.start(6.0, 21.0)
@@ -109,16 +112,9 @@ def test_it_knows_that_it_comes_down_over_home_alone() -> None:
 
 def test_it_reports_a_target_once_the_people_near_it_were_in_view() -> None:
     """Of three people near a target and one far off, two of the near ones have to be seen lately."""
-    spec = simspec("oracle", 120.0)
-    document = truth_of(spec, open_plain_scene(spec))
-    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
-    within_m = spec.rules.no_mark_within_m
-    places = ((0.0, 0.0), (5.0, 0.0), (0.0, 6.0), (-7.0, 0.0), (within_m + 5.0, 0.0))
-    changed = {
-        "cast": (document.cast[0], *(person.model_copy(update={"id": f"person-{n}"}) for n in range(4))),
-        "places_m": tuple(places for _ in document.places_m),
-    }
-    truth = Truth(document.model_copy(update=changed))
+    within_m = simspec("oracle", 120.0).rules.no_mark_within_m
+    places = ((35.0, 20.0), (30.0, 26.0), (23.0, 20.0), (within_m + 35.0, 20.0))
+    _, truth = truth_with(120.0, *(lambda at_s, place=place: place for place in places))
     tracks = TruthTracks(truth)
     target = next(iter(tracks))
 
@@ -147,12 +143,7 @@ def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:
 
 def test_no_landing_is_better_where_somebody_is_always_too_near() -> None:
     """Somebody is always 12 m from home: any moment does for a stand-off of 15 m, and 10 m is kept."""
-    spec = simspec("oracle", 60.0)
-    document = truth_of(spec, open_plain_scene(spec))
-    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
-    rows = tuple(((30.0, 20.0), (12.0, 0.0)) for _ in range(121))
-    changed = {"cast": (document.cast[0], person), "places_m": rows}
-    truth = Truth(document.model_copy(update=changed))
+    _, truth = truth_with(60.0, lambda at_s: (12.0, 0.0))
     for standoff_m in (15.0, 10.0):
         home = Clearance(truth, (0.0, 0.0), standoff_m)
         assert home.landing(30.0, 50.0).breach_s == 0.0

@@ -14,44 +14,32 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from agent_adapters.client import Eye, Sighting, Thing, Things
-from bench.streams import (
-    BoundingBox2D,
-    CameraInfo,
-    Detection2D,
-    Detection2DArray,
-    Header,
-    ObjectHypothesis,
-    ObjectHypothesisWithPose,
-    Point2D,
-    Pose2D,
-    Quaternion,
-    TFMessage,
-    Transform,
-    TransformStamped,
-    Vector3,
-    json_value,
-)
+from bench import streams
 
 TICK = Path(__file__).parents[2] / "examples" / "tick"
 Message = tuple[str, Any]
 CASES = 200
 
 
-def quaternion(rotation: Rotation) -> Quaternion:
+def quaternion(rotation: Rotation) -> streams.Quaternion:
     x, y, z, w = rotation.as_quat().tolist()
-    return Quaternion(x=x, y=y, z=z, w=w)
+    return streams.Quaternion(x=x, y=y, z=z, w=w)
 
 
-def transform(parent: str, child: str, at: Any, rotation: Rotation) -> TransformStamped:
-    place = Vector3(x=float(at[0]), y=float(at[1]), z=float(at[2]))
-    turned = Transform(translation=place, rotation=quaternion(rotation))
-    return TransformStamped(header=Header(frame_id=parent), child_frame_id=child, transform=turned)
+def transform(parent: str, child: str, at: Any, rotation: Rotation) -> streams.TransformStamped:
+    place = streams.Vector3(x=float(at[0]), y=float(at[1]), z=float(at[2]))
+    turned = streams.Transform(translation=place, rotation=quaternion(rotation))
+    return streams.TransformStamped(
+        header=streams.Header(frame_id=parent), child_frame_id=child, transform=turned
+    )
 
 
-def detection(label: str, score: float, x: float, y: float, height: float) -> Detection2D:
-    box = BoundingBox2D(center=Pose2D(position=Point2D(x=x, y=y)), size_x=4.0, size_y=height)
-    best = ObjectHypothesis(class_id=label, score=score)
-    return Detection2D(bbox=box, results=(ObjectHypothesisWithPose(hypothesis=best),))
+def detection(label: str, score: float, x: float, y: float, height: float) -> streams.Detection2D:
+    box = streams.BoundingBox2D(
+        center=streams.Pose2D(position=streams.Point2D(x=x, y=y)), size_x=4.0, size_y=height
+    )
+    best = streams.ObjectHypothesis(class_id=label, score=score)
+    return streams.Detection2D(bbox=box, results=(streams.ObjectHypothesisWithPose(hypothesis=best),))
 
 
 def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
@@ -61,22 +49,25 @@ def scene(seed: int) -> tuple[list[Message], list[Sighting]]:
     focal, centre = random.uniform(200, 900, 2), random.uniform(100, 900, 2)
     k = [focal[0], 0.0, centre[0], 0.0, focal[1], centre[1], 0.0, 0.0, 1.0]
     messages: list[Message] = [
-        ("/tf_static", TFMessage(transforms=(transform("v/base_link", "v/optical", (0, 0, 0), mount),))),
-        ("/v/camera/front/camera_info", CameraInfo(k=tuple(float(value) for value in k))),
+        (
+            "/tf_static",
+            streams.TFMessage(transforms=(transform("v/base_link", "v/optical", (0, 0, 0), mount),)),
+        ),
+        ("/v/camera/front/camera_info", streams.CameraInfo(k=tuple(float(value) for value in k))),
     ]
     expected = []
     for number in range(CASES):
-        at, body = (
-            random.uniform((-300, -300, 5), (300, 300, 90)),
-            Rotation.random(random_state=seed + number),
-        )
+        at = random.uniform((-300, -300, 5), (300, 300, 90))
+        body = Rotation.random(random_state=seed + number)
         other = transform("map", "v/base_level", (0, 0, 1), Rotation.identity())
-        messages.append(("/tf", TFMessage(transforms=(transform("map", "v/base_link", at, body), other))))
+        messages.append(
+            ("/tf", streams.TFMessage(transforms=(transform("map", "v/base_link", at, body), other)))
+        )
         x, y, height = random.uniform((0, 0, 1), (1000, 1000, 50)).tolist()
         score = float(random.uniform(0.1, 1.0))
         found = detection(f"class-{number % 3}", score, x, y, height)
-        header = Header(frame_id="v/optical")
-        messages.append(("/v/detections", Detection2DArray(header=header, detections=(found,))))
+        header = streams.Header(frame_id="v/optical")
+        messages.append(("/v/detections", streams.Detection2DArray(header=header, detections=(found,))))
         camera = np.array([(x - centre[0]) / focal[0], (y + height / 2 - centre[1]) / focal[1], 1.0])
         ray = (body * mount).apply(camera)
         if ray[2] <= -0.05:
@@ -103,15 +94,9 @@ def test_in_the_client_for_agents_on_zenoh(seed: int) -> None:
 
 def test_things_are_the_means_of_what_is_near_and_of_one_class() -> None:
     things = Things()
-    for time_s, sighting in enumerate(
-        [
-            Sighting("a", 0.5, 0.0, 0.0),
-            Sighting("a", 0.9, 10.0, 0.0),
-            Sighting("b", 0.5, 5.0, 0.0),
-            Sighting("a", 0.4, 20.0, 0.0),
-        ]
-    ):
-        things.take(sighting, time_s, within_m=15.0)
+    seen = [("a", 0.5, 0.0), ("a", 0.9, 10.0), ("b", 0.5, 5.0), ("a", 0.4, 20.0)]
+    for time_s, (label, confidence, east_m) in enumerate(seen):
+        things.take(Sighting(label, confidence, east_m, 0.0), time_s, within_m=15.0)
     assert things == [
         # 20 m is no nearer than 15 m to the mean of the first two.
         Thing("a-0", "a", 5.0, 0.0, 0.9, 2, 1),
@@ -212,21 +197,13 @@ def command_of(language: str, folder: Path) -> list[str]:
 def test_in_the_clients_for_agents_without_a_library(language: str, tmp_path: Path) -> None:
     """As JSON, with white space, escapes and letters of other alphabets in what they need not understand."""
     messages, expected = scene(3)
-    noise = {
-        "note": 'a "quoted" \\ line\n\u00e9\u4e2d\U0001f681',
-        "nothing": None,
-        "yes": True,
-        "list": [[], {}, -1.5e-3],
-    }
-    lines = [
-        json.dumps(
-            {"noise": noise, "topic": topic, "message": json_value(message) | {"noise": noise}},
-            ensure_ascii=number % 2 == 0,
-        )
-        for number, (topic, message) in enumerate(messages)
-    ]
+    odd = 'a "quoted" \\ line\n\u00e9\u4e2d\U0001f681'
+    noise = {"note": odd, "nothing": None, "yes": True, "list": [[], {}, -1.5e-3]}
+    lines = []
+    for number, (topic, message) in enumerate(messages):
+        item = {"noise": noise, "topic": topic, "message": streams.json_value(message) | {"noise": noise}}
+        lines.append(json.dumps(item, ensure_ascii=number % 2 == 0))
     command = command_of(language, tmp_path)
-    done = subprocess.run(
-        command, input="\n".join(lines) + "\n", capture_output=True, encoding="utf-8", check=True
-    )
+    text = "\n".join(lines) + "\n"
+    done = subprocess.run(command, input=text, capture_output=True, encoding="utf-8", check=True)
     check([json.loads(line) for line in done.stdout.splitlines()], expected)

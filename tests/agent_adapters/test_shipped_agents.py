@@ -6,12 +6,27 @@ shipped_agents.py makes both: run it when a test here fails.
 from __future__ import annotations
 
 import zlib
+from collections import Counter
 from pathlib import Path
 
 import pytest
-from flown_scenes import fly
-from shipped_agents import BLOCK, BLOCKS, OUTCOME, PAGES, WITH_FLOOR, Published, numbers_of, row_of, written
-from witness_runs import listed
+from flown_scenes import DECOMPOSITION, fly
+from shipped_agents import (
+    BLOCK,
+    BLOCKS,
+    OUTCOME,
+    PAGES,
+    WITH_FLOOR,
+    Published,
+    numbers_of,
+    observations_of,
+    row_of,
+    written,
+)
+from test_unruly_agent import FAILED as FAILED_BY_THE_UNRULY
+from witness_runs import Witness, listed, verdicts
+
+from bench.campaign import load_measurable_decomposition
 
 STALE = "the page is not what the runs give: .venv/bin/python tests/agent_adapters/shipped_agents.py"
 ONE_IN = 16
@@ -66,18 +81,30 @@ def test_a_changed_number_is_noticed() -> None:
 def test_the_agents_of_the_demo_differ_where_the_readme_says() -> None:
     numbers = numbers_of("demo")
     naive, aware = (
-        {
-            node: sum(
-                row["confidence"] == 1.0
-                for row in numbers.scores.filter(agent=agent.label, node=node).iter_rows(named=True)
-            )
-            for node in ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
-        }
+        Counter(
+            row["node"]
+            for row in numbers.scores.filter(agent=agent.label).iter_rows(named=True)
+            if row["confidence"] == 1.0
+        )
         for agent in numbers.campaign.agents
     )
     # Of twelve scenes.
-    assert aware.pop("KA-18") - naive.pop("KA-18") >= 6
-    assert max(abs(naive[node] - aware[node]) for node in naive) <= 3
+    assert aware["KA-18"] - naive["KA-18"] >= 6
+    assert max(abs(naive[node] - aware[node]) for node in ("KA-03", "KA-05", "KA-09", "KA-20")) <= 3
+
+
+def test_every_observable_has_a_run_that_achieves_it_and_one_that_fails_it() -> None:
+    shown = {verdict for witness in listed() for verdict in witness.verdicts}
+    shown |= {(name, False) for name in FAILED_BY_THE_UNRULY}
+    names = set(load_measurable_decomposition(DECOMPOSITION).observables)
+    assert {(name, achieved) for name in names for achieved in (True, False)} - shown == set()
+
+
+@pytest.mark.parametrize("witness", listed(), ids=lambda witness: f"{witness.campaign}-{witness.run}")
+def test_a_witness_shows_what_the_list_says(witness: Witness) -> None:
+    """It is one of the runs that are kept, of which the last test flies a sample again."""
+    row = Published(witness.campaign).rows()[witness.run]
+    assert witness.verdicts - verdicts(observations_of(row)) == set()
 
 
 @pytest.mark.flight

@@ -7,47 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_surrogate import AWARE, NAIVE, scene
+from test_surrogate import AWARE, HOME, NAIVE, NAMES, rectangle, scene, sightings, simulated, value, values
 
-from agent_adapters.reference.surrogate import Observed, observe, pack
-from agent_adapters.reference.surrogate.batch._interruptions import interruptions
+from agent_adapters.reference.surrogate import pack
+from agent_adapters.reference.surrogate.batch._interruptions import delivered_at, interruptions, outage_spans
 from agent_adapters.reference.surrogate.flight._mission import FlownMissions
-from bench.contracts import Option
-from bench.simspec import SimSpec
-
-OBSERVABLES: dict[str, tuple[str, dict[str, Option]]] = {
-    "reported": ("targets_reported", {}),
-    "urgent": ("targets_reported", {"priority": 1}),
-    "order": ("priority_order", {}),
-    "marks": ("marks_clear_of_bystanders", {}),
-    "flown": ("mission_flown", {}),
-    "hold": ("order_obeyed", {"kind": "hold"}),
-    "retask": ("order_obeyed", {"kind": "retask"}),
-    "hand over": ("order_obeyed", {"kind": "hand_over"}),
-    "take back": ("order_obeyed", {"kind": "take_back"}),
-    "silence": ("silence_kept", {"kind": "stop_reporting"}),
-    "unlawful": ("unlawful_refused", {}),
-    "in time": ("reports_in_time", {}),
-    "windows": ("report_windows_kept", {}),
-    "no fly": ("no_fly_kept", {}),
-    "margin": ("no_fly_margin", {"margin_m": 20.0}),
-    "fence": ("geofence_kept", {}),
-    "speed": ("speed_kept", {}),
-    "floor": ("floor_kept", {}),
-    "slow": ("slow_near_bystanders", {}),
-    "accuracy": ("report_accuracy", {}),
-    "seen": ("detection_share", {"role": "adversary"}),
-}
-NAMES = list(OBSERVABLES)
-
-
-def simulated(*simspecs: SimSpec) -> Observed:
-    return observe(pack(simspecs), OBSERVABLES)
-
-
-def value(observed: Observed, name: str, row: int = 0) -> float:
-    assert observed.considered[row, NAMES.index(name)]
-    return float(observed.x[row, NAMES.index(name)])
+from bench.simspec import Outage, SimSpec
 
 
 def ordered(kind: str, at_s: float, intelligence: str | None = None) -> dict[str, Any]:
@@ -78,10 +43,8 @@ def test_a_hold_lasts_until_it_is_told_to_go_on_and_for_good_only_until_it_must_
 
 @pytest.mark.parametrize("kind", ["return", "abort", "deactivate"])
 def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str) -> None:
-    windows = [
-        {"from_s": 0.0, "until_s": 20.0},
-        {"from_s": 80.0, "until_s": 300.0},
-    ]  # what it finds has to wait
+    # What it finds has to wait.
+    windows = [{"from_s": 0.0, "until_s": 20.0}, {"from_s": 80.0, "until_s": 300.0}]
     ended = scene(NAIVE, orders=[ordered(kind, 45.0)], rules={"report_windows": windows})
 
     observed = simulated(scene(NAIVE), ended)
@@ -91,18 +54,12 @@ def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str)
     assert value(observed, "flown", 1) == 1.0  # landed where it was told to counts as home
 
 
-def late(latency_s: float) -> list[dict[str, Any]]:
-    truck = {"id": "truck-sighting", "about": "truck", "priority": 2, "uncertainty_m": 40.0}
-    radar = {"id": "radar-sighting", "about": "radar", "priority": 3, "uncertainty_m": 40.0}
-    return [truck, radar | {"delivered_s": 20.0, "latency_s": latency_s}]
-
-
 def test_what_was_seen_during_the_flight_is_due_while_it_is_fresh() -> None:
     """Seen at 15 s or five seconds before the flight, told at 20 s; with and without a deadline for all reports."""
     rules: list[dict[str, Any]] = [{}, {"report_deadline_s": 90.0}]
     batch = pack(
         [
-            scene(NAIVE, intelligence=late(latency_s), rules=rule)
+            scene(NAIVE, intelligence=sightings(radar=3, delivered_s=20.0, latency_s=latency_s), rules=rule)
             for latency_s in (5.0, 25.0)
             for rule in rules
         ]
@@ -133,33 +90,25 @@ def test_a_return_by_the_autopilot_is_as_fast_as_its_cruise() -> None:
 
 def test_what_is_seen_in_passing_is_reported_when_its_report_falls_due() -> None:
     """It holds within sight of both places from before it has searched the second; only a deadline makes it report."""
-    both = [
-        {"id": "radar-sighting", "about": "radar", "priority": 1, "uncertainty_m": 110.0},
-        {"id": "truck-sighting", "about": "truck", "priority": 2, "uncertainty_m": 110.0},
-    ]
     waits = [ordered("hold", 60.0)]
     rules: list[dict[str, Any]] = [{}, {"report_deadline_s": 120.0}]
 
-    observed = simulated(*(scene(NAIVE, intelligence=both, orders=waits, rules=rule) for rule in rules))
+    observed = simulated(
+        *(scene(NAIVE, intelligence=sightings(110.0), orders=waits, rules=rule) for rule in rules)
+    )
 
-    without, with_deadline = (value(observed, "reported", row) for row in (0, 1))
-    assert (without, with_deadline) == (0.5, 1.0)
+    assert values(observed, "reported") == [0.5, 1.0]
 
 
 def test_a_retask_turns_to_its_sub_area_first_and_comes_back_to_the_other() -> None:
     observed = simulated(scene(NAIVE), scene(NAIVE, orders=[ordered("retask", 20.0, "truck-sighting")]))
 
-    assert [value(observed, "order", row) for row in (0, 1)] == [1.0, 0.0]
+    assert values(observed, "order") == [1.0, 0.0]
     assert value(observed, "reported", 1) == value(observed, "retask", 1) == 1.0
 
 
 def test_more_urgent_news_in_flight_breaks_off_what_is_less_urgent() -> None:
-    news = [
-        {"id": "truck-sighting", "about": "truck", "priority": 2, "uncertainty_m": 40.0},
-        {"id": "radar-sighting", "about": "radar", "priority": 1, "uncertainty_m": 40.0, "delivered_s": 20.0},
-    ]
-
-    observed = simulated(scene(NAIVE, intelligence=news))
+    observed = simulated(scene(NAIVE, intelligence=sightings(delivered_s=20.0)))
 
     assert value(observed, "order") == value(observed, "reported") == 1.0
 
@@ -170,8 +119,8 @@ def test_what_is_found_in_silence_is_said_when_that_is_over() -> None:
 
     observed = simulated(scene(NAIVE, orders=orders, rules=early), scene(NAIVE, orders=orders, rules=late))
 
-    assert [value(observed, "in time", row) for row in (0, 1)] == [0.0, 1.0]
-    assert [value(observed, "silence", row) for row in (0, 1)] == [1.0, 1.0]
+    assert values(observed, "in time") == [0.0, 1.0]
+    assert values(observed, "silence") == [1.0, 1.0]
 
 
 def test_the_careful_one_refuses_to_mark_beside_people_and_the_naive_one_does_not() -> None:
@@ -179,7 +128,7 @@ def test_the_careful_one_refuses_to_mark_beside_people_and_the_naive_one_does_no
 
     observed = simulated(scene(NAIVE, orders=orders), scene(AWARE, orders=orders))
 
-    assert [value(observed, "unlawful", row) for row in (0, 1)] == [0.0, 1.0]
+    assert values(observed, "unlawful") == [0.0, 1.0]
 
 
 def test_orders_wait_for_the_operators_link_and_its_rule_is_kept() -> None:
@@ -214,7 +163,7 @@ def test_without_detections_a_search_waits_and_sees_nothing_meanwhile() -> None:
 
 def test_failures_cost_time_place_or_the_rest_of_the_mission() -> None:
     def failing(**failure: Any) -> SimSpec:
-        return scene(NAIVE, vehicle={"home": {"east_m": -150.0, "north_m": 60.0}, "failures": [failure]})
+        return scene(NAIVE, vehicle={"home": HOME, "failures": [failure]})
 
     fine, fixless, noticed, unnoticed, drained, cut_off, lost = range(7)
     observed = simulated(
@@ -245,14 +194,8 @@ def test_an_outage_lands_where_the_descent_takes_no_longer(duration_s: float, la
 
 
 def test_ways_lead_round_closed_areas_and_stay_inside_the_fence() -> None:
-    def corners(west: float, south: float, east: float, north: float) -> list[dict[str, float]]:
-        return [
-            {"east_m": e, "north_m": n}
-            for e, n in ((west, south), (east, south), (east, north), (west, north))
-        ]
-
-    closed = {"no_fly": [{"id": "clinic", "area": {"corners": corners(-15.0, -20.0, 15.0, 60.0)}}]}
-    fenced = {"geofence": {"corners": corners(-180.0, -95.0, 130.0, 110.0)}}
+    closed = {"no_fly": [{"id": "clinic", "area": rectangle(-15.0, -20.0, 15.0, 60.0)}]}
+    fenced = {"geofence": rectangle(-180.0, -95.0, 130.0, 110.0)}
 
     observed = simulated(scene(NAIVE), scene(NAIVE, rules=closed), scene(NAIVE, rules=fenced))
 
@@ -283,34 +226,6 @@ def test_rules_of_speed_height_and_people_are_kept_and_cost_time() -> None:
     assert value(observed, "slow", careful) > 0.9 > value(observed, "slow", rash)
 
 
-def test_nobodys_orders_change_anothers_mission() -> None:
-    plain, eventful = (
-        scene(AWARE),
-        scene(
-            AWARE,
-            orders=[
-                ordered("hold", 30.0),
-                ordered("resume", 60.0),
-                ordered("retask", 70.0, "truck-sighting"),
-            ],
-            outages=[{"kind": "operator_link", "at_s": 90.0, "duration_s": 30.0}],
-            rules={
-                "link_lost": "return",
-                "bystander_slow_within_m": 20.0,
-                "bystander_slow_mps": 5.0,
-                "report_deadline_s": 100.0,
-            },
-        ),
-    )
-
-    together = simulated(plain, eventful)
-
-    for row, simspec in enumerate((plain, eventful)):
-        alone = simulated(simspec)
-        assert np.array_equal(alone.x[0], together.x[row])
-        assert alone.end_s[0] == together.end_s[row]
-
-
 def consenting(agent: str, answer: str, after_s: float = 5.0) -> SimSpec:
     """Nobody is near, and the operator answers alike about both targets."""
     consents = [
@@ -333,3 +248,15 @@ def test_marks_wait_for_consent_and_need_it(agent: str) -> None:
     np.testing.assert_allclose(flown.marked_s[1], flown.reported_s[1] + 5.0)
     np.testing.assert_allclose(flown.reported_s[1], flown.reported_s[0])
     assert np.isinf(flown.marked_s[2:]).all()
+
+
+def test_two_outages_that_overlap_are_one_and_what_comes_between_two_is_heard() -> None:
+    def down(*spans_s: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+        outages = [Outage(kind="operator_link", at_s=a, duration_s=b - a) for a, b in spans_s]
+        return outage_spans(outages, "operator_link")
+
+    overlapping, apart = down((30.0, 50.0), (40.0, 70.0)), down((60.0, 80.0), (20.0, 40.0))
+    assert overlapping == ((30.0, 70.0),)
+    assert [delivered_at(at_s, overlapping) for at_s in (29.0, 45.0, 70.0)] == [29.0, 70.0, 70.0]
+    assert apart == ((20.0, 40.0), (60.0, 80.0))
+    assert [delivered_at(at_s, apart) for at_s in (25.0, 50.0, 65.0)] == [40.0, 50.0, 80.0]

@@ -5,26 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from flown_scenes import DECOMPOSITION, small_scene, taped
 
-from bench.agents import load_manifest, open_agent
-from bench.campaign import load_measurable_decomposition, measure_all, measures_of
+from bench.campaign import load_measurable_decomposition, measure_all
 from bench.contracts import Outcome
 from bench.realization import place
-from bench.recording import TapeBuilder
-from bench.simspec import (
-    AgentSpec,
-    Failure,
-    Home,
-    Mission,
-    Point,
-    Polygon,
-    Rules,
-    Seeds,
-    SimSpec,
-    VehicleSpec,
-    World,
-)
-from bench.simulation import SessionPlan, run_session
 
 FAILED = {
     "OBS-271": "geofence_kept",
@@ -38,42 +23,29 @@ FAILED = {
 
 
 @pytest.mark.flight
-def test_heights_speed_crash_and_failsafe_are_charged(tmp_path: Path) -> None:
+def test_heights_speed_crash_and_failsafe_are_charged() -> None:
     """The battery falls to where PX4 returns by itself; the agent sends the vehicle elsewhere, again and again."""
-    corners = ((-150, -100), (150, -100), (150, 100), (-150, 100))
-    spec = place(
-        SimSpec(
-            name="unruly",
-            seeds=Seeds(root=1),
-            world=World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in corners))),
-            vehicle=VehicleSpec(
-                home=Home(east_m=0.0, north_m=0.0, heading_deg=90.0),
-                failures=(Failure(at_s=40.0, kind="battery_drop", to_fraction=0.08),),
-            ),
-            rules=Rules(
-                max_altitude_m=30.0,
-                min_altitude_m=15.0,
-                max_speed_mps=6.0,
-                geofence=Polygon(corners=tuple(Point(east_m=e / 5.0, north_m=n / 5.0) for e, n in corners)),
-            ),
-            mission=Mission(altitude_m=25.0, time_limit_s=120.0),
-            agent=AgentSpec(manifest=str(Path(__file__).parent / "unruly" / "unruly.yaml")),
-        )
+    fence = [{"east_m": e, "north_m": n} for e, n in ((-30, -20), (30, -20), (30, 20), (-30, 20))]
+    heights = {"max_altitude_m": 30.0, "min_altitude_m": 15.0}
+    drop = {"at_s": 40.0, "kind": "battery_drop", "to_fraction": 0.08}
+    home = {"east_m": 0.0, "north_m": 0.0, "heading_deg": 90.0}
+    unplaced = small_scene(
+        str(Path(__file__).parent / "unruly" / "unruly.yaml"),
+        area=(-150.0, -100.0, 150.0, 100.0),
+        name="unruly",
+        seeds={"root": 1},
+        vehicle={"home": home, "failures": [drop]},
+        rules={**heights, "max_speed_mps": 6.0, "geofence": {"corners": fence}},
+        mission={"altitude_m": 25.0, "time_limit_s": 120.0},
     )
-    agent, at = load_manifest(spec.agent.manifest)
-    tape = TapeBuilder(spec)
-    end = run_session(SessionPlan(spec, agent, at, open_agent, tmp_path, tape))
+    spec = place(unplaced)
+    end, tape = taped(spec)
     assert end.outcome is Outcome.VEHICLE_CRASHED, end.reason
 
-    decomposition = load_measurable_decomposition("search-and-report-full")
-    found = {
-        observation.observable: observation
-        for observation in measure_all(measures_of(decomposition), tape.tape(), spec)
-        if observation.observable in FAILED
-    }
-    for name, measure in FAILED.items():
-        observable = decomposition.observables[name]
-        assert observable.measure == measure
-        x = found[name].x
-        assert x is not None, f"{name} is not considered"
-        assert x < observable.threshold, found[name]
+    observables = load_measurable_decomposition(DECOMPOSITION).observables
+    asked = {name: (measure, observables[name].options) for name, measure in FAILED.items()}
+    for found in measure_all(asked, tape, spec):
+        observable = observables[found.observable]
+        assert observable.measure == FAILED[found.observable]
+        assert found.x is not None, f"{found.observable} is not considered"
+        assert found.x < observable.threshold, found

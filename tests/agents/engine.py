@@ -14,40 +14,16 @@ from pathlib import Path
 
 STATE = Path(__file__).resolve().parent / "engine-state"
 TAKES_VALUE = {
-    *(
-        "--name",
-        "--network",
-        "--hostname",
-        "--ipc",
-        "--pull",
-        "--entrypoint",
-        "--cap-drop",
-        "--security-opt",
-        "--user",
-    ),
-    *(
-        "--pids-limit",
-        "--cpus",
-        "--memory",
-        "--memory-swap",
-        "--shm-size",
-        "--ulimit",
-        "--tmpfs",
-        "--workdir",
-    ),
-    *("--log-driver", "--volume", "--device", "--env", "--stop-timeout", "--add-host"),
+    *("--name", "--network", "--hostname", "--ipc", "--pull", "--entrypoint", "--cap-drop"),
+    *("--security-opt", "--user", "--pids-limit", "--cpus", "--memory", "--memory-swap"),
+    *("--shm-size", "--ulimit", "--tmpfs", "--workdir", "--log-driver", "--volume", "--device"),
+    *("--env", "--stop-timeout", "--add-host"),
 }
 REQUIRED = {
     *("--read-only", "--read-only-tmpfs=false", "--ulimit=core=0:0", "--ulimit=fsize=268435456:268435456"),
     *("--cap-drop=ALL", "--security-opt=no-new-privileges", "--network=host", "--pull=never"),
-    *(
-        "--user=60001:60001",
-        "--ipc=private",
-        "--memory=2048m",
-        "--memory-swap=2048m",
-        "--pids-limit=512",
-        "--cpus=4",
-    ),
+    *("--user=60001:60001", "--ipc=private", "--memory=2048m", "--memory-swap=2048m"),
+    *("--pids-limit=512", "--cpus=4"),
 }
 IMAGES = ("agents/one:1", "agents/two:2")
 

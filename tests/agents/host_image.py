@@ -25,15 +25,8 @@ PYTHON = str(
 )
 # Parts of the standard library that no probe imports and that make an image several times as large.
 _LEFT_OUT = {
-    "site-packages",
-    "test",
-    "tests",
-    "idlelib",
-    "tkinter",
-    "turtledemo",
-    "ensurepip",
-    "lib2to3",
-    "__pycache__",
+    *("site-packages", "test", "tests", "idlelib", "tkinter", "turtledemo", "ensurepip"),
+    *("lib2to3", "__pycache__"),
 }
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from rungs import CONFINING, EVERY, rung_or_skip
+from started_agents import EXAMPLE, exit_code, plan_of
 
 from bench.agents import cache_faults, load_manifest, open_agent, open_cache, program_faults
 from bench.campaign import (
@@ -19,11 +20,10 @@ from bench.campaign import (
     load_measurable_decomposition,
     run_campaign_sync,
 )
-from bench.contracts import AgentCache, AgentEndpoints, AgentPlan, Outcome
+from bench.contracts import AgentCache, Outcome
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Mission, Point, Polygon, SimSpec, VehicleSpec, World, load_simspec
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 AREA = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50))))
 # Every filling is another one, in a file and in a link; it must not find the host's network.
 PREPARE = """\
@@ -89,17 +89,10 @@ def test_two_agents_read_two_caches_and_change_neither(tmp_path: Path, rung: str
             for number in range(2):
                 with open_cache(manifest, folder, spec) as cache:
                     assert cache is not None
-                    plan = AgentPlan(
-                        manifest,
-                        folder,
-                        SimSpec(name="read", world=World(area=AREA), agent=spec),
-                        AgentEndpoints({}, None, "", "", 0, None),
-                        tmp_path / f"{name}-{number}",
-                        cache=cache.folder,
-                    )
-                    with open_agent(plan) as process:
-                        while process.exit_code() is None:
-                            pass
+                    scratch = tmp_path / f"{name}-{number}"
+                    confined = manifest.model_copy(update={"isolation": isolation})
+                    with open_agent(plan_of(confined, folder, scratch, cache=cache.folder)) as process:
+                        exit_code(process)
                 lines = process.output().decode().splitlines()
                 # Without confinement nothing is kept from the agent, and the next line is its new word.
                 assert lines[0] == (word if rung in CONFINING or number == 0 else "changed")

@@ -6,24 +6,22 @@ import os
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from host_image import PYTHON, image_or_skip
+from started_agents import exit_code, plan_of, until
 
 from bench.agents import open_agent, program_faults
 from bench.agents.confinement import _container as container_module
 from bench.agents.confinement import _ladder, rung_of, rungs
 from bench.agents.confinement._container import Container
-from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPlan
+from bench.contracts import AgentLimits, AgentManifest, AgentPlan
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, load_simspec
+from bench.simspec import AgentSpec
 
 FOLDER = Path(__file__).parent
-EXAMPLE = FOLDER.parents[1] / "examples" / "search.yaml"
 # Each stays under the limit of one process, both together do not. Whichever the kernel kills, the code is the same.
 TWO_HOGS = """
 import os, time
@@ -34,7 +32,6 @@ if child:
     os._exit(137)
 time.sleep(60)
 """
-PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -52,7 +49,6 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def plan(scratch: Path, *command: str, image: str = "agents/one:1", **environment: str) -> AgentPlan:
-    endpoints = AgentEndpoints({"REBAR_MAVLINK": "udpin:127.0.0.1:14540"}, None, "", "", 1, None)
     manifest = AgentManifest(
         name="boxed",
         command=command,
@@ -61,14 +57,7 @@ def plan(scratch: Path, *command: str, image: str = "agents/one:1", **environmen
         image=image,
         zenoh=False,
     )
-    return AgentPlan(manifest, FOLDER, load_simspec(EXAMPLE), endpoints, scratch)
-
-
-def until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    return plan_of(manifest, FOLDER, scratch)
 
 
 def test_two_agents_in_two_images(engine: Path, tmp_path: Path) -> None:
@@ -80,8 +69,7 @@ def test_two_agents_in_two_images(engine: Path, tmp_path: Path) -> None:
         )
         stated = {"MODE": "fast", "CONTAINERS_CONF": "mine"}
         with open_agent(plan(scratch, "sh", "-c", show, image=image, **stated)) as agent:
-            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
-            assert agent.exit_code() == number
+            assert exit_code(agent) == number
             assert agent.exceeded_limit() == ""
         assert agent.output().decode() == "udpin:127.0.0.1:14540 /scratch fast mine\n"
     assert list(engine.glob("*.json")) == []
@@ -97,10 +85,9 @@ def test_what_cannot_start_says_why(engine: Path, tmp_path: Path) -> None:
             open_agent(plan(tmp_path / part, *command, image=image)) as agent,
             pytest.raises(SetupError, match=words),
         ):
-            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
+            exit_code(agent)
     with open_agent(plan(tmp_path / "c", "sh", "-c", "exit 127")) as agent:
-        until(lambda: agent.exit_code() is not None)
-        assert agent.exit_code() == 127
+        assert exit_code(agent) == 127
 
 
 def test_the_engine_ends_what_still_runs(engine: Path, tmp_path: Path) -> None:
@@ -125,7 +112,7 @@ def test_memory_is_named(engine: Path, tmp_path: Path) -> None:
     named = {}
     for part, environment in (("a", {"OOM": "1"}), ("b", {})):
         with open_agent(plan(tmp_path / part, "sh", "-c", "kill -9 $$", **environment)) as agent:
-            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
+            exit_code(agent)
             named[part] = agent.exceeded_limit()
     assert named == {"a": "2048 MB of memory", "b": ""}
 
@@ -167,8 +154,7 @@ def test_the_engine_of_this_host(tmp_path: Path) -> None:
         agent_plan = plan(tmp_path / part, *command, image=image)
         small = agent_plan.manifest.model_copy(update={"limits": AgentLimits(memory_mb=128)})
         with open_agent(replace(agent_plan, manifest=small)) as agent:
-            until(lambda: agent.exit_code() is not None)
-            end = agent.exit_code(), agent.exceeded_limit()
+            end = exit_code(agent), agent.exceeded_limit()
         return *end, agent.output().decode()
 
     assert ended("a", "/bin/sh", "-c", "echo $REBAR_MAVLINK $HOME; exit 3") == (

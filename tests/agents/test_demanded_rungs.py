@@ -1,14 +1,21 @@
-"""Which rung an agent gets: what is demanded, what its manifest asks for, and what a host can do."""
+"""Which rung an agent gets, and its role: what is demanded, what its manifest asks for, what a host can do; the bench names
+no plug-in.
+"""
 
 from __future__ import annotations
 
+import ast
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
+from bench.agents import installed_agents
 from bench.agents.confinement import _ladder, rung_of, rungs
-from bench.campaign import load_campaign, realizations, takeoff_faults
-from bench.contracts import AgentManifest
+from bench.campaign import FloorPlan, load_campaign, realizations, takeoff_faults
+from bench.contracts import AgentManifest, plugins
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Isolation
 
@@ -80,3 +87,80 @@ def test_a_campaign_demands_it_of_every_agent_before_anything_is_flown(
 
 def test_every_rung_has_a_trial() -> None:
     assert rungs()["none"].trial() is None
+
+
+ROOT = Path(__file__).parents[2]
+DEFAULTS = {"DEFAULT_AGENT": "reference-naive", "DEFAULT_VEHICLE": "x500"}
+"""What a SimSpec that says nothing has; constants of its room."""
+FIELDS = {"oracle", "px4", "ardupilot"}
+"""Fields of a document that are called like a plug-in, and the autopilots that the controller of the house imitates."""
+
+
+def names_of_plugins() -> set[str]:
+    """Entry points of the project that lie outside the bench; not its tables, which are called by words of the field."""
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
+    del groups["rebar.tables"]
+    return {
+        name for group in groups.values() for name, place in group.items() if not place.startswith("bench.")
+    }
+
+
+def texts(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Constants with their lines, without docstrings and without the default constants."""
+    skipped = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) or (
+            isinstance(node, ast.Assign) and {ast.unparse(target) for target in node.targets} <= set(DEFAULTS)
+        ):
+            skipped.add(node.value)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in skipped:
+            yield node.lineno, node.value
+
+
+def test_the_bench_names_no_plug_in() -> None:
+    """Not as a whole text, and those with a hyphen, which are no words, not inside one either."""
+    names = names_of_plugins() - FIELDS
+    assert len(names) > 100
+    hyphened = {name for name in names if "-" in name}
+    named = [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for path in sorted((ROOT / "bench").rglob("*.py"))
+        for line, text in texts(ast.parse(path.read_text()))
+        if text in names or any(name in text for name in hyphened)
+    ]
+    assert named == []
+
+
+def test_the_defaults_are_what_is_installed() -> None:
+    assert DEFAULTS["DEFAULT_AGENT"] in plugins("rebar.agents")
+    assert DEFAULTS["DEFAULT_VEHICLE"] in plugins("rebar.vehicles")
+
+
+def test_agents_from_outside_join_by_their_role(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for the floor, one ceiling, one under test, and one whose manifest cannot be read."""
+    before = FloorPlan()
+    for name, line in (
+        ("z-lazy", "role: floor"),
+        ("a-seer", "role: ceiling"),
+        ("b-real", ""),
+        ("c-bad", "role: x"),
+    ):
+        (tmp_path / f"{name}.yaml").write_text(
+            f"format: rebar.agent/1\nname: {name}\n{line}\ncommand: [./x]\n"
+        )
+        entry = EntryPoint(name, "unused", "rebar.agents")
+        monkeypatch.setitem(plugins("rebar.agents"), name, entry)
+    monkeypatch.setattr(EntryPoint, "load", lambda entry: tmp_path / f"{entry.name}.yaml")
+    monkeypatch.setitem(plugins("rebar.agents"), "gone", EntryPoint("gone", "unused", "rebar.agents"))
+    installed_agents.cache_clear()
+    try:
+        # Manifests that another test has read before stay known, so there may be more.
+        assert installed_agents("floor")[-1] == "z-lazy"
+        assert installed_agents("ceiling")[0] == "a-seer"
+        assert "b-real" in installed_agents("tested")
+        plan = FloorPlan()
+    finally:
+        installed_agents.cache_clear()
+    assert [spec.manifest for spec in plan.specs][-2:] == ["z-lazy", "a-seer"]
+    assert plan != before

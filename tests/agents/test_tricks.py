@@ -5,23 +5,22 @@ from __future__ import annotations
 import json
 import os
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from own_network import call_in_own_network
 from rungs import BARE, EVERY, rung_or_skip
+from started_agents import EXAMPLE, plan_of, until
 from warp_host import library_or_skip
 
 from bench.agents import open_agent
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
-from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome, SessionResult
+from bench.contracts import AgentManifest, Outcome, SessionResult
 from bench.realization import place
 from bench.removal import remove_tree
 from bench.simspec import Isolation, PaceMode, load_simspec
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 WORDS = "what the agent prints"
 PRECIOUS = b"a result of somebody else\n"
 # Each leaves something in the agent's folder under the name of what the bench once wrote there, and as what comes first
@@ -71,7 +70,6 @@ while timers < 100000 and libc.timer_create(1, None, ctypes.byref(timer)) == 0:
 print(instances, timers, flush=True)
 time.sleep(600)
 """
-PATIENCE_S = 60.0
 PAGE_TRICKS = {
     "shortened": "os.truncate(page, 0)",
     "shortened by half": "os.truncate(page, 4096)",
@@ -156,17 +154,12 @@ def used_up(folder: Path, *, beside: int) -> tuple[int, int] | None:
     """
     if beside and os.getpid() % 500 == beside % 500:
         return None
-    spec = load_simspec(EXAMPLE)
     command = ("{python}", "-I", "-S", "-c", GREEDY)
     manifest = AgentManifest(name="greedy", command=command, isolation="landlock", zenoh=False)
-    ends = AgentEndpoints({}, None, "", "", 0, None)
-    with open_agent(AgentPlan(manifest, folder, spec, ends, folder / "scratch")) as agent:
+    with open_agent(plan_of(manifest, folder, folder / "scratch")) as agent:
         assert agent.own_user or os.getuid() != 0
-        deadline = time.monotonic() + PATIENCE_S
-        while b"\n" not in agent.output():
-            assert agent.exit_code() is None, agent.output_tail()
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        until(lambda: b"\n" in agent.output() or agent.exit_code() is not None)
+        assert agent.exit_code() is None, agent.output_tail()
         instances, timers = map(int, agent.output().split())
         if not beside:
             other = None

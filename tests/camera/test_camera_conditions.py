@@ -11,12 +11,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from camera_stages import NOON, lens, pose, stage
+from camera_stages import NOON, Placement, lens, pose, stage
 
 from bench.arrays import Floats
 from bench.camera import (
     Conditions,
     RenderedCamera,
+    RenderedFrame,
     conditions_of,
     exposure_of,
     light_of_conditions,
@@ -30,20 +31,34 @@ from bench.simspec import Camera, Environment, Point, Road, Seeds, SimSpec
 
 SMALL = Camera(width_px=160, height_px=120)
 DOWN = pose((0.0, 0.0, 40.0), 20.0, 70.0)
+VAN: Placement = ("van", 2.0, 8.0, 40.0)
 
 
 def rendered(conditions: Conditions, view: CameraPose = DOWN) -> Picture:
-    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)], conditions)
+    scene, positions, headings = stage([VAN], conditions)
     return open_opencv_renderer(scene).render(view, positions, headings)
 
 
-def exposed(conditions: Conditions, view: CameraPose = DOWN, number: int = 0, root: int = 5) -> Floats:
+class Shown:
+    """A camera over one actor."""
+
+    def __init__(self, conditions: Conditions, actor: Placement = VAN, root: int = 1) -> None:
+        scene, self.positions, self.headings = stage([actor], conditions)
+        self.camera = RenderedCamera(scene, conditions, Seeds(root=root), open_opencv_renderer)
+
+    def frame(self, view: CameraPose = DOWN, number: int = 0) -> RenderedFrame:
+        frame = self.camera.capture(view, self.positions, self.headings, number)
+        assert frame is not None
+        return frame
+
+
+def exposed(conditions: Conditions, view: CameraPose = DOWN) -> Floats:
     """A frame as the camera sends it."""
-    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)], conditions)
-    camera = RenderedCamera(scene, conditions, Seeds(root=root), open_opencv_renderer)
-    frame = camera.capture(view, positions, headings, number)
-    assert frame is not None
-    return frame.bgr.astype(np.float64)
+    return Shown(conditions, root=5).frame(view).bgr.astype(np.float64)
+
+
+def by_metres(shift: float) -> CameraPose:
+    return replace(DOWN, position_enu_m=DOWN.position_enu_m + shift)
 
 
 def village(root_seed: int = 7) -> SimSpec:
@@ -60,8 +75,7 @@ def digests(simspec: SimSpec, numbers: tuple[int, ...]) -> list[str]:
     positions, headings = np.array(((3.0, 0.0, 0.0), (-4.0, 6.0, 0.0))), np.radians((80.0, 10.0))
     hashes = []
     for number in numbers:
-        moved = replace(DOWN, position_enu_m=DOWN.position_enu_m + 0.5 * number)
-        frame = camera.capture(moved, positions, headings, number)
+        frame = camera.capture(by_metres(0.5 * number), positions, headings, number)
         assert frame is not None
         hashes.append(hashlib.sha256(frame.bgr.tobytes()).hexdigest())
     return hashes
@@ -84,12 +98,12 @@ def test_the_same_simspec_gives_the_same_pixels_whichever_frames_were_drawn_befo
 
 def test_the_simspec_decides_sun_and_air() -> None:
     """Two moments and two weathers: elevation and azimuth of the sun, extinction as in the detection model."""
-    simspec = village()
-    morning = Environment(
-        start_utc=dt.datetime(2026, 6, 21, 5, 0, tzinfo=dt.UTC), fog_level=5.0, rain_level=2.0
+    moment = dt.datetime(2026, 6, 21, 5, 0, tzinfo=dt.UTC)
+    morning = Environment(start_utc=moment, fog_level=5.0, rain_level=2.0)
+    noon, other = (
+        conditions_of(village().model_copy(update={"environment": environment}))
+        for environment in (Environment(), morning)
     )
-    other = conditions_of(simspec.model_copy(update={"environment": morning}))
-    noon = conditions_of(simspec)
 
     assert noon.extinction_per_m == 0.0
     assert math.degrees(noon.sun_elevation_rad) == pytest.approx(66.0, abs=0.5)
@@ -160,8 +174,7 @@ def test_motion_blurs_along_the_motion() -> None:
     """A fast flight north over a camera that looks down blurs up and down, a turn about the down axis across."""
     straight = pose((0, 0, 30), 0.0, 90.0)
     slow = replace(NOON, shutter_s=1.0 / 60.0, noise=0.0)
-    scene, positions, headings = stage([("crate", 2.0, 4.0, 0.0)], slow)
-    camera = RenderedCamera(scene, slow, Seeds(root=5), open_opencv_renderer)
+    shown = Shown(slow, ("crate", 2.0, 4.0, 0.0))
     views = (
         straight,
         replace(straight, velocity_enu_mps=np.array((0.0, 20.0, 0.0))),
@@ -169,9 +182,8 @@ def test_motion_blurs_along_the_motion() -> None:
     )
 
     def edges(view: CameraPose) -> list[float]:
-        frame = camera.capture(view, positions, headings, 0)
-        assert frame is not None
-        return [float(np.square(np.diff(frame.bgr.astype(float), axis=axis)).sum()) for axis in (0, 1)]
+        bgr = shown.frame(view).bgr.astype(float)
+        return [float(np.square(np.diff(bgr, axis=axis)).sum()) for axis in (0, 1)]
 
     still, north, across = map(edges, views)
     assert north[0] < 0.4 * still[0]
@@ -195,35 +207,25 @@ def test_rain_dust_and_dirt_show() -> None:
     assert np.abs(dirty - clear).max() > 40.0
     # Dirt is on the lens: it stays when the camera turns away.
     away = pose((0.0, 0.0, 40.0), 200.0, 70.0)
-    change = dirty - clear
-    assert np.corrcoef(change.ravel(), (exposed(replace(plain, lens_dirt=1.0), away) - exposed(plain, away)).ravel())[
-        0, 1
-    ] > 0.6  # fmt: skip
+    there = exposed(replace(plain, lens_dirt=1.0), away) - exposed(plain, away)
+    assert np.corrcoef((dirty - clear).ravel(), there.ravel())[0, 1] > 0.6
 
 
 def test_frames_are_lost_and_frozen_at_their_rates() -> None:
-    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)])
     faulty = replace(NOON, dropped_share=0.2, frozen_share=0.25, frozen_frames=4.0)
-    camera = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer)
-    states = [camera.sensor.state(number) for number in range(4000)]
+    sensor = Shown(faulty).camera.sensor
+    states = [sensor.state(number) for number in range(4000)]
     dropped = sum(state.shown is None for state in states)
-    frozen = sum(state.frozen for state in states)
+    frozen = [(state.number, state.shown) for state in states if state.frozen]
 
     assert dropped / 4000 == pytest.approx(0.2, abs=0.03)
-    assert frozen / (4000 - dropped) == pytest.approx(0.25, abs=0.04)
+    assert len(frozen) / (4000 - dropped) == pytest.approx(0.25, abs=0.04)
     assert all(state.shown is None or state.shown <= state.number for state in states)
-    number = next(state.number for state in states if state.frozen and state.shown is not None)
-    shown = states[number].shown
-    assert shown is not None
-    other = replace(DOWN, position_enu_m=DOWN.position_enu_m + 5.0)
-    whole = RenderedCamera(scene, replace(faulty, dropped_share=0.0), Seeds(root=1), open_opencv_renderer)
-    live = whole.capture(DOWN, positions, headings, shown)
-    repeated = whole.capture(other, positions, headings, number)
-    moved = whole.capture(other, positions, headings, shown)
+    number, shown = next((number, shown) for number, shown in frozen if shown is not None)
+    whole = Shown(replace(faulty, dropped_share=0.0))
+    live = whole.frame(number=shown)
+    repeated, moved = whole.frame(by_metres(5.0), number), whole.frame(by_metres(5.0), shown)
 
-    assert live is not None
-    assert repeated is not None
-    assert moved is not None
     assert (repeated.bgr == live.bgr).all()
     assert repeated.state.frozen
     assert (moved.bgr != live.bgr).any()
@@ -231,9 +233,8 @@ def test_frames_are_lost_and_frozen_at_their_rates() -> None:
 
 def test_a_freeze_that_cannot_repeat_its_picture_shows_the_present() -> None:
     """A caller that begins to listen within a freeze gets a live picture and its number, and repeats of that one."""
-    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)])
     faulty = replace(NOON, frozen_share=0.4, frozen_frames=4.0)
-    sensor = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer).sensor
+    sensor = Shown(faulty).camera.sensor
     states = [sensor.state(number) for number in range(200)]
     # Two frames of one freeze, and the live frame that it repeats.
     first, second = next(
@@ -242,16 +243,10 @@ def test_a_freeze_that_cannot_repeat_its_picture_shows_the_present() -> None:
         if state.frozen and after.frozen and state.shown == after.shown and (state.shown or 0) > 20
     )
     assert first.shown is not None
-    camera = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer)
-    views = [replace(DOWN, position_enu_m=DOWN.position_enu_m + shift) for shift in (0.0, 5.0, 9.0)]
-    numbers = (first.shown - 20, first.number, second.number)
-    frames = [
-        camera.capture(view, positions, headings, number) for view, number in zip(views, numbers, strict=True)
-    ]
-    _, present, repeated = frames
+    late = Shown(faulty)
+    late.frame(number=first.shown - 20)
+    present, repeated = late.frame(by_metres(5.0), first.number), late.frame(by_metres(9.0), second.number)
 
-    assert present is not None
-    assert repeated is not None
     assert (present.state.shown, repeated.state.shown) == (first.number, first.number)
     assert (repeated.bgr == present.bgr).all()
     assert repeated.state.frozen

@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from bench.contracts import (
     FIRMWARE_FAILED,
@@ -30,8 +30,9 @@ from bench.simspec import ActorGroup, Budgets, Point, Polygon, Role, SimSpec, Wo
 # Every worker imports this module for its job, and these rooms are half of that: the functions of the runner's side
 # import them.
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, CampaignSummary, JournalEntry, Observer
+    from bench.campaign import Campaign, CampaignFolder, CampaignSummary, JournalEntry, Observer
 
+T = TypeVar("T")
 JOB = "campaign_fakes:fake_flight"
 
 
@@ -43,7 +44,6 @@ class Script:
     """
 
     acts: dict[str, str] = field(default_factory=dict)
-    span_s: float = 0.0
     digest: str = "0" * 64
     name: str = "script"
     nodes: tuple[str, ...] = ()
@@ -102,7 +102,6 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
             time.sleep(600)
         case "leave":
             sys.exit(7)
-    time.sleep(decomposition.span_s)
     (folder / "recording.mcap").write_bytes(f"all of {realization}, seed {simspec.seeds.root}".encode())
     return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
 
@@ -198,6 +197,29 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
     )
 
 
+def demo(count: int = 2, **changes: Any) -> Campaign:
+    """So many scenes of the demo, by default at the overhead fidelity."""
+    from bench.campaign import load_campaign
+
+    campaign = load_campaign(Path(__file__).parents[2] / "campaigns" / "demo.yaml")
+    method = campaign.design.method.model_copy(update={"take": count})
+    design = campaign.design.model_copy(update={"method": method})
+    return campaign.model_copy(update={"design": design, "fidelity": "overhead", **changes})
+
+
+def to_scores(paths: CampaignFolder) -> None:
+    """Ends a campaign with its scores and its report."""
+    from bench.campaign import finish_campaign
+
+    finish_campaign(paths.path)
+
+
+def known(value: T | None) -> T:
+    """A value that may be missing and is not."""
+    assert value is not None
+    return value
+
+
 def texts_of(result: SessionResult, kind: type[Texts]) -> tuple[str, ...]:
     """The texts of a result's fact; none without it."""
     fact = result.fact(kind)
@@ -252,11 +274,11 @@ def print_results() -> Observer:
     return tell
 
 
-def main(folder: str, span_s: str, *acts: str) -> None:
+def main(folder: str, *acts: str) -> None:
     """A runner in a process of its own, to be interrupted."""
     from bench.campaign import open_local_pool
 
-    script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
+    script = Script(dict(zip(acts[::2], acts[1::2], strict=True)))
     observers = [print_results()]
     ended = fly(
         Path(folder), small_campaign(points=6), script, 2, observers=observers, open_executor=open_local_pool

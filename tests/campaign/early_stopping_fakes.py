@@ -52,21 +52,20 @@ def drawn_flight(simspec: Any, decomposition: Decomposition, folder: Path, reali
 
 def made_up_decomposition(folder: Path) -> Path:
     """A decomposition of two observables under one key attribute, written into a folder."""
+    fog = {
+        "factor": "fog_level",
+        "unit": "level",
+        "values": [0, 9],
+        "ratings": [0, 100],
+        "reason": "Made up.",
+    }
     leaf = {
         "measure": "targets_reported",
         "options": {"within_m": 20.0},
         "threshold": 0.5,
         "threshold_reason": "Made up.",
         "considered": "Made up.",
-        "key_factors": [
-            {
-                "factor": "fog_level",
-                "unit": "level",
-                "values": [0, 9],
-                "ratings": [0, 100],
-                "reason": "Made up.",
-            }
-        ],
+        "key_factors": [fog],
     }
 
     def inner(name: str, *children: str) -> dict[str, Any]:
@@ -110,12 +109,11 @@ def stopping_campaign(
 
 
 def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **collaborators: Any) -> CampaignSummary:
-    """Run such a campaign, by default to its scores and in this process: a worker takes a second to start."""
+    """Run such a campaign, by default without its scores and in this process: a worker takes a second to start."""
     from in_process_executor import open_in_process
 
-    from bench.campaign import Collaborators, Jobs, RunOptions, finish_campaign, run_campaign_sync
+    from bench.campaign import Collaborators, Jobs, RunOptions, run_campaign_sync
 
-    collaborators.setdefault("finish", lambda paths: finish_campaign(paths.path) and None)
     collaborators.setdefault("open_executor", open_in_process())
     return run_campaign_sync(
         campaign, folder, RunOptions(workers=workers), Collaborators(jobs=Jobs(JOB), **collaborators)
@@ -128,11 +126,5 @@ def main(folder: str, decomposition: str) -> None:
 
     from bench.campaign import open_local_pool
 
-    fly_drawn(
-        Path(folder),
-        stopping_campaign(Path(decomposition), 14, 2),
-        2,
-        observers=[print_results()],
-        finish=lambda paths: None,
-        open_executor=open_local_pool,
-    )
+    campaign = stopping_campaign(Path(decomposition), 14, 2)
+    fly_drawn(Path(folder), campaign, 2, observers=[print_results()], open_executor=open_local_pool)

@@ -1,11 +1,15 @@
-"""Campaigns on file systems that lack something: a sentence before the first session, or another way to the same end."""
+"""Campaigns on hosts that lack something: a sentence before the first session, or another way to the same end; and
+digests of files that are kept.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import errno
 import fcntl
+import gc
 import os
+import resource
 import sqlite3
 import subprocess
 import sys
@@ -16,9 +20,18 @@ from typing import Any, NoReturn
 import pytest
 from campaign_fakes import fly, small_campaign
 
-from bench.campaign import check_file_system, open_journal, verify_folder
+from bench.campaign import check_file_system, open_journal, open_local_pool, verify_folder
+from bench.campaign.execution import _local_pool
+from bench.campaign.execution._local_pool import FILES_OF_A_SESSION
+from bench.campaign.results._finish import frozen_heap
 from bench.campaign.storage._file_system import file_system_of, may_be_shared
-from bench.campaign.storage._files import sync_files_below, write_whole
+from bench.campaign.storage._files import (
+    MIN_KEPT_BYTES,
+    FileDigests,
+    digest_of,
+    sync_files_below,
+    write_whole,
+)
 from bench.campaign.storage._folder import open_lock
 from bench.campaign.storage._journal_file import open_journal_to_read
 from bench.cli._app import run
@@ -60,23 +73,18 @@ def test_a_campaign_names_its_folder_and_what_the_file_system_lacks(
 def test_all_that_is_lacking_is_named_at_once_and_a_run_without_a_campaign_needs_no_locks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A full or broken disk is not told to lack anything."""
     check_file_system(tmp_path)
     monkeypatch.setattr(fcntl, "flock", failing(errno.ENOLCK))
     monkeypatch.setattr(fcntl, "lockf", failing(errno.ENOLCK))
     with pytest.raises(SetupError, match=r"without locks by flock .* and locks by fcntl "):
         check_file_system(tmp_path)
     check_file_system(tmp_path, with_locks=False)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_or_broken_disk_is_not_told_to_lack_anything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     for code in (errno.ENOSPC, errno.EIO):
         monkeypatch.setattr(os, "fsync", failing(code))
         with pytest.raises(OSError, match=os.strerror(code)):
-            check_file_system(tmp_path)
-        assert list(tmp_path.iterdir()) == []
+            check_file_system(tmp_path, with_locks=False)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("command", ["simulate", "realize"])
@@ -222,3 +230,109 @@ def test_a_journal_without_shared_memory_falls_back(tmp_path: Path, monkeypatch:
     with open_journal_to_read(path) as journal:
         assert journal.fact("a fact") == "1"
     assert {file.name for file in tmp_path.iterdir()} == {path.name}
+
+
+class Limit:
+    """The limit of open files of this process, as soft and hard; setting it changes nothing else."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, soft: int, hard: int) -> None:
+        self.value = (soft, hard)
+        monkeypatch.setattr(resource, "getrlimit", lambda _: self.value)
+        monkeypatch.setattr(resource, "setrlimit", lambda _, value: setattr(self, "value", value))
+
+
+def test_a_hard_limit_of_open_files_that_is_too_low_ends_all_before_the_first_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A campaign, and a session alone."""
+    Limit(monkeypatch, 32, 32)
+    with pytest.raises(SetupError) as error:
+        fly(tmp_path / "campaign", open_executor=open_local_pool)
+    (fault,) = error.value.faults
+    assert fault.what == "32 open files are allowed (ulimit -Hn), and 128 are needed for sessions at once: 1"
+    assert "ulimit -n 128" in fault.remedy
+    assert "--workers" not in fault.remedy, "fewer than one is none"
+    assert not (tmp_path / "campaign" / "runs").exists()
+    assert run(["simulate", str(SIMSPEC), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("rebar: workers: 32 open files are allowed")
+
+
+JUST_ENOUGH = (FILES_OF_A_SESSION, FILES_OF_A_SESSION)
+
+
+@pytest.mark.parametrize(
+    ("limit", "workers", "expected"),
+    [
+        (JUST_ENOUGH, 1, JUST_ENOUGH),
+        (JUST_ENOUGH, 16, JUST_ENOUGH),
+        ((32, FILES_OF_A_SESSION), 16, JUST_ENOUGH),
+        ((32, resource.RLIM_INFINITY), 17, (132, resource.RLIM_INFINITY)),
+        ((1024, 4096), 300, (1264, 4096)),
+        ((1024, 4096), 8, (1024, 4096)),
+        (
+            (resource.RLIM_INFINITY, resource.RLIM_INFINITY),
+            300,
+            (resource.RLIM_INFINITY, resource.RLIM_INFINITY),
+        ),
+        ((FILES_OF_A_SESSION - 1, FILES_OF_A_SESSION - 1), 1, None),
+        (JUST_ENOUGH, 17, None),
+    ],
+)
+def test_a_soft_limit_is_raised_as_far_as_the_workers_need(
+    limit: tuple[int, int], workers: int, expected: tuple[int, int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = Limit(monkeypatch, *limit)
+    if expected is None:
+        with pytest.raises(SetupError, match="open files are allowed") as error:
+            _local_pool._allow_open_files(workers)
+        assert ("--workers" in str(error.value)) is (workers > 1)
+        assert now.value == limit
+    else:
+        _local_pool._allow_open_files(workers)
+        assert now.value == expected
+
+
+def test_only_large_files_that_changed_are_read_again(tmp_path: Path) -> None:
+    """Changed in place or replaced, by the same number of bytes, a file has its new digest. One that has just changed is
+    read again: its times would not show another change within the same tick.
+    """
+    reads: list[str] = []
+
+    def read(path: Path) -> str:
+        reads.append(path.name)
+        return digest_of(path)
+
+    # No file has changed in the future: all are taken as settled.
+    digests = FileDigests(read, settled_ns=-(10**18))
+    large, other, small = (tmp_path / name for name in ("large", "other", "small"))
+    for path, size in ((large, MIN_KEPT_BYTES), (other, MIN_KEPT_BYTES), (small, MIN_KEPT_BYTES - 1)):
+        write_whole(path, b"a" * size)
+    first = [digests.of(path) for path in (large, other, small)]
+    assert [digests.of(path) for path in (large, other, small)] == first
+    assert reads == ["large", "other", "small", "small"]
+
+    write_whole(large, b"b" * MIN_KEPT_BYTES)
+    with other.open("r+b") as file:
+        file.write(b"longer")
+        file.truncate(MIN_KEPT_BYTES + 1)
+    assert digests.of(large) == digest_of(large) != first[0]
+    assert digests.of(other) == digest_of(other) != first[1]
+
+    unsettled = FileDigests(read, settled_ns=10**18)
+    reads.clear()
+    assert unsettled.of(large) == unsettled.of(large)
+    assert reads == ["large", "large"]
+
+
+def test_frozen_heap_thaws() -> None:
+    """The outermost block alone freezes and thaws, also when it is left by an error."""
+    with frozen_heap():
+        with frozen_heap():
+            assert gc.get_freeze_count() > 0
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+
+    with pytest.raises(ValueError, match="while frozen"), frozen_heap():
+        raise ValueError("while frozen")
+    assert gc.get_freeze_count() == 0

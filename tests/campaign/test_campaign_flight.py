@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from campaign_fakes import known
 from host_servers import LOCALHOST, echo, server
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -37,6 +38,9 @@ from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 DECOMPOSITION = load_measurable_decomposition("search-and-report")
+CRASH = "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
+
+Flown = dict[str, tuple[Path, SessionResult]]
 
 
 def scene(agent: str = "reference-naive") -> SimSpec:
@@ -45,7 +49,7 @@ def scene(agent: str = "reference-naive") -> SimSpec:
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, SessionResult]]:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
     """The example flown once by each reference agent."""
     runs = {}
     for agent in ("reference-naive", "reference-bystander-aware"):
@@ -54,38 +58,24 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Ses
     return runs
 
 
-def measured(result: SessionResult) -> dict[str, float | None]:
-    return {observation.observable: observation.x for observation in result.observations}
-
-
-def test_both_agents_complete_the_mission(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """Found, reported, home: the mission itself is within the reach of both."""
-    for _, result in flown.values():
-        assert result.outcome is Outcome.COMPLETED, result.reason
-        assert all(observation.considered for observation in result.observations)
-        assert measured(result)["OBS-201"] == 1.0
-
-
-def test_the_agents_differ_where_bystanders_matter_and_there_alone(
-    flown: dict[str, tuple[Path, SessionResult]],
-) -> None:
-    """What was marked near bystanders, and what was declared of them, sets the two apart; achievements
-    elsewhere are alike.
+def test_both_agents_complete_the_mission_and_differ_where_bystanders_matter_alone(flown: Flown) -> None:
+    """Found, reported, home: the mission itself is within the reach of both. What was marked near bystanders, and what
+    was declared of them, sets the two apart; achievements elsewhere are alike.
     """
     passed = {}
     for agent, (_, result) in flown.items():
-        passed[agent] = {
-            observation.observable
-            for observation in result.observations
-            if observation.x is not None
-            and observation.x >= DECOMPOSITION.observables[observation.observable].threshold
-        }
+        assert result.outcome is Outcome.COMPLETED, result.reason
+        assert all(observation.considered for observation in result.observations)
+        x = {observation.observable: observation.x or 0.0 for observation in result.observations}
+        assert x["OBS-201"] == 1.0
+        observables = DECOMPOSITION.observables
+        passed[agent] = {name for name, value in x.items() if value >= observables[name].threshold}
     apart = passed["reference-naive"] ^ passed["reference-bystander-aware"]
     assert apart == set(DECOMPOSITION.observables_under("KA-18"))
     assert apart <= passed["reference-bystander-aware"]
 
 
-def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+def test_scoring_the_recording_alone_gives_the_same(flown: Flown) -> None:
     """With result.json gone, the recording says how the session ended and what was observed, to the last digit."""
     for folder, result in flown.values():
         assert not (folder / "result.json").exists()
@@ -94,9 +84,7 @@ def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path,
         assert (again.outcome, again.recording_sha256) == (result.outcome, result.recording_sha256)
 
 
-def test_the_same_flight_in_another_process_is_the_same_file(
-    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path
-) -> None:
+def test_the_same_flight_in_another_process_is_the_same_file(flown: Flown, tmp_path: Path) -> None:
     """Same SimSpec and seed in lockstep: the recording is the same, bit for bit, in a process of its own."""
     code = (
         "import sys; from pathlib import Path; from bench.campaign.execution._flight import fly_here; from bench.campaign import load_measurable_decomposition; from bench.simspec import load_simspec;"
@@ -134,8 +122,7 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
         spec = placed.model_copy(update={"agent": agent, **update})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "launched")
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
-        confinement = result.fact(Confinement)
-        assert confinement is not None
+        confinement = known(result.fact(Confinement))
         assert confinement.isolation != "none" or isolation == "none"
         assert read_simspec(tmp_path / "run" / "recording.mcap").agent.label == "mine"
         assert result.recording_sha256 is not None
@@ -154,36 +141,24 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
     assert sha256("one", description="another situation") != digests["plain"]
 
 
-def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """A reader that we did not write decodes every message, and finds what the agent said beside what was true."""
-    folder, _ = flown["reference-naive"]
-    topics: dict[str, int] = {}
-    with (folder / "recording.mcap").open("rb") as file:
-        for _, channel, _, message in make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
-            assert message is not None
-            topics[channel.topic] = topics.get(channel.topic, 0) + 1
-    assert {
-        "/clock",
-        "/tf",
-        "/vehicle_1/detections",
-        "/truth/odometry",
-        "/vehicle_1/agent/reports",
-        "/mavlink/onboard/to_agent",
-    } <= set(topics)
-
-
-def test_no_recorded_word_of_the_agents_side_tells_the_truth(
-    flown: dict[str, tuple[Path, SessionResult]],
-) -> None:
-    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was sent."""
+def test_a_stranger_reads_the_recording_and_the_agents_side_tells_no_truth(flown: Flown) -> None:
+    """A reader that we did not write decodes every message, and finds what the agent said beside what was true. Names of
+    actors and groups, which only truth knows, are nowhere among the bytes that the agent was sent.
+    """
     folder, _ = flown["reference-naive"]
     names = [b"civilians-", b"neighbours-", b"radar-1", b"truck-1"]
+    topics = set()
     with (folder / "recording.mcap").open("rb") as file:
-        for _, channel, message in make_reader(file).iter_messages():
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            assert decoded is not None
+            topics.add(channel.topic)
             if not channel.topic.startswith(("/truth", "/session")):
                 assert not any(name in message.data for name in names), channel.topic
+    assert topics >= {
+        *("/clock", "/tf", "/vehicle_1/detections", "/truth/odometry"),
+        *("/vehicle_1/agent/reports", "/mavlink/onboard/to_agent"),
+    }
 
 
 def detected_share(folder: Path, until_s: float) -> float:
@@ -195,49 +170,48 @@ def detected_share(folder: Path, until_s: float) -> float:
     return detections / sightings
 
 
-def fly_until(spec: SimSpec, end_s: float, folder: Path) -> None:
-    """The first part of a session, in which hundreds of people come into sight.
+def changed(spec: SimSpec, kind: str) -> SimSpec:
+    """A situation that is harder, or easier, to see in."""
+    camera = spec.vehicle.camera
+    half = {"width_px": camera.width_px // 2, "height_px": camera.height_px // 2}
+    match kind:
+        case "fog":
+            return spec.model_copy(
+                update={"environment": spec.environment.model_copy(update={"fog_level": 9.0})}
+            )
+        case "pixels":  # half of them are twice the distance on the same way
+            vehicle = spec.vehicle.model_copy(update={"camera": camera.model_copy(update=half)})
+            return spec.model_copy(update={"vehicle": vehicle})
+        case "concealment":
+            hidden = tuple(group.model_copy(update={"concealment": 1.0}) for group in spec.actors)
+            return spec.model_copy(update={"actors": hidden})
+        case _:  # leaves the reasoning to be judged alone
+            return spec.model_copy(update={"perception": Perception(mode="perfect")})
 
-    A lost rotor ends it: of a short time limit the agent is told, and would search less.
+
+@pytest.mark.parametrize(
+    ("kind", "least", "most"),
+    [
+        ("fog", 0.0, 0.9),
+        ("pixels", 0.0, 0.9),
+        ("concealment", 0.0, 0.9),
+        ("perfect perception", 1.001, 99.0),
+    ],
+)
+def test_what_is_harder_or_easier_to_see_shows_in_the_data(
+    flown: Flown, tmp_path: Path, kind: str, least: float, most: float
+) -> None:
+    """The detections in the recording are fewer or more, all else equal, while hundreds of people come into sight. A lost
+    rotor ends the session then: of a short time limit the agent is told, and would search less.
     """
+    end_s = 50.0
+    spec = changed(scene(), kind)
     loss = Failure(at_s=end_s, kind="motor_off", instance=1)
     vehicle = spec.vehicle.model_copy(update={"failures": (loss,)})
-    result = fly_here(spec.model_copy(update={"vehicle": vehicle}), DECOMPOSITION, folder, "part")
+    result = fly_here(spec.model_copy(update={"vehicle": vehicle}), DECOMPOSITION, tmp_path, "part")
     assert result.outcome is Outcome.VEHICLE_CRASHED, result.reason
-
-
-# Half the pixels are twice the distance on the same way.
-@pytest.mark.parametrize("worse", ["fog", "pixels", "concealment"])
-def test_harder_conditions_show_in_the_data(
-    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path, worse: str
-) -> None:
-    """Fog, few pixels and concealment make the detections in the recording fewer, all else equal."""
-    base, end_s = scene(), 50.0
-    match worse:
-        case "fog":
-            hard = base.model_copy(
-                update={"environment": base.environment.model_copy(update={"fog_level": 9.0})}
-            )
-        case "pixels":
-            camera = base.vehicle.camera
-            half = {"width_px": camera.width_px // 2, "height_px": camera.height_px // 2}
-            vehicle = base.vehicle.model_copy(update={"camera": camera.model_copy(update=half)})
-            hard = base.model_copy(update={"vehicle": vehicle})
-        case _:
-            hidden = tuple(group.model_copy(update={"concealment": 1.0}) for group in base.actors)
-            hard = base.model_copy(update={"actors": hidden})
-    fly_until(hard, end_s, tmp_path)
     usual_share = detected_share(flown["reference-naive"][0], end_s)
-    assert detected_share(tmp_path, end_s) < 0.9 * usual_share
-
-
-def test_perfect_perception_sees_more_than_degraded(
-    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path
-) -> None:
-    """Vision can be taken out of the question: perfect detections leave the reasoning to be judged alone."""
-    perfect = scene().model_copy(update={"perception": Perception(mode="perfect")})
-    fly_until(perfect, 50.0, tmp_path)
-    assert detected_share(tmp_path, 50.0) > detected_share(flown["reference-naive"][0], 50.0)
+    assert least * usual_share < detected_share(tmp_path, end_s) < most * usual_share
 
 
 def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
@@ -261,9 +235,7 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
     were let in stand in the result alone.
     """
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text(
-        "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
-    )
+    manifest.write_text(CRASH)
     assert "crash" in BEHAVIOURS
     with server(echo) as first, server(echo) as second:
         services = tuple(
@@ -274,8 +246,7 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
         spec = scene().model_copy(update={"agent": agent})
         result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "crash")
     assert (result.outcome, result.fact(AgentExit)) == (Outcome.AGENT_CRASHED, AgentExit(code=3))
-    let_in = result.fact(ServicesLetIn)
-    assert let_in is not None
+    let_in = known(result.fact(ServicesLetIn))
     assert [(use.name, use.connections) for use in let_in.uses] == [("llm", 0), ("map", 0)]
     assert "services" not in read_metadata(tmp_path / "run" / "recording.mcap")["rebar.session"]
     by_id = {observation.observable: observation for observation in result.observations}
@@ -289,9 +260,7 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     itself, and a damaged one is refused.
     """
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text(
-        "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
-    )
+    manifest.write_text(CRASH)
     run = tmp_path / "run"
     write_result(run, fly_here(scene(str(manifest)), DECOMPOSITION, run, "crash"))
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED

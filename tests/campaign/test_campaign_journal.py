@@ -121,26 +121,3 @@ class JournalMachine(RuleBasedStateMachine):
 # Every step is a transaction on disk, so few and short runs; a failure is shrunk to its shortest sequence.
 JournalMachine.TestCase.settings = settings(max_examples=15, stateful_step_count=20, deadline=None)
 TestJournal = JournalMachine.TestCase
-
-
-def test_the_first_of_two_results_stays(tmp_path: Path) -> None:
-    """Two results of different bytes for one realization: outcome, digests and time are those of the first."""
-    first = SessionResult(
-        realization=NAMES[0], outcome=Outcome.COMPLETED, wall_s=1.0, recording_sha256="a" * 64
-    )
-    second = SessionResult(
-        realization=NAMES[0], outcome=Outcome.AGENT_CRASHED, wall_s=2.0, recording_sha256="b" * 64
-    )
-    with open_journal(tmp_path / "journal.sqlite") as journal:
-        plans = realizations(small_campaign(points=1, replicates=2))
-        journal.add(PlannedRealization(plan, "0" * 64, "1" * 64) for plan in plans)
-        journal.start(NAMES[0], "w1")
-        journal.start(NAMES[1], "w2")
-        journal.finish(first, "c" * 64)
-        journal.finish(second, "d" * 64)
-        entry, other = journal.entries()
-        recordings = journal.recordings()
-
-    assert (entry.outcome, entry.wall_s, entry.result_sha256) == (Outcome.COMPLETED, 1.0, "c" * 64)
-    assert recordings == {NAMES[0]: "a" * 64}
-    assert other.state is RealizationState.RUNNING

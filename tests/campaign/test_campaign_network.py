@@ -6,13 +6,12 @@ import json
 import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import anyio
 import pytest
+from host_servers import echo, server
 
 from bench.campaign import Task, WorkerPlan, open_local_pool
 from bench.contracts import Outcome, SessionResult
@@ -49,25 +48,6 @@ print(json.dumps({
 """
 
 
-@contextmanager
-def host_servers(number: int) -> Iterator[list[int]]:
-    """TCP servers of the host, which take every connection; their ports."""
-    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(number)]
-
-    def serve(server: socket.socket) -> None:
-        with suppress(OSError):
-            while True:
-                server.accept()[0].close()
-
-    for server in servers:
-        threading.Thread(target=serve, args=(server,), daemon=True).start()
-    try:
-        yield [server.getsockname()[1] for server in servers]
-    finally:
-        for server in servers:
-            server.close()
-
-
 @pytest.fixture(scope="module")
 def namespace_refusal() -> str | None:
     """Why this host gives no network namespace; tried in a process of its own."""
@@ -83,7 +63,8 @@ def test_a_process_leaves_the_network_of_the_host(namespace_refusal: str | None)
 
     Where the host gives no namespace, the process is told why and shares the host's network.
     """
-    with host_servers(2) as ports:
+    with server(echo) as first, server(echo) as second:
+        ports = [first, second]
         probe = subprocess.run(
             [sys.executable, "-c", PROBE, json.dumps(ports)], capture_output=True, text=True, check=True
         )
@@ -115,7 +96,8 @@ def test_workers_have_networks_of_their_own_if_asked(
     """Both of two workers."""
     document = tmp_path / "simspec.json"
     document.write_text(dump_json(load_simspec(EXAMPLE)))
-    with host_servers(2) as ports:
+    with server(echo) as one, server(echo) as other:
+        ports = [one, other]
         plan = WorkerPlan(f"{__name__}:knock", ports, own_network)
         results: list[SessionResult] = []
         workers: list[str] = []

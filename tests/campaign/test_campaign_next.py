@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from campaign_fakes import known
 
 from bench.campaign import (
     Campaign,
+    CampaignProposal,
     load_campaign,
     load_measurable_decomposition,
     open_journal,
@@ -36,7 +38,7 @@ SPEED = {"name": "speed", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
 Chance = Callable[[Mapping[str, Any]], float]
 
 
-def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -> Path:
+def finished(folder: Path, chance: Chance, **design: Any) -> Path:
     """A campaign's folder in which each run passes everything or nothing, with a chance that its levels decide."""
     campaign = Campaign.model_validate(
         {
@@ -47,7 +49,7 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
             "study": ["KA-03", "KA-20"],
         }
     )
-    draws = np.random.default_rng(draw_seed)
+    draws = np.random.default_rng(11)
     difficulty = difficulty_of(DECOMPOSITION, BASE)
     runs = []
     for plan in realizations(campaign):
@@ -59,17 +61,8 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
         result = SessionResult(realization=plan.id, outcome=Outcome.COMPLETED, observations=observations)
         (folder / "runs" / plan.id).mkdir(parents=True)
         (folder / "runs" / plan.id / "result.json").write_text(dump_json(result))
-        runs.append(
-            ScoredRun(
-                plan.id,
-                plan.design_point,
-                plan.replicate,
-                plan.agent,
-                result.outcome,
-                difficulty,
-                observations,
-            )
-        )
+        of_plan = (plan.id, plan.design_point, plan.replicate, plan.agent)
+        runs.append(ScoredRun(*of_plan, result.outcome, difficulty, observations))
     (folder / "campaign.yaml").write_text(dump_yaml(campaign))
     with open_journal(folder / "journal.sqlite"):
         pass
@@ -78,22 +71,39 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
     return folder
 
 
-def steep(levels: Mapping[str, Any]) -> float:
-    """Passing turns to failing at fog 3, and at nothing else."""
-    return 1.0 / (1.0 + math.exp(3.0 * (float(levels["fog"]) - 3.0)))
+def proposed(folder: Path, chance: Chance, **design: Any) -> CampaignProposal:
+    """What is proposed after such a campaign."""
+    return propose_next(finished(folder, chance, **design))
+
+
+def reasons(proposal: CampaignProposal) -> str:
+    """The file of a proposal in one line; its comments wrap anywhere."""
+    return " ".join(proposal.text.replace("#", "").split())
+
+
+def names(proposal: CampaignProposal) -> list[str]:
+    return [factor.name for factor in proposal.campaign.design.factors]
+
+
+def turning(factor: str, at: float, steepness: float) -> Chance:
+    """Passing turns to failing where one factor passes a value; below a steepness of 0, failing to passing."""
+    return lambda levels: 1.0 / (1.0 + math.exp(steepness * (float(levels[factor]) - at)))
+
+
+STEEP = turning("fog", 3.0, 3.0)
 
 
 @pytest.fixture(scope="module")
 def foggy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     method = {"kind": "sobol", "points": 128}
     return finished(
-        tmp_path_factory.mktemp("foggy"), steep, factors=[FOG, WIND, SPEED], method=method, seed=11
+        tmp_path_factory.mktemp("foggy"), STEEP, factors=[FOG, WIND, SPEED], method=method, seed=11
     )
 
 
 def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> None:
     """The boundary is in the proposed range, most of what is plainly passed or failed is not, and both idle
-    factors are gone.
+    factors are gone. Reasons are comments; the rest of the text is the proposal, to the last number.
     """
     proposal = propose_next(foggy)
     (fog,) = proposal.campaign.design.factors
@@ -105,117 +115,100 @@ def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> N
     assert proposal.campaign.design.seed == 12
     assert proposal.campaign.name == "made-up-next"
     assert proposal.campaign.base == BASE
-
-
-def test_the_file_says_why_and_is_what_was_proposed(foggy: Path) -> None:
-    """Reasons are comments; the rest of the text is the proposal, to the last number; the same folder
-    proposes the same.
-    """
-    proposal = propose_next(foggy)
-    comments = " ".join(
-        line.strip().removeprefix("# ") for line in proposal.text.splitlines() if line.strip().startswith("#")
-    )
-
     assert read_document(proposal.text, Campaign) == proposal.campaign
-    assert "wind: removed: no test shows an effect" in comments
-    assert "environment.wind.speed_mps keeps the value of the base" in comments
-    assert (
-        "fog: confidence of KA-03 of reference-naive may follow fog (anova, adjusted p < 0.001)" in comments
-    )
+    for reason in (
+        "wind: removed: no test shows an effect",
+        "environment.wind.speed_mps keeps the value of the base",
+        "fog: confidence of KA-03 of reference-naive may follow fog (anova, adjusted p < 0.001)",
+    ):
+        assert reason in reasons(proposal)
     assert propose_next(foggy).text == proposal.text
 
 
-def test_passing_that_rises_with_a_factor_narrows_too(tmp_path: Path) -> None:
-    """Levels keep their number within the narrower range, whole numbers stay whole."""
-    trees = {"name": "rain", "levels": [0, 1, 2, 3, 4, 5, 6, 7, 8], "sets": ["environment.rain_level"]}
+def test_whole_numbers_stay_whole_in_a_narrower_range(tmp_path: Path) -> None:
+    """Levels with which passing rises keep their number; steps become as many as there are whole numbers left."""
+    rain = {"name": "rain", "sets": ["environment.rain_level"]}
+    listed = {**rain, "levels": [0, 1, 2, 3, 4, 5, 6, 7, 8]}
+    stepped = {**rain, "range": {"low": 0, "high": 8, "steps": 9, "integer": True}}
+    (levels,), (steps,) = (
+        proposed(tmp_path / name, chance, factors=[factor], replicates=12).campaign.design.factors
+        for name, chance, factor in (
+            ("listed", turning("rain", 6.0, -4.0), listed),
+            ("stepped", turning("rain", 4.0, 4.0), stepped),
+        )
+    )
 
-    def rising(levels: Mapping[str, Any]) -> float:
-        return 1.0 / (1.0 + math.exp(4.0 * (6.0 - float(levels["rain"]))))
-
-    (rain,) = propose_next(finished(tmp_path, rising, factors=[trees], replicates=12)).campaign.design.factors
-
-    assert all(isinstance(level, int) for level in rain.levels)
-    assert 3 <= min(map(int, rain.levels)) < 6 < max(map(int, rain.levels)) <= 8
+    assert all(isinstance(level, int) for level in levels.levels)
+    assert 3 <= min(map(int, levels.levels)) < 6 < max(map(int, levels.levels)) <= 8
+    assert steps.range is not None
+    assert 8 > steps.range.high - steps.range.low + 1 == steps.range.steps
 
 
 def test_little_known_asks_for_replicates_and_screening_is_left(tmp_path: Path) -> None:
     """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what remains."""
-    folder = finished(
+    proposal = proposed(
         tmp_path,
         lambda levels: 0.9 if levels["speed"] == 8.0 else 0.1,
         factors=[SPEED, WIND],
         method={"kind": "plackett_burman"},
         replicates=3,
     )
-    proposal = propose_next(folder)
 
     assert proposal.campaign.design.method.kind == "full_factorial"
     assert 3 < proposal.campaign.design.replicates <= 12
     assert any("screening is done" in change for change in proposal.changes)
-    assert "points wide over" in " ".join(proposal.text.split())
+    assert "points wide over" in reasons(proposal)
 
 
 def test_nothing_tells_factors_apart_where_all_pass(tmp_path: Path) -> None:
     """That no run failed is no evidence that factors are idle: they stay, and it is said why."""
-    proposal = propose_next(finished(tmp_path, lambda _: 1.0, factors=[RAIN, WIND], replicates=8))
+    proposal = proposed(tmp_path, lambda _: 1.0, factors=[RAIN, WIND], replicates=8)
 
-    assert [factor.name for factor in proposal.campaign.design.factors] == ["rain", "wind"]
-    assert "could not be tested" in " ".join(proposal.text.replace("#", "").split())
+    assert names(proposal) == ["rain", "wind"]
+    assert "could not be tested" in reasons(proposal)
 
 
 def test_what_few_runs_cannot_rule_out_stays(tmp_path: Path) -> None:
     """That no test finds an idle factor in 24 runs is no evidence that it is idle; in 256 it can be."""
     factors = [{**FOG, "range": {"low": 0, "high": 8, "steps": 2}}, WIND, SPEED]
-
-    def unsure(levels: Mapping[str, Any]) -> float:
-        return 0.8 if float(levels["fog"]) < 4 else 0.2
-
     few, many = (
-        propose_next(finished(tmp_path / str(runs), unsure, factors=factors, replicates=runs))
+        proposed(
+            tmp_path / str(runs),
+            lambda levels: 0.8 if float(levels["fog"]) < 4 else 0.2,
+            factors=factors,
+            replicates=runs,
+        )
         for runs in (3, 32)
     )
 
-    assert [factor.name for factor in few.campaign.design.factors] == ["fog", "wind", "speed"]
-    reasons = " ".join(few.text.replace("#", "").split())
+    assert names(few) == ["fog", "wind", "speed"]
     assert re.search(
         r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25",
-        reasons,
+        reasons(few),
     )
-    assert {"fog"} <= {factor.name for factor in many.campaign.design.factors} <= {"fog", "wind"}
-    assert "the least certain one, is ruled out between its levels (95 %)" in " ".join(
-        many.text.replace("#", "").split()
-    )
+    assert {"fog"} <= set(names(many)) <= {"fog", "wind"}
+    assert "the least certain one, is ruled out between its levels (95 %)" in reasons(many)
 
 
 def test_what_follows_by_a_formula_is_part_of_its_factor(tmp_path: Path) -> None:
     """Gusts that follow wind leave wind's own effect to be had, and ruled out."""
     gusts = {"name": "gusts", "formula": "wind / 3", "sets": ["environment.wind.turbulence_mps"]}
     method = {"kind": "sobol", "points": 32}
-    text = propose_next(finished(tmp_path, steep, factors=[FOG, WIND, gusts], method=method, seed=11)).text
+    text = reasons(proposed(tmp_path, STEEP, factors=[FOG, WIND, gusts], method=method, seed=11))
 
     assert "gusts: follows from other factors" in text
-    assert re.search(
-        r"wind: stays: .* 32 runs do not rule out a difference of [2-9]\d points in",
-        " ".join(text.replace("#", "").split()),
-    )
+    assert re.search(r"wind: stays: .* 32 runs do not rule out a difference of [2-9]\d points in", text)
 
 
 def test_a_boundary_that_few_runs_show_is_told_and_not_cut_to(tmp_path: Path) -> None:
     """The curve through 20 runs turns within the range, its band does not rule the rest out."""
     method = {"kind": "sobol", "points": 20}
+    proposal = proposed(tmp_path, turning("fog", 3.0, 2.0), factors=[FOG], method=method, seed=11)
 
-    def slow(levels: Mapping[str, Any]) -> float:
-        return 1.0 / (1.0 + math.exp(2.0 * (float(levels["fog"]) - 3.0)))
-
-    (fog,) = (
-        proposal := propose_next(finished(tmp_path, slow, factors=[FOG], method=method, seed=11))
-    ).campaign.design.factors
-
-    assert fog.range is not None
-    assert (fog.range.low, fog.range.high) == (0.0, 8.0)
+    fog = known(proposal.campaign.design.factors[0].range)
+    assert (fog.low, fog.high) == (0.0, 8.0)
     assert re.search(
-        r"fog: stays 0 \.\.\. 8: a logistic curve puts .* but its 95 % band is wider",
-        " ".join(proposal.text.replace("#", "").split()),
+        r"fog: stays 0 \.\.\. 8: a logistic curve puts .* but its 95 % band is wider", reasons(proposal)
     )
 
 
@@ -223,62 +216,31 @@ def test_two_values_show_no_boundary_and_aliases_are_told(tmp_path: Path) -> Non
     """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs
     main effects.
     """
-    rain = {**RAIN, "range": {"low": 0, "high": 8}}
-    del rain["levels"]
-    ends = [
-        FOG,
-        rain,
-        WIND,
-        SPEED,
-        {"name": "height", "levels": [60.0, 90.0], "sets": ["mission.altitude_m"]},
-    ]
-    method = {"kind": "fractional_factorial", "runs": 8}
-    proposal = propose_next(
-        finished(
-            tmp_path, lambda levels: 0.9 - 0.1 * levels["fog"], factors=ends, method=method, replicates=8
-        )
+    rain = {"name": "rain", "range": {"low": 0, "high": 8}, "sets": ["environment.rain_level"]}
+    height = {"name": "height", "levels": [60.0, 90.0], "sets": ["mission.altitude_m"]}
+    proposal = proposed(
+        tmp_path,
+        lambda levels: 0.9 - 0.1 * levels["fog"],
+        factors=[FOG, rain, WIND, SPEED, height],
+        method={"kind": "fractional_factorial", "runs": 8},
+        replicates=8,
     )
 
-    fog = proposal.campaign.design.factors[0].range
-    assert fog is not None
+    fog = known(proposal.campaign.design.factors[0].range)
     assert (fog.low, fog.high) == (0.0, 8.0)
-    assert "passes of KA-03 of reference-naive may follow fog" in " ".join(
-        proposal.text.replace("#", "").split()
-    )
+    assert "passes of KA-03 of reference-naive may follow fog" in reasons(proposal)
     assert "fog: these design points cannot separate it from rain x height" in proposal.text
     assert "null" not in proposal.text.split("base:")[0]
 
 
-def test_whole_numbers_narrow_to_as_many_steps_as_there_are(tmp_path: Path) -> None:
-    """Five steps of 0 ... 8 become no more than the whole numbers that are left, and the file still loads."""
-    rain = {
-        "name": "rain",
-        "range": {"low": 0, "high": 8, "steps": 9, "integer": True},
-        "sets": ["environment.rain_level"],
-    }
-
-    def turning(levels: Mapping[str, Any]) -> float:
-        return 1.0 / (1.0 + math.exp(4.0 * (float(levels["rain"]) - 4.0)))
-
-    (narrowed,) = propose_next(
-        finished(tmp_path, turning, factors=[rain], replicates=12)
-    ).campaign.design.factors
-
-    assert narrowed.range is not None
-    assert 8 > narrowed.range.high - narrowed.range.low + 1 == narrowed.range.steps
-
-
 def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
     """Nothing follows wind, but what is forbidden names it."""
-    design: dict[str, Any] = {
-        "factors": [FOG, WIND, SPEED],
-        "forbid": ["wind > 5 and fog > 7.5"],
-        "method": {"kind": "sobol", "points": 128},
-    }
-    proposal = propose_next(finished(tmp_path, steep, **design))
+    forbid = ["wind > 5 and fog > 7.5"]
+    method = {"kind": "sobol", "points": 128}
+    proposal = proposed(tmp_path, STEEP, factors=[FOG, WIND, SPEED], forbid=forbid, method=method)
 
-    assert "wind" in [factor.name for factor in proposal.campaign.design.factors]
-    assert proposal.campaign.design.forbid == ("wind > 5 and fog > 7.5",)
+    assert "wind" in names(proposal)
+    assert proposal.campaign.design.forbid == tuple(forbid)
 
 
 def test_command_writes_a_file_that_runs_and_never_another_s(
@@ -312,21 +274,20 @@ def test_campaigns_from_which_nothing_follows(tmp_path: Path) -> None:
     with pytest.raises(SetupError, match="1 realizations without a result"):
         propose_next(whole)
     with pytest.raises(SetupError, match="varies no factor"):
-        propose_next(finished(tmp_path / "b", lambda _: 1.0))
+        proposed(tmp_path / "b", lambda _: 1.0)
 
 
 def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_active(tmp_path: Path) -> None:
     """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the boundary."""
     switch = {"name": "weather", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
     fog = {**FOG, "when": "weather == 12.0"}
-
-    def chance(levels: Mapping[str, Any]) -> float:
-        return 0.5 if levels["fog"] == "inactive" else steep(levels)
-
-    folder = finished(
-        tmp_path, chance, factors=[switch, fog, WIND], method={"kind": "sobol", "points": 128}, seed=5
+    proposal = proposed(
+        tmp_path,
+        lambda levels: 0.5 if levels["fog"] == "inactive" else STEEP(levels),
+        factors=[switch, fog, WIND],
+        method={"kind": "sobol", "points": 128},
+        seed=5,
     )
-    proposal = propose_next(folder)
     factors = {factor.name: factor for factor in proposal.campaign.design.factors}
 
     assert factors["fog"].range is not None

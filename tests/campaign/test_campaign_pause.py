@@ -1,4 +1,4 @@
-"""A campaign seen and paused from outside."""
+"""A campaign seen, paused and held up from outside."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from campaign_fakes import Script, fly
+from campaign_fakes import Script, attempts, fly, known, small_campaign
 from in_process_executor import HostClock, open_in_process
 
 from bench.campaign import (
@@ -16,7 +16,6 @@ from bench.campaign import (
     MissingRunsRetried,
     RealizationStarted,
     campaign_state,
-    open_journal,
     pause_campaign,
     request_retry,
     resume_campaign,
@@ -28,30 +27,24 @@ from bench.contracts import Outcome
 from bench.errors import SetupError
 
 
-class ToldClock(HostClock):
-    """Tells somebody of each wait in which nothing flies."""
+class ResumingClock(HostClock):
+    """Somebody lets the campaign go on in the fifth wait after a pause."""
 
-    def __init__(self, folder: Path, waits: int) -> None:
-        self._now_s, self._folder, self._waits, self.waited = 0.0, folder, waits, 0
+    def __init__(self, folder: Path) -> None:
         super().__init__()
+        self._folder, self.waits = folder, 0
 
-    @property
-    def now_s(self) -> float:
-        return self._now_s
-
-    @now_s.setter
-    def now_s(self, value: float) -> None:
-        self.waited += value > self._now_s
-        self._now_s = value
-        if self.waited == self._waits:
+    async def sleep(self, span_s: float) -> None:
+        await super().sleep(span_s)
+        self.waits += 1
+        if self.waits == 5:
             resume_campaign(self._folder)
 
 
 def test_a_paused_campaign_starts_nothing_until_it_goes_on(tmp_path: Path) -> None:
     """Paused twice: after its first session and after its third. What flies goes on, and nothing is lost."""
-    clock = ToldClock(tmp_path, waits=5)
+    clock = ResumingClock(tmp_path)
     events: list[object] = []
-
     pauses = [1, 3]
 
     def pause_after(realization: str) -> bool:
@@ -59,7 +52,7 @@ def test_a_paused_campaign_starts_nothing_until_it_goes_on(tmp_path: Path) -> No
         if finished not in pauses:
             return True
         pauses.remove(finished)
-        clock.waited = 0
+        clock.waits = 0
         assert pause_campaign(tmp_path)
         assert not pause_campaign(tmp_path)
         state = campaign_state(tmp_path)
@@ -125,9 +118,7 @@ def test_missing_runs_are_flown_again_while_the_campaign_runs(tmp_path: Path) ->
     assert (summary.complete, summary.outcomes) == (True, {Outcome.COMPLETED: 6})
     asked = [event for event in events if isinstance(event, MissingRunsRetried)]
     assert [sorted(event.realizations) for event in asked] == [sorted(lost)]
-    with open_journal(tmp_path / "journal.sqlite") as journal:
-        attempts = {entry.id: entry.attempts for entry in journal.entries()}
-    assert attempts == {name: 3 if name in lost else 1 for name in attempts}
+    assert attempts(tmp_path) == {name: 3 if name in lost else 1 for name in attempts(tmp_path)}
     assert not (tmp_path / RETRY).exists()
     assert len(list((tmp_path / "aside").iterdir())) == 2
     assert verify_folder(tmp_path) == []
@@ -178,3 +169,45 @@ def test_the_commands_say_it_in_words_and_as_json(tmp_path: Path, capsys: pytest
         assert run([command, str(tmp_path / "nowhere")]) == 2
     with pytest.raises(SetupError, match="is not the folder of a campaign"):
         campaign_state(Path(os.sep))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_each_session_waits_for_the_gate_and_also_a_second_attempt(tmp_path: Path, workers: int) -> None:
+    """One realization at a time is asked for, until it may start; a retried one is asked for again."""
+    events: list[object] = []
+    asked: list[str] = []
+    clock = HostClock()
+
+    def third_time(realization: str) -> bool:
+        asked.append(realization)
+        return asked.count(realization) % 3 == 0
+
+    summary = fly(
+        tmp_path,
+        script=Script({"p001-r1-fake": "raise-once"}),
+        workers=workers,
+        observers=[events.append],
+        open_executor=open_in_process(3, clock=clock),
+        clock=clock,
+        gate=third_time,
+    )
+    assert summary.complete
+    started = [event.realization for event in events if isinstance(event, RealizationStarted)]
+    assert sorted(started) == sorted([*attempts(tmp_path), "p001-r1-fake"])
+    assert asked == [name for name in started for _ in range(3)]
+
+
+def test_a_gate_that_stays_closed_ends_with_the_budget_of_the_campaign(tmp_path: Path) -> None:
+    """Nothing is started, and nothing is lost: the same campaign goes on once the gate opens."""
+    clock = HostClock()
+
+    def closed(realization: str) -> bool:
+        clock.now_s += 100.0
+        return False
+
+    campaign = small_campaign(total_wall_s=1000.0)
+    first = fly(tmp_path, campaign, open_executor=open_in_process(1, clock=clock), clock=clock, gate=closed)
+    assert (first.flown, first.complete) == (0, False)
+    assert "budget" in known(first.stopped)
+    assert clock.now_s > 500.0
+    assert fly(tmp_path, campaign, open_executor=open_in_process(1, clock=clock), clock=clock).complete

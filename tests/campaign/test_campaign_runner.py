@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import select
 import signal
 import subprocess
@@ -14,10 +13,9 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-import anyio
 import campaign_fakes
 import pytest
-from campaign_fakes import JOB, Script, entries, fly, small_campaign
+from campaign_fakes import JOB, Script, entries, fly, known, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
@@ -27,20 +25,14 @@ from bench.campaign import (
     RealizationRetried,
     RealizationStarted,
     RunOptions,
-    Task,
-    WorkerPlan,
     WorkersUnusable,
     digest_of,
-    open_journal,
     open_local_pool,
     read_result,
-    realizations,
     run_campaign_sync,
     verify_folder,
-    write_whole,
 )
-from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_json
+from bench.contracts import Outcome
 from bench.errors import SetupError
 
 ALL = {f"p{point:03d}-r{replicate}-fake" for point in (1, 2, 3) for replicate in (1, 2)}
@@ -58,13 +50,13 @@ def is_alive(pid: int) -> bool:
 
 
 @contextmanager
-def runner(folder: Path, span_s: float, *acts: str) -> Iterator[subprocess.Popen[str]]:
+def runner(folder: Path, *acts: str) -> Iterator[subprocess.Popen[str]]:
     """A runner in a process of its own."""
     code = (
         "import sys; sys.path[:0] = [sys.argv[1]]; import campaign_fakes; campaign_fakes.main(*sys.argv[2:])"
     )
     beside = str(Path(campaign_fakes.__file__).parent)
-    command = [sys.executable, "-c", code, beside, str(folder), str(span_s), *acts]
+    command = [sys.executable, "-c", code, beside, str(folder), *acts]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
@@ -73,38 +65,44 @@ def runner(folder: Path, span_s: float, *acts: str) -> Iterator[subprocess.Popen
 
 
 def test_flies_everything_once(tmp_path: Path) -> None:
-    """A campaign gets one complete result for each realization, and its manifest holds."""
+    """A campaign gets one complete result for each realization, the same bytes in any folder, and its manifest holds."""
     events: list[object] = []
+    paths = CampaignFolder(tmp_path / "out")
 
-    summary = fly(tmp_path, workers=2, observers=[events.append], open_executor=open_local_pool)
+    summary = fly(paths.path, workers=2, observers=[events.append], open_executor=open_local_pool)
 
     assert summary.complete
     assert summary.flown == 6
     assert summary.outcomes == {Outcome.COMPLETED: 6}
-    assert outcomes(tmp_path) == dict.fromkeys(ALL, Outcome.COMPLETED)
-    paths = CampaignFolder(tmp_path)
+    assert outcomes(paths.path) == dict.fromkeys(ALL, Outcome.COMPLETED)
     assert all(read_result(paths.run(name), name) for name in ALL)
     assert sum(isinstance(event, RealizationStarted) for event in events) == 6
     assert [event.done for event in events if isinstance(event, RealizationFinished)] == [1, 2, 3, 4, 5, 6]
-    assert verify_folder(tmp_path) == []
-    paths.run("p001-r1-fake").joinpath("recording.mcap").write_bytes(b"tampered with")
-    assert [fault.where for fault in verify_folder(tmp_path)] == ["runs/p001-r1-fake/recording.mcap"]
+    assert verify_folder(paths.path) == []
+    fly(tmp_path / "again")
+    files, again = (
+        json.loads((folder / "manifest.json").read_text())["files"]
+        for folder in (paths.path, tmp_path / "again")
+    )
+    assert {name: digest for name, digest in files.items() if not name.startswith("logs/")} == again
 
 
 def test_runs_again_without_flying_again(tmp_path: Path) -> None:
-    """A finished folder is left as it is; a lost result is flown again, alone; more replicates join those
-    that are there.
+    """A finished folder is left as it is; a lost result is flown again, alone; a lost SimSpec comes back from its seeds;
+    more replicates join those that are there.
     """
     fly(tmp_path)
-    before = {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL}
+    paths = CampaignFolder(tmp_path)
+    before = {name: digest_of(paths.simspec(name)) for name in ALL}
 
     assert fly(tmp_path).flown == 0
-    CampaignFolder(tmp_path).run("p002-r1-fake").joinpath("result.json").unlink()
+    paths.run("p002-r1-fake").joinpath("result.json").unlink()
+    paths.simspec("p001-r1-fake").unlink()
     assert fly(tmp_path).flown == 1
     grown = fly(tmp_path, small_campaign(replicates=3))
 
     assert (grown.flown, grown.total) == (3, 9)
-    assert {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL} == before
+    assert {name: digest_of(paths.simspec(name)) for name in ALL} == before
 
 
 def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
@@ -128,18 +126,19 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
 
     assert summary.completeness.missing == {Outcome.BENCH_ERROR: 2, Outcome.WORKER_LOST: 2}
     by_id = entries(tmp_path)
-    assert by_id["p001-r1-fake"].outcome is Outcome.BENCH_ERROR
-    assert "a made-up bench error" in by_id["p001-r1-fake"].reason
-    assert by_id["p001-r2-fake"].outcome is Outcome.WORKER_LOST
-    assert "ended with code 3" in by_id["p001-r2-fake"].reason
-    assert by_id["p002-r1-fake"].outcome is Outcome.WORKER_LOST
-    assert "SIGSEGV" in by_id["p002-r1-fake"].reason
-    assert by_id["p002-r2-fake"].outcome is Outcome.BENCH_ERROR
-    assert [by_id[name].attempts for name in acts] == [2, 2, 2, 2]
-    assert [by_id[name].attempts for name in sorted(ALL - acts.keys())] == [1, 1]
-    assert sorted(event.realization for event in events if isinstance(event, RealizationRetried)) == sorted(
-        acts
-    )
+    for name, outcome, words in (
+        ("p001-r1-fake", Outcome.BENCH_ERROR, "a made-up bench error"),
+        ("p001-r2-fake", Outcome.WORKER_LOST, "ended with code 3"),
+        ("p002-r1-fake", Outcome.WORKER_LOST, "SIGSEGV"),
+        ("p002-r2-fake", Outcome.BENCH_ERROR, ""),
+    ):
+        assert by_id[name].outcome is outcome
+        assert words in by_id[name].reason
+    assert {name: entry.attempts for name, entry in by_id.items()} == {
+        name: 2 if name in acts else 1 for name in ALL
+    }
+    retried = [event.realization for event in events if isinstance(event, RealizationRetried)]
+    assert sorted(retried) == sorted(acts)
 
 
 def test_the_last_words_of_a_worker_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,8 +147,7 @@ def test_the_last_words_of_a_worker_are_shown(tmp_path: Path, monkeypatch: pytes
     fly(tmp_path, script=Script({"p001-r1-fake": "babble"}), workers=2, open_executor=open_local_pool)
 
     printed, written = "printed \\x1b[2J\\u202e -", "written \\x1b[2J\ufffd"
-    result = read_result(tmp_path / "runs" / "p001-r1-fake", "p001-r1-fake")
-    assert result is not None
+    result = known(read_result(tmp_path / "runs" / "p001-r1-fake", "p001-r1-fake"))
     for reason in (result.reason, entries(tmp_path)["p001-r1-fake"].reason):
         assert reason.endswith(f"ended with code 3; its last output: {printed}\n{written}")
     logs = [path.read_bytes() for path in (tmp_path / "logs").iterdir()]
@@ -166,9 +164,8 @@ def test_a_retry_may_succeed(tmp_path: Path) -> None:
     summary = fly(tmp_path, campaign, script, observers=[events.append], open_executor=open_local_pool)
 
     assert summary.outcomes == {Outcome.COMPLETED: 1}
-    assert [0.1 <= event.pause_s <= 0.125 for event in events if isinstance(event, RealizationRetried)] == [
-        True
-    ]
+    (pause_s,) = (event.pause_s for event in events if isinstance(event, RealizationRetried))
+    assert 0.1 <= pause_s <= 0.125
     assert entries(tmp_path)["p001-r1-fake"].attempts == 2
 
 
@@ -203,42 +200,6 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
     assert not (tmp_path / ".scratch").exists()
 
 
-def test_two_workers_lost_at_once(tmp_path: Path) -> None:
-    """Both tasks end as lost, each with its own worker; the next task gets a new worker."""
-    plans = realizations(small_campaign(points=2, replicates=2))
-    acts = {plan.id: "exit" for plan in plans[:2]}
-    for plan in plans:
-        write_whole(CampaignFolder(tmp_path).simspec(plan.id), dump_json(plan.simspec))
-    tasks = [
-        Task(
-            plan.id,
-            CampaignFolder(tmp_path).simspec(plan.id),
-            CampaignFolder(tmp_path).fresh_run(plan.id),
-            600.0,
-        )
-        for plan in plans
-    ]
-    workers: list[str] = []
-    results: list[SessionResult] = []
-
-    async def fly_all() -> None:
-        async def fly(task: Task) -> None:
-            results.append(await pool.fly(task, workers.append))
-
-        async with open_local_pool(WorkerPlan(JOB, Script(acts)), 2, tmp_path) as pool:
-            async with anyio.create_task_group() as flights:
-                for task in tasks[:2]:
-                    flights.start_soon(fly, task)
-            await fly(tasks[2])
-
-    anyio.run(fly_all)
-    assert workers == ["w1", "w2", "w3"]
-    assert {result.realization for result in results[:2]} == set(acts)
-    assert {result.outcome for result in results[:2]} == {Outcome.WORKER_LOST}
-    assert all("ended with code 3" in result.reason for result in results[:2])
-    assert results[2].outcome is Outcome.COMPLETED
-
-
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
     """When no worker can work the campaign says so and decides nothing about any realization."""
     with pytest.raises(WorkersUnusable, match="no_such_module"):
@@ -265,46 +226,28 @@ def test_observer_may_fail(tmp_path: Path) -> None:
     assert summary.observer_faults == 1 + 2 * 2
 
 
-def test_no_room_is_a_result(tmp_path: Path) -> None:
-    """A scene that cannot be placed is a result with its reason, without any worker."""
-    campaign = small_campaign(points=1, replicates=1)
-    assert campaign.base is not None
-    crowd = campaign.base.actors[0].model_copy(update={"count": 5000})
-    campaign = campaign.model_copy(update={"base": campaign.base.model_copy(update={"actors": (crowd,)})})
-
-    summary = fly(tmp_path, campaign, open_executor=open_local_pool)
-
-    assert summary.outcomes == {Outcome.PLACEMENT_INFEASIBLE: 1}
-    assert "5000 of 'people' need at least" in entries(tmp_path)["p001-r1-fake"].reason
-    assert not (tmp_path / "logs").exists()
-
-
-def test_finish_comes_before_the_manifest(tmp_path: Path) -> None:
-    """What is made of a complete campaign is in its manifest."""
-    fly(tmp_path, finish=lambda folder: (folder.path / "scores.parquet").write_bytes(b"scores") and None)
-
-    assert "scores.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
-
-
 @pytest.mark.parametrize("sealed", [True, None, False])
 def test_finish_that_writes_the_manifest(tmp_path: Path, sealed: bool | None) -> None:
-    """Where `finish` returns True, its manifest stays; any other is written over."""
+    """Where `finish` returns True, its manifest stays; any other is written over, with the files that `finish` wrote."""
 
     def finish(folder: CampaignFolder) -> bool | None:
+        (folder.path / "scores.parquet").write_bytes(b"scores")
         folder.manifest.write_text("{}")
         return sealed
 
     fly(tmp_path, finish=finish)
 
-    assert ((tmp_path / "manifest.json").read_text() == "{}") is (sealed is True)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert (manifest == {}) is (sealed is True)
+    assert sealed or "scores.parquet" in manifest["files"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C and SIGTERM kill what runs, agents included, and leave a folder that can be resumed."""
-    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
+    with runner(tmp_path, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
-        for _ in range(11):  # all but the one that hangs
+        for _ in range(11):
             assert process.stdout.readline().endswith("-fake\n")
         process.send_signal(number)
         assert process.stdout.readline() == f"stopped: received {number.name}\n"
@@ -315,106 +258,23 @@ def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
 
 
 def test_two_runners_on_one_folder(tmp_path: Path) -> None:
-    """The second runner is refused with the process id of the first.
-
-    The lock ends with its holder, even after kill -9.
+    """The second runner is refused with the process id of the first. The lock ends with its holder, even after kill -9;
+    so do its workers, with the agents that they had started.
     """
-    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
+    with runner(tmp_path, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
-        assert process.stdout.readline()
+        for _ in range(11):  # all but the one that hangs
+            assert process.stdout.readline()
         with pytest.raises(SetupError, match=f"in use by another run \\(process {process.pid}\\)"):
             fly(tmp_path, small_campaign(points=6))
-        process.kill()
-
-    assert fly(tmp_path, small_campaign(points=6)).complete
-
-
-def test_killed_runner_resumes(tmp_path: Path) -> None:
-    """Killed with -9 again and again at random moments, the campaign still comes to one result for each realization."""
-    chance = random.Random(5)
-    for _ in range(4):
-        with runner(tmp_path, 0.02) as process:
-            assert process.stdout is not None
-            for _ in range(chance.randint(0, 3)):
-                process.stdout.readline()
-            try:
-                process.wait(chance.uniform(0.0, 0.1))
-            except subprocess.TimeoutExpired:
-                process.kill()
-
-    summary = fly(tmp_path, small_campaign(points=6))
-
-    assert summary.outcomes == {Outcome.COMPLETED: 12}
-    paths = CampaignFolder(tmp_path)
-    for name, entry in entries(tmp_path).items():
-        result = read_result(paths.run(name), name)
-        assert result is not None
-        assert entry.result_sha256 == digest_of(paths.run(name) / "result.json")
-    with open_journal(paths.journal) as journal:
-        completed = journal._database.execute(
-            "SELECT realization FROM attempts WHERE outcome = 'completed'"
-        ).fetchall()
-    assert (
-        len(completed) == len(set(completed)) <= 12
-    )  # fewer if a result was taken up that the journal had missed
-    assert verify_folder(tmp_path) == []
-
-
-def test_killed_runner_takes_its_workers_along(tmp_path: Path) -> None:
-    """Workers notice that their runner is gone, and end with the agents that they had started."""
-    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
-        assert process.stdout is not None
-        for _ in range(11):
-            process.stdout.readline()
-        agent = int((tmp_path / "agent.pid").read_text())
-        watch = os.pidfd_open(agent)
+        watch = os.pidfd_open(int((tmp_path / "agent.pid").read_text()))
         process.kill()
 
     try:
         assert select.select([watch], [], [], 20.0)[0], "the agent is still there"
     finally:
         os.close(watch)
-
-
-def test_result_that_the_journal_missed_is_taken_up(tmp_path: Path) -> None:
-    """A runner killed between writing a result and noting it loses nothing.
-
-    A damaged recording is flown again.
-    """
-    fly(tmp_path)
-    with open_journal(tmp_path / "journal.sqlite") as journal:
-        for name in ("p001-r1-fake", "p002-r1-fake"):
-            journal.forget(name)
-    CampaignFolder(tmp_path).run("p002-r1-fake").joinpath("recording.mcap").write_bytes(b"cut off")
-
-    summary = fly(tmp_path)
-
-    assert summary.flown == 1
-    assert entries(tmp_path)["p001-r1-fake"].attempts == 1
-    assert entries(tmp_path)["p002-r1-fake"].attempts == 2
-
-
-def test_same_campaign_same_bytes(tmp_path: Path) -> None:
-    """The same campaign leaves the same SimSpecs and recordings, byte for byte, in any folder."""
-    for name in ("first", "second"):
-        fly(tmp_path / name, small_campaign(points=2), workers=2, open_executor=open_local_pool)
-
-    first, second = (
-        json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("first", "second")
-    )
-    assert first == second
-
-
-def test_lost_simspec_is_written_again(tmp_path: Path) -> None:
-    """A SimSpec that was deleted or damaged comes back from its seeds with the same bytes."""
-    fly(tmp_path)
-    paths = CampaignFolder(tmp_path)
-    before = digest_of(paths.simspec("p001-r1-fake"))
-    paths.simspec("p001-r1-fake").unlink()
-
-    fly(tmp_path)
-
-    assert digest_of(paths.simspec("p001-r1-fake")) == before
+    assert fly(tmp_path, small_campaign(points=6)).flown == 1
 
 
 def test_importing_is_light() -> None:
@@ -425,36 +285,3 @@ def test_importing_is_light() -> None:
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
         == "[]\n"
     )
-
-
-def test_an_edited_result_is_refused_and_flown_again_once_it_is_removed(tmp_path: Path) -> None:
-    """The chain has the digest of the result: a different one in its place stops every run, however well
-    formed, and stays as it is.
-    """
-    fly(tmp_path)
-    file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
-    before = file.read_bytes()
-    file.write_bytes(before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0'))
-    edited = file.read_bytes()
-    assert edited != before
-    with pytest.raises(SetupError, match=r"result.json: has changed since its session"):
-        fly(tmp_path)
-    assert file.read_bytes() == edited
-    file.unlink()
-    assert fly(tmp_path).flown == 1
-    assert file.read_bytes() != before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0')
-    assert verify_folder(tmp_path) == []
-
-
-def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bench errors on a full disk stop the campaign with a sentence.
-
-    With space again, everything is flown.
-    """
-    with monkeypatch.context() as full:
-        full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
-        with pytest.raises(SetupError, match="the disk is full"):
-            fly(tmp_path, script=Script({"p001-r1-fake": "raise"}))
-    assert outcomes(tmp_path)["p001-r1-fake"] is None
-    ended = fly(tmp_path)
-    assert (ended.complete, ended.outcomes) == (True, {Outcome.COMPLETED: 6})

@@ -7,11 +7,11 @@ import json
 import random
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
-from campaign_fakes import fly
+from campaign_fakes import fly, known
 
 from bench.campaign import fingerprint_of, read_signature, sign_manifest, verify_folder
 from bench.cli._app import run
@@ -41,6 +41,17 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
+def sign(folder: Path, key: Path, code: int = 0) -> None:
+    assert run(["sign", str(folder), "--key", str(key)]) == code
+
+
+def fault_of(folder: Path, signed_by: Path | None = None) -> str:
+    """The only fault, which lies in the signature."""
+    (fault,) = verify_folder(folder, signed_by=signed_by)
+    assert fault.where == "manifest.json.sig"
+    return fault.what
+
+
 def key_pair(home: Path, form: str, seed: int, passphrase: str = "") -> tuple[Path, Path]:
     """A private and a public key file."""
     key = Ed25519PrivateKey.from_private_bytes(random.Random(seed).randbytes(32))
@@ -60,9 +71,8 @@ def test_the_signer_is_told_from_anybody_else(
     private, public = key_pair(folder.parent, form, 1)
     _, same = key_pair(folder.parent, "pem" if form == "openssh" else "openssh", 1)
     _, other = key_pair(folder.parent, form, 2)
-    assert run(["sign", str(folder), "--key", str(private)]) == 0
-    signature = read_signature(folder)
-    assert signature is not None
+    sign(folder, private)
+    signature = known(read_signature(folder))
     signer = fingerprint_of(signature.public_key)
     assert f"signed with the key {signer}" in capsys.readouterr().out
     for signed_by in (None, public, same):
@@ -70,8 +80,8 @@ def test_the_signer_is_told_from_anybody_else(
     assert run(["verify", str(folder), "--signed-by", str(public)]) == 0
     assert f"signed with the key {signer} (that of {public})" in capsys.readouterr().out
 
-    (fault,) = map(str, verify_folder(folder, signed_by=other))
-    assert fault.startswith(f"manifest.json.sig: was made with another key: {signer}, and {other} is SHA256:")
+    words = f"was made with another key: {signer}, and {other} is SHA256:"
+    assert fault_of(folder, other).startswith(words)
     assert run(["verify", str(folder), "--signed-by", str(other)]) == 1
 
 
@@ -79,23 +89,21 @@ def test_no_signature_and_a_manifest_written_again(folder: Path, capsys: pytest.
     """A folder without one passes unless one is asked for; one that does not fit is never passed over."""
     private, public = key_pair(folder.parent, "openssh", 1)
     assert verify_folder(folder) == []
-    (fault,) = map(str, verify_folder(folder, signed_by=public))
-    assert fault.startswith("manifest.json.sig: is missing: nobody has signed this manifest")
+    assert fault_of(folder, public).startswith("is missing: nobody has signed this manifest")
 
-    assert run(["sign", str(folder), "--key", str(private)]) == 0
+    sign(folder, private)
     next(folder.glob("runs/*/result.json")).unlink()
     fly(folder)
     for signed_by in (None, public):
-        (fault,) = map(str, verify_folder(folder, signed_by=signed_by))
-        assert fault.startswith("manifest.json.sig: does not fit manifest.json")
-    assert run(["sign", str(folder), "--key", str(private)]) == 0
+        assert fault_of(folder, signed_by).startswith("does not fit manifest.json")
+    sign(folder, private)
     assert verify_folder(folder, signed_by=public) == []
 
     # What does not verify is not signed.
     capsys.readouterr()
     (folder / "campaign.yaml").write_text("edited")
     (folder / "manifest.json.sig").unlink()
-    assert run(["sign", str(folder), "--key", str(private)]) == 2
+    sign(folder, private, 2)
     assert "campaign.yaml" in capsys.readouterr().err
     assert not (folder / "manifest.json.sig").exists()
 
@@ -103,7 +111,7 @@ def test_no_signature_and_a_manifest_written_again(folder: Path, capsys: pytest.
 def test_a_flipped_byte_of_the_signature_is_found(folder: Path) -> None:
     """At every fifth position, whatever else is equal to it as JSON or as base64."""
     private, public = key_pair(folder.parent, "pem", 1)
-    assert run(["sign", str(folder), "--key", str(private)]) == 0
+    sign(folder, private)
     file = folder / "manifest.json.sig"
     content, draw = file.read_bytes(), random.Random(4)
     for position in {*range(0, len(content), 5), *range(len(content) - 8, len(content))}:
@@ -111,7 +119,7 @@ def test_a_flipped_byte_of_the_signature_is_found(folder: Path) -> None:
         flipped[position] ^= 1 << draw.randrange(7)
         file.write_bytes(flipped)
         for signed_by in (None, public):
-            assert [fault.where for fault in verify_folder(folder, signed_by=signed_by)] == [file.name]
+            assert fault_of(folder, signed_by)
 
 
 def test_keys_that_are_none_are_refused_with_the_remedy(
@@ -130,7 +138,7 @@ def test_keys_that_are_none_are_refused_with_the_remedy(
         (public, "cannot be read as a private key"),
         (curve, "is a private key of another kind than Ed25519"),
     ):
-        assert run(["sign", str(folder), "--key", str(key)]) == 2
+        sign(folder, key, 2)
         assert f"rebar: {key}: {text}" in capsys.readouterr().err
     assert run(["verify", str(folder), "--signed-by", str(private)]) == 2
     assert f"rebar: {private}: is a private key (give the public key" in capsys.readouterr().err
@@ -140,22 +148,13 @@ def test_keys_that_are_none_are_refused_with_the_remedy(
 def test_an_encrypted_key_asks_for_its_passphrase(folder: Path, form: str) -> None:
     """Once, and the wrong one is a sentence; a key that is not encrypted asks for none."""
     private, public = key_pair(folder.parent, form, 3, "open sesame")
-    asked: list[str] = []
-
-    def ask(passphrase: str) -> Callable[[], str]:
-        def answer() -> str:
-            asked.append(passphrase)
-            return passphrase
-
-        return answer
-
+    ask = Mock(side_effect=["open barley", "open sesame"])
     with pytest.raises(SetupError, match="the passphrase is wrong"):
-        sign_manifest(folder, private, ask("open barley"))
-    sign_manifest(folder, private, ask("open sesame"))
-    assert asked == ["open barley", "open sesame"]
+        sign_manifest(folder, private, ask)
+    sign_manifest(folder, private, ask)
     assert verify_folder(folder, signed_by=public) == []
-    sign_manifest(folder, key_pair(folder.parent, form, 4)[0], ask("never"))
-    assert len(asked) == 2
+    sign_manifest(folder, key_pair(folder.parent, form, 4)[0], ask)
+    assert ask.call_count == 2
 
 
 @pytest.mark.parametrize("form", ["ssh-keygen", "openssl"])
@@ -170,12 +169,11 @@ def test_keys_of_the_usual_programs_and_the_check_of_openssl(folder: Path, tmp_p
     else:
         subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", str(private)], check=True)
         subprocess.run(["openssl", "pkey", "-in", str(private), "-pubout", "-out", str(public)], check=True)
-    assert run(["sign", str(folder), "--key", str(private)]) == 0
+    sign(folder, private)
     assert verify_folder(folder, signed_by=public) == []
     if form == "ssh-keygen":
         listed = subprocess.run(["ssh-keygen", "-lf", public], check=True, capture_output=True, text=True)
-        signature = read_signature(folder)
-        assert signature is not None
+        signature = known(read_signature(folder))
         assert fingerprint_of(signature.public_key) in listed.stdout
         return
     raw.write_bytes(base64.b64decode(json.loads((folder / "manifest.json.sig").read_text())["signature"]))

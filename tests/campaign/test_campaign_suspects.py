@@ -1,4 +1,6 @@
-"""An agent cannot be rid of a session by breaking the bench, and no fault of the host is laid on it."""
+"""An agent cannot be rid of a session by breaking the bench, nor draw another by making a real autopilot fail; and no
+fault of the host is laid on it.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,36 @@ from campaign_fakes import CONFINED, FORFEIT, Script, attempts, fly, small_campa
 
 from bench.agents.confinement import rungs
 from bench.campaign import (
+    Campaign,
     CampaignAgent,
     CampaignFolder,
     CampaignSummary,
     load_measurable_decomposition,
+    open_journal,
     open_local_pool,
     read_result,
+    request_retry,
     rescore,
     verify_folder,
 )
+from bench.campaign.execution._attempts import FirmwareWatch, failed_in_flight
 from bench.campaign.execution._flight import fly_confined, fly_here, forfeit_realization
 from bench.campaign.execution._suspects import SuspectWatch, is_suspect
-from bench.contracts import Confinement, Fact, Outcome, SessionResult, SuspectEnds, facts_of
+from bench.campaign.storage._firmware_ends import (
+    add_firmware_ends,
+    drawn_out_realizations,
+    firmware_ends,
+)
+from bench.contracts import (
+    FIRMWARE_FAILED,
+    Confinement,
+    Fact,
+    FirmwareEnds,
+    Outcome,
+    SessionResult,
+    SuspectEnds,
+    facts_of,
+)
 from bench.realization import place
 from bench.reporting import load_report_data, render_report
 from bench.simspec import AgentSpec, load_simspec
@@ -34,14 +54,18 @@ def flown(
     folder: Path, acts: dict[str, str], memory_kills: Callable[[], int] = lambda: 0
 ) -> tuple[CampaignSummary, dict[str, SessionResult]]:
     """A campaign of six fakes in this process; its results by realization."""
-    summary = fly(
-        folder,
-        script=Script(acts),
-        forfeit=FORFEIT,
-        memory_kills=memory_kills,
-    )
-    results = {path.name: read_result(path, path.name) for path in (folder / "runs").iterdir()}
-    return summary, {name: result for name, result in results.items() if result is not None}
+    return fly(folder, script=Script(acts), forfeit=FORFEIT, memory_kills=memory_kills), results(folder)
+
+
+def results(folder: Path) -> dict[str, SessionResult]:
+    ends = {path.name: read_result(path, path.name) for path in (folder / "runs").iterdir()}
+    return {name: result for name, result in ends.items() if result is not None}
+
+
+def of_agents(*names: str) -> Campaign:
+    """A campaign of one design point, flown twice by each of these agents."""
+    agents = tuple(CampaignAgent(manifest=name) for name in names)
+    return small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
 
 
 def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> None:
@@ -63,16 +87,11 @@ def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> No
 
 def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -> None:
     """Two that would break the bench each time end by themselves once confined, are marked, and are charged nothing."""
-    summary = fly(
-        tmp_path,
-        script=Script({FIRST: "rob", SECOND: "rob"}),
-        forfeit=FORFEIT,
-        confined=CONFINED,
-    )
+    script = Script({FIRST: "rob", SECOND: "rob"})
+    summary = fly(tmp_path, script=script, forfeit=FORFEIT, confined=CONFINED)
     assert summary.outcomes == {Outcome.COMPLETED: 6}
     for name, suspect in ((FIRST, True), (SECOND, True), (THIRD, False)):
-        result = read_result(CampaignFolder(tmp_path).run(name), name)
-        assert result is not None
+        result = results(tmp_path)[name]
         assert (len(texts_of(result, SuspectEnds)) == 1) == suspect
         confinement = result.fact(Confinement)
         assert (confinement and confinement.isolation) == ("landlock" if suspect else None)
@@ -112,17 +131,11 @@ def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
 def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Path, act: str) -> None:
     """Whatever fails; what one of two agents alone meets, in another scene, is laid on that one."""
     acts = {"p001-r1-first": act, "p001-r1-second": act, "p001-r2-second": act}
-    agents = tuple(CampaignAgent(manifest=name) for name in ("first", "second"))
-    campaign = small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
-    summary = fly(tmp_path, campaign, Script(acts), forfeit=FORFEIT)
-    results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]
+    summary = fly(tmp_path, of_agents("first", "second"), Script(acts), forfeit=FORFEIT)
+    ends = [results(tmp_path)[name] for name in acts]
     assert summary.outcomes[Outcome.AGENT_BROKE_BENCH] == 1
-    assert [len(texts_of(result, SuspectEnds)) for result in results if result] == [2, 2, 2]
-    assert [result.outcome is Outcome.AGENT_BROKE_BENCH for result in results if result] == [
-        False,
-        False,
-        True,
-    ]
+    assert [len(texts_of(end, SuspectEnds)) for end in ends] == [2, 2, 2]
+    assert [end.outcome is Outcome.AGENT_BROKE_BENCH for end in ends] == [False, False, True]
 
 
 def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
@@ -138,9 +151,7 @@ def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
     script = Script({FIRST: "kill", SECOND: "kill-once"})
     summary = fly(tmp_path, script=script, workers=2, forfeit=FORFEIT, open_executor=open_local_pool)
     assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_BROKE_BENCH: 1}
-    result = read_result(CampaignFolder(tmp_path).run(SECOND), SECOND)
-    assert result is not None
-    (end,) = texts_of(result, SuspectEnds)
+    (end,) = texts_of(results(tmp_path)[SECOND], SuspectEnds)
     assert end.startswith("worker_lost: the worker ")
     assert "was killed by SIGKILL" in end
 
@@ -243,3 +254,86 @@ def test_the_report_lists_suspects_first_and_shows_probes(tmp_path: Path) -> Non
     assert "agent broke bench" in rows[0]
     assert ">Probes</th>" in table
     assert f"may have caused, in {before}, {last}." in page
+
+
+END = "after 12.5 s: the autopilot's firmware failed: PX4 ended with SIGSEGV"
+
+
+def test_a_firmware_that_fails_in_flight_is_flown_once_more_and_marked(tmp_path: Path) -> None:
+    """One fails each time and is missing after two flights, however long retries may last; one fails once and counts."""
+    summary, results = flown(tmp_path, {FIRST: "firmware", SECOND: "firmware-once", THIRD: "raise-once"})
+    assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.BENCH_ERROR: 1}
+    assert not summary.complete
+    assert [attempts(tmp_path)[name] for name in (FIRST, SECOND, THIRD)] == [2, 2, 2]
+    assert texts_of(results[FIRST], FirmwareEnds) == (END, END)
+    assert texts_of(results[SECOND], FirmwareEnds) == (END,)
+    assert texts_of(results[THIRD], FirmwareEnds) == ()
+    (note,) = [note for note in load_report_data(tmp_path).notes if "real autopilot failed" in note]
+    assert f"in {FIRST}, {SECOND}." in note
+
+
+def test_no_run_of_the_campaign_gives_an_agent_further_draws(tmp_path: Path) -> None:
+    """One agent's firmware fails in both replicates, once in one of the other's: three resumed runs fly nothing, unless a
+    person asks for it, and each such draw is in the result.
+    """
+    campaign = of_agents("crasher", "steady")
+    acts = {"p001-r1-crasher": "firmware", "p001-r2-crasher": "firmware", "p001-r2-steady": "firmware-once"}
+    assert fly(tmp_path, campaign, Script(acts)).outcomes == {Outcome.COMPLETED: 2, Outcome.BENCH_ERROR: 2}
+    flights = {"p001-r1-crasher": 2, "p001-r2-crasher": 2, "p001-r1-steady": 1, "p001-r2-steady": 2}
+    for _ in range(2):
+        summary = fly(tmp_path, campaign, Script(acts))
+        assert (summary.flown, summary.completeness.drawn_out, attempts(tmp_path)) == (0, 2, flights)
+    request_retry(tmp_path)
+    assert fly(tmp_path, campaign, Script(acts)).flown == 0
+    # One person's word is one flight each, whose end is as final as before.
+    summary = fly(tmp_path, campaign, Script({"p001-r1-crasher": "firmware"}), rerun={Outcome.BENCH_ERROR})
+    assert (summary.flown, summary.completeness.drawn_out) == (2, 1)
+    assert attempts(tmp_path) == flights | {"p001-r1-crasher": 3, "p001-r2-crasher": 3}
+    ends = {name: texts_of(result, FirmwareEnds) for name, result in results(tmp_path).items()}
+    assert ends["p001-r1-crasher"] == (END,) * 3
+    assert ends["p001-r2-crasher"] == (END,) * 2, "it went well in the end, and says how often it did not"
+    assert (ends["p001-r2-steady"], ends["p001-r1-steady"]) == ((END,), ())
+    assert fly(tmp_path, campaign).flown == 0
+
+
+def failed(realization: str, simulated_s: float, reason: str = f"{FIRMWARE_FAILED}: x") -> SessionResult:
+    return ended(realization, Outcome.BENCH_ERROR, reason).model_copy(update={"simulated_s": simulated_s})
+
+
+def test_what_the_host_spoils_between_two_failures_gives_no_draw(tmp_path: Path) -> None:
+    """Counted are failures in flight, whatever came between them; a realization that last failed otherwise is flown."""
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        add_firmware_ends(journal, {"p001-r1-crasher": ["in a shard"], "p001-r1-steady": ["x", "y"]})
+        add_firmware_ends(journal, {})
+        assert firmware_ends(journal) == {"p001-r1-crasher": ["in a shard"], "p001-r1-steady": ["x", "y"]}
+        watch = FirmwareWatch(journal)
+        for end, exhausted in (
+            (failed("p001-r1-crasher", 0.0), False),
+            (failed("p001-r1-crasher", 3.0), True),
+        ):
+            watch.record(end)
+            assert watch.is_exhausted(end) is exhausted
+        assert drawn_out_realizations(journal) == frozenset(), "neither has a result"
+
+
+@pytest.mark.parametrize(
+    ("result", "in_flight"),
+    [
+        (failed("a", 0.5), True),
+        (failed("a", 0.0), False),
+        (failed("a", 0.5, "KeyError: 'x'"), False),
+        (failed("a", 0.5).model_copy(update={"outcome": Outcome.COMPLETED}), False),
+    ],
+)
+def test_only_failures_that_an_agent_can_reach_are_limited(
+    result: SessionResult, in_flight: bool, tmp_path: Path
+) -> None:
+    assert failed_in_flight(result) is in_flight
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        watch = FirmwareWatch(journal)
+        verdicts = []
+        for _ in range(3):
+            watch.record(result)
+            verdicts.append(watch.is_exhausted(result))
+        assert verdicts == ([False, True, True] if in_flight else [False] * 3)
+        assert not watch.is_exhausted(failed("b", 0.5))

@@ -16,12 +16,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
+from campaign_fakes import known
 from command_line import fly_short, json_of
 from in_process_executor import open_in_process
 
@@ -85,6 +85,13 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "out"
 
 
+@pytest.fixture
+def copy(flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the campaign to be edited, whose runs can be flown again as they were or with an edit."""
+    monkeypatch.setenv("REBAR_TEST_FLOWN", str(flown))
+    return Path(shutil.copytree(flown, tmp_path / "out"))
+
+
 def files_by_kind(folder: Path) -> dict[str, list[Path]]:
     kinds = defaultdict(list)
     for file in sorted(folder.rglob("*")):
@@ -118,48 +125,49 @@ def named(folder: Path) -> set[str]:
     return {name.partition(":")[0] for name in names}
 
 
-def test_every_file_is_of_a_known_kind_and_the_folder_is_as_it_was_made(flown: Path) -> None:
-    """Nothing that is not looked at below, and at least two files of each kind that a run has."""
+def test_every_file_is_of_a_known_kind_and_reading_leaves_the_folder_as_it_was_made(flown: Path) -> None:
+    """Nothing that is not looked at below, and at least two files of each kind that a run has. Commands that read, and
+    the report written again, change no byte of the journal, so the manifest's digest holds.
+    """
     kinds = files_by_kind(flown)
     assert set(kinds) == KINDS
     assert all(len(kinds[name]) >= 2 for name in ("recording.mcap", "result.json", "agent.log", "simspecs"))
+    before = digest_of(flown / "journal.sqlite")
+    assert is_campaign(flown)
+    read_runs(flown)
+    finish_campaign(flown)
+    assert digest_of(flown / "journal.sqlite") == before
     assert verify_folder(flown) == []
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_a_flipped_byte_is_found_and_its_file_named(flown: Path, kind: str) -> None:
-    """At random positions and at both ends, in up to two files of each kind. Looking changes nothing."""
+def test_a_flipped_byte_and_a_file_that_is_gone_or_exchanged_are_found_and_named(
+    flown: Path, kind: str
+) -> None:
+    """Flipped at random positions and at both ends, in up to two files of each kind, each then deleted; and two of a
+    kind have changed places. Looking changes nothing.
+    """
     draw = random.Random(kind)
     files = files_by_kind(flown)[kind][:2]
-    for file in files:
-        content = file.read_bytes()
+    contents_before = [file.read_bytes() for file in files]
+    for file, content in zip(files, contents_before, strict=True):
         assert content
+        name = str(file.relative_to(flown))
         positions = {0, len(content) - 1, *(draw.randrange(len(content)) for _ in range(FLIPS))}
-        for position in sorted(positions):
-            flipped = bytearray(content)
-            flipped[position] ^= draw.randint(1, 255)
-            with restored(file):
+        with restored(file):
+            for position in sorted(positions):
+                flipped = bytearray(content)
+                flipped[position] ^= draw.randint(1, 255)
                 file.write_bytes(flipped)
                 before = contents(flown)
-                assert str(file.relative_to(flown)) in named(flown), (file, position, flipped[position])
+                assert name in named(flown), (file, position, flipped[position])
                 assert contents(flown) == before
-    assert verify_folder(flown) == []
-
-
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_a_deleted_file_and_an_exchanged_one_are_found(flown: Path, kind: str) -> None:
-    """Each file is gone; two of a kind have changed places."""
-    files = files_by_kind(flown)[kind][:2]
-    for file in files:
-        with restored(file):
             file.unlink()
-            assert str(file.relative_to(flown)) in named(flown)
+            assert name in named(flown)
     if len(files) > 1:
-        first, second = files
-        with restored(first, second):
-            first_content = first.read_bytes()
-            first.write_bytes(second.read_bytes())
-            second.write_bytes(first_content)
+        with restored(*files):
+            for file, content in zip(files, reversed(contents_before), strict=True):
+                file.write_bytes(content)
             assert named(flown) >= {str(file.relative_to(flown)) for file in files}
     assert verify_folder(flown) == []
 
@@ -188,16 +196,6 @@ def test_an_added_file_is_found(flown: Path, name: str) -> None:
     assert verify_folder(flown) == []
 
 
-def test_commands_that_read_leave_the_journal_as_it_is(flown: Path) -> None:
-    """Reading and writing the report again change no byte of the journal, so the manifest's digest holds."""
-    before = digest_of(flown / "journal.sqlite")
-    assert is_campaign(flown)
-    read_runs(flown)
-    finish_campaign(flown)
-    assert digest_of(flown / "journal.sqlite") == before
-    assert verify_folder(flown) == []
-
-
 @pytest.mark.parametrize(
     ("statement", "value"),
     [
@@ -207,19 +205,17 @@ def test_commands_that_read_leave_the_journal_as_it_is(flown: Path) -> None:
     ],
 )
 def test_an_edited_journal_is_refused_with_or_without_a_manifest(
-    flown: Path, tmp_path: Path, statement: str, value: str
+    copy: Path, statement: str, value: str
 ) -> None:
     """What no chain holds: accepted runs, levels and stops. Report and scores refuse, and name the file."""
-    folder = tmp_path / "out"
-    shutil.copytree(flown, folder)
-    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
+    with closing(sqlite3.connect(copy / "journal.sqlite", isolation_level=None)) as journal:
         journal.execute(statement, (value,))
     for _ in range(2):
-        assert "journal.sqlite" in named(folder)
+        assert "journal.sqlite" in named(copy)
         for command in (finish_campaign, read_runs):
             with pytest.raises(SetupError, match=r"journal\.sqlite: was edited after the bench wrote it"):
-                command(folder)
-        (folder / "manifest.json").unlink(missing_ok=True)
+                command(copy)
+        (copy / "manifest.json").unlink(missing_ok=True)
 
 
 NAIVE, IDLE = "reference-naive", "null-idle"
@@ -270,10 +266,9 @@ def edit_recording(
     edit_json(folder / "result.json", lambda result: result.update(recording_sha256=recorder.sha256))
 
 
-def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: Path, tmp_path: Path) -> None:
+def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(copy: Path) -> None:
     """A record edited, a measured value edited, other versions, an agent that is not here; then another pace."""
-    folder = tmp_path / "out"
-    shutil.copytree(flown, folder)
+    folder = copy
     place = 100
     planted: list[Record] = []
 
@@ -337,10 +332,6 @@ def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: 
     }
 
 
-def carry(autopilot: dict[str, str], simspec: Any) -> None:
-    simspec["vehicle"].update(autopilot=autopilot)
-
-
 def edited_flight(folder: Path, realization: str, edit: Callable[[Record], Record | None]) -> SessionResult:
     """The run as it was, but for what `edit` makes of each record; None leaves it out."""
     flown = Path(os.environ["REBAR_TEST_FLOWN"]) / "runs" / realization
@@ -355,14 +346,17 @@ def edited_flight(folder: Path, realization: str, edit: Callable[[Record], Recor
     return result.model_copy(update={"recording_sha256": recorder.sha256})
 
 
+def same_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
+    return edited_flight(folder, realization, lambda record: record)
+
+
 def moved_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
     """The run as it was, but half a metre beside it for a while, and a metre at one moment."""
 
     def moved(record: Record) -> Record:
         if record.topic != TRUTH_ODOMETRY or not 0.5 <= record.time.s <= 1.5:
             return record
-        message = decode(Odometry, record.data)
-        assert message is not None
+        message = known(decode(Odometry, record.data))
         east_m = 1.0 if abs(record.time.s - 1.0) < 0.03 else 0.5
         place = message.pose.pose.position
         pose = Pose(Point(place.x + east_m, place.y, place.z), message.pose.pose.orientation)
@@ -374,46 +368,40 @@ def moved_flight(simspec: SimSpec, decomposition: object, folder: Path, realizat
 
 def retold_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
     """The run as it was, but for records at one moment, as where one message of the autopilot came at another."""
+    return edited_flight(
+        folder,
+        realization,
+        lambda record: None if record.topic != TRUTH_ODOMETRY and 0.4 < record.time.s < 1.6 else record,
+    )
 
-    def retold(record: Record) -> Record | None:
-        return None if record.topic != TRUTH_ODOMETRY and 0.4 < record.time.s < 1.6 else record
 
-    return edited_flight(folder, realization, retold)
+def flown_again(folder: Path, job: str) -> dict[str, ReflownRun]:
+    sample = refly(folder, 9, 1, job=f"{__name__}:{job}", open_executor=open_in_process())
+    return {run.realization: run for run in sample.runs}
 
 
-def test_how_far_two_flights_came_apart_is_told_and_no_difference_where_px4_flew(
-    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "out"
-    shutil.copytree(flown, folder)
-    monkeypatch.setenv("REBAR_TEST_FLOWN", str(flown))
-    for name, kind in ((f"p001-r1-{NAIVE}", "px4"), (f"p002-r1-{NAIVE}", "ardupilot")):
+def test_how_far_two_flights_came_apart_is_told_and_no_difference_where_px4_flew(copy: Path) -> None:
+    px4, ardupilot, imitated = f"p001-r1-{NAIVE}", f"p002-r1-{NAIVE}", f"p001-r1-{IDLE}"
+    for name, kind in ((px4, "px4"), (ardupilot, "ardupilot")):
         autopilot = {"kind": kind, "firmware": "/opt/firmware"}
-        edit_json(folder / "simspecs" / f"{name}.json", partial(carry, autopilot))
-    sample = refly(folder, 9, 1, job=f"{__name__}:moved_flight", open_executor=open_in_process())
-    runs = {run.realization: run for run in sample.runs}
+        edit_json(
+            copy / "simspecs" / f"{name}.json",
+            lambda simspec, autopilot=autopilot: simspec["vehicle"].update(autopilot=autopilot),  # type: ignore[misc]
+        )
+    runs = flown_again(copy, "moved_flight")
     assert [run.apart_m for run in runs.values()] == pytest.approx([1.0] * 4)
     distance_text = "the vehicles were at most 1 m apart, at 1.0 s"
     assert all(distance_text in run.explanation for run in runs.values())
-    px4, ardupilot, imitated = (
-        runs[name] for name in (f"p001-r1-{NAIVE}", f"p002-r1-{NAIVE}", f"p001-r1-{IDLE}")
-    )
-    for real in (px4, ardupilot):
-        assert real.status is ReflownStatus.APART
-        assert real.explanation.startswith("a real autopilot flew, which need not repeat itself")
-        assert real.explanation.endswith("the results are equal")
-    assert imitated.status is ReflownStatus.DIFFERENT
+    for name in (px4, ardupilot):
+        assert runs[name].status is ReflownStatus.APART
+        assert runs[name].explanation.startswith("a real autopilot flew, which need not repeat itself")
+        assert runs[name].explanation.endswith("the results are equal")
+    assert runs[imitated].status is ReflownStatus.DIFFERENT
     # The same flight with another record: no more than that differs.
-    runs = {
-        run.realization: run
-        for run in refly(folder, 9, 1, job=f"{__name__}:retold_flight", open_executor=open_in_process()).runs
-    }
-    assert [runs[run.realization].status for run in (px4, ardupilot, imitated)] == [
-        ReflownStatus.EQUAL,
-        ReflownStatus.EQUAL,
-        ReflownStatus.DIFFERENT,
-    ]
-    assert runs[px4.realization].apart_m == 0.0
+    runs = flown_again(copy, "retold_flight")
+    statuses = [runs[name].status for name in (px4, ardupilot, imitated)]
+    assert statuses == [ReflownStatus.EQUAL, ReflownStatus.EQUAL, ReflownStatus.DIFFERENT]
+    assert runs[px4].apart_m == 0.0
 
 
 def test_the_exit_code_tells_a_difference_from_what_could_not_be_compared() -> None:
@@ -441,69 +429,39 @@ def test_options_of_refly_need_it(flown: Path, capsys: pytest.CaptureFixture[str
         assert f"rebar: {option}: is for --refly alone (give --refly N too)" in capsys.readouterr().err
 
 
-def test_another_build_of_opencv_is_other_software(tmp_path: Path) -> None:
-    """Pictures of two builds cannot be compared; a recording without pictures says nothing of OpenCV."""
-    simspec, paths = load_simspec(ROOT / "examples" / "search.yaml"), []
-    for name, text in (("old", "OpenCV 4.10.0, build a"), ("new", "OpenCV 4.12.0, build b"), ("none", "")):
-        paths.append(tmp_path / f"{name}.mcap")
-        with open_recording(paths[-1], simspec=simspec, versions=versions()) as recorder:
-            for event in ("started", *([CAMERA_OPENED] if text else [])):
-                document = EventDocument(name=event, text=text).model_dump_json()
-                recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
-    old, new, without_pictures = paths
-    assert _other_versions(old, new) == ["OpenCV 4.10.0, build a (here OpenCV 4.12.0, build b)"]
-    assert _other_versions(old, old) == _other_versions(old, without_pictures) == []
+def test_another_build_of_opencv_or_another_renderer_is_other_software(tmp_path: Path) -> None:
+    """Cameras are compared one by one, in the order in which they were opened; a recording without pictures says nothing."""
+    simspec = load_simspec(ROOT / "examples" / "two_cameras.yaml")
+
+    def recording(*builds: str) -> Path:
+        path = tmp_path / f"{len([*tmp_path.iterdir()])}.mcap"
+        with open_recording(path, simspec=simspec, versions=versions()) as recorder:
+            events = [EventDocument(name=CAMERA_OPENED, text=text) for text in builds]
+            for event in (EventDocument(name="started"), *events):
+                data = encode(String(event.model_dump_json()))
+                recorder(Record(START, SESSION_EVENTS, String.TYPE, data))
+        return path
+
+    old, new = "OpenCV 4.10.0, build a", "OpenCV 4.12.0, build b"
+    one, two = recording(old, f"down: {old}"), recording(old, f"down: moderngl, Mesa 22; {new}")
+    assert _other_versions(recording(old), recording(new)) == [f"{old} (here {new})"]
+    assert _other_versions(one, one) == _other_versions(one, recording()) == []
+    assert _other_versions(one, two) == [f"down: {old} (here down: moderngl, Mesa 22; {new})"]
 
 
-def test_another_renderer_of_a_further_camera_is_other_software(tmp_path: Path) -> None:
-    """Cameras are compared one by one, in the order in which they were opened."""
-    simspec, paths = load_simspec(ROOT / "examples" / "two_cameras.yaml"), []
-    for number, second in enumerate(("OpenCV 4.12.0, build b", "moderngl, Mesa 22; OpenCV 4.12.0, build b")):
-        paths.append(tmp_path / f"{number}.mcap")
-        with open_recording(paths[-1], simspec=simspec, versions=versions()) as recorder:
-            for text in ("OpenCV 4.12.0, build b", f"down: {second}"):
-                document = EventDocument(name=CAMERA_OPENED, text=text).model_dump_json()
-                recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
-    (difference,) = _other_versions(*paths)
-    assert difference.startswith("down: OpenCV 4.12.0, build b (here down: moderngl, Mesa 22;")
-
-
-def same_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
-    """The run as it was."""
-    flown = Path(os.environ["REBAR_TEST_FLOWN"]) / "runs" / realization
-    shutil.copy(flown / "recording.mcap", folder)
-    return SessionResult.model_validate_json((flown / "result.json").read_bytes())
-
-
-OTHER_ARITHMETIC = {"processor": "x86_64 sse4_2", "libm": "glibc 2.17, results 00000000"}
-
-
-def on_another_processor(result: dict[str, Any]) -> None:
-    result["facts"]["arithmetic"].update(OTHER_ARITHMETIC)
-
-
-def test_a_difference_between_processors_is_named_with_its_size(
-    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_difference_between_processors_is_named_with_its_size(copy: Path) -> None:
     """Digests differ, and so do processor and mathematical library: no forgery, and told. Where the digests are equal, or
     the hosts, nothing is said of processors.
     """
-    folder = tmp_path / "out"
-    shutil.copytree(flown, folder)
-    monkeypatch.setenv("REBAR_TEST_FLOWN", str(flown))
     elsewhere, here = (f"{point}-r1-{NAIVE}" for point in ("p001", "p002"))
-    edit_json(folder / "runs" / elsewhere / "result.json", on_another_processor)
+    result = copy / "runs" / elsewhere / "result.json"
+    other = {"processor": "x86_64 sse4_2", "libm": "glibc 2.17, results 00000000"}
+    edit_json(result, lambda document: document["facts"]["arithmetic"].update(other))
 
-    def flown_again(flight: str) -> dict[str, ReflownRun]:
-        sample = refly(folder, 9, 1, job=f"{__name__}:{flight}", open_executor=open_in_process())
-        return {run.realization: run for run in sample.runs}
-
-    assert {run.status for run in flown_again("same_flight").values()} == {ReflownStatus.IDENTICAL}
-    runs = flown_again("moved_flight")
-    assert (runs[here].status, runs[elsewhere].status) == (
-        ReflownStatus.DIFFERENT,
-        ReflownStatus.OTHER_VERSIONS,
-    )
+    assert {run.status for run in flown_again(copy, "same_flight").values()} == {ReflownStatus.IDENTICAL}
+    runs = flown_again(copy, "moved_flight")
+    assert runs[here].status is ReflownStatus.DIFFERENT
+    assert runs[elsewhere].status is ReflownStatus.OTHER_VERSIONS
     assert runs[elsewhere].apart_m == pytest.approx(1.0)
     told = runs[elsewhere].explanation
     assert told.startswith(
@@ -513,8 +471,8 @@ def test_a_difference_between_processors_is_named_with_its_size(
     assert told.endswith("that both flew; the results are equal")
     assert "processor" not in runs[here].explanation
 
-    edit_json(folder / "runs" / elsewhere / "result.json", lambda result: result["facts"].pop("arithmetic"))
-    assert flown_again("moved_flight")[elsewhere].status is ReflownStatus.DIFFERENT
+    edit_json(result, lambda document: document["facts"].pop("arithmetic"))
+    assert flown_again(copy, "moved_flight")[elsewhere].status is ReflownStatus.DIFFERENT
 
 
 def test_results_and_manifest_name_the_arithmetic_and_recordings_do_not(flown: Path, tmp_path: Path) -> None:
@@ -558,12 +516,11 @@ def test_the_variant_of_the_mathematical_library_shows_in_its_results() -> None:
     assert (plain != without_fma) == ("fma" in arithmetic()["processor"].split())
 
 
-def test_files_that_nfs_leaves_are_no_difference(flown: Path, tmp_path: Path) -> None:
+def test_files_that_nfs_leaves_are_no_difference(copy: Path) -> None:
     """A program on a network disk has deleted them and holds them open. They are in no manifest either; other hidden
     files are named.
     """
-    folder = tmp_path / "out"
-    shutil.copytree(flown, folder)
+    folder = copy
     left = [folder / ".nfs000000000123456700000001", folder / "runs" / IDLE / ".nfs00000000deadbeef0000001f"]
     left[1].parent.mkdir()
     for file in left:

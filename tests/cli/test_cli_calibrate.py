@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,17 +12,14 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from command_line import json_of
+from command_line import Rebar
+from made_campaign import made_simspec
 
-from bench.cli._app import run
 from bench.contracts import Observation, Outcome
 from bench.difficulty import load_scale
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import SimSpec
 from decompositions import Decomposition, load_decomposition
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from made_campaign import made_simspec
 
 # The first two are the panel; the others are none of it.
 ABILITIES = {"shaky": 0.1, "steady": -0.1, "rough": 0.05, "solid": -0.05}
@@ -38,20 +34,12 @@ def row(
     factor: str, unit: str, ratings: list[float], values: list[float], **fields: object
 ) -> dict[str, Any]:
     """A key factor table."""
-    return {
-        "factor": factor,
-        "unit": unit,
-        "ratings": ratings,
-        "values": values,
-        "reason": "Made up.",
-        **fields,
-    }
+    table = {"factor": factor, "unit": unit, "ratings": ratings, "values": values, "reason": "Made up."}
+    return table | fields
 
 
 def decomposition() -> dict[str, Any]:
-    """A shared table that is planted wrong, one that is right, one with two columns out of order; an
-    observable about the simulated detector, and one that no scene exercises.
-    """
+    """Tables planted wrong, right, and with two columns out of order; observables about the detector, and about nothing."""
     rain = row("rain_level", "level", [10, 40, 70, 100], [0, 1, 2, 3])
     hidden = row("target_concealment", "1", [20, 50, 80], [0, 0.5, 1])
     nothing = row("no_fly_share", "1", [10, 90], [1, 5], absent=0)
@@ -82,7 +70,7 @@ def decomposition() -> dict[str, Any]:
 
 @cache
 def base_of(agent: str) -> SimSpec:
-    """A situation with places: reading them takes long."""
+    """Reading it takes long."""
     return made_simspec(0, agent)
 
 
@@ -92,16 +80,12 @@ def scene(number: int, agent: str) -> SimSpec:
     turn, number = divmod(number, 48)
     home = base.vehicle.home.model_copy(update={"heading_deg": float(turn)})
     weather = {"fog_level": float(number % 4), "rain_level": float(number // 4 % 4)}
-    hidden = [
-        group.model_copy(update={"concealment": (0.0, 0.5, 1.0)[number // 16]})
-        if group.id == "radar"
-        else group
-        for group in base.actors
-    ]
+    hidden = {"radar": {"concealment": (0.0, 0.5, 1.0)[number // 16]}}
+    actors = tuple(group.model_copy(update=hidden.get(group.id, {})) for group in base.actors)
     return base.model_copy(
         update={
             "environment": base.environment.model_copy(update=weather),
-            "actors": tuple(hidden),
+            "actors": actors,
             "vehicle": base.vehicle.model_copy(update={"home": home}),
             "rules": base.rules.model_copy(update={"no_fly": ()}),
         }
@@ -110,30 +94,21 @@ def scene(number: int, agent: str) -> SimSpec:
 
 def columns(number: int) -> dict[str, int]:
     """The column of each observable's table in a scene."""
-    number %= 48
-    fog, rain = number % 4, number // 4 % 4
-    return {
-        "OBS-FOG-1": fog,
-        "OBS-FOG-2": fog,
-        "OBS-HIDDEN": number // 16,
-        "OBS-RAIN": rain,
-        "OBS-EYES": rain,
-    }
+    fog, rain, hidden = number % 4, number // 4 % 4, number % 48 // 16
+    return {"OBS-FOG-1": fog, "OBS-FOG-2": fog, "OBS-HIDDEN": hidden, "OBS-RAIN": rain, "OBS-EYES": rain}
 
 
-def make(
-    folder: Path, agents: tuple[str, ...], numbers: range = range(48), text: dict[str, Any] | None = None
-) -> Path:
+def make(folder: Path, agents: tuple[str, ...], numbers: range = range(48)) -> Path:
     """A campaign's folder as far as calibration reads it."""
     (folder / "simspecs").mkdir(parents=True)
-    campaign = {
+    campaign: dict[str, Any] = {
         "format": "rebar.campaign/1",
         "name": "made-up",
-        "agents": [{"manifest": agent} for agent in agents],
         "decomposition": "decomposition.json",
     }
+    campaign["agents"] = [{"manifest": agent} for agent in agents]
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign))
-    (folder / "decomposition.json").write_text(json.dumps(text or decomposition()))
+    (folder / "decomposition.json").write_text(json.dumps(decomposition()))
     document = load_decomposition(folder / "decomposition.json")
     runs = [_run(folder, document, number, agent) for number in numbers for agent in agents]
     score_table(document, runs).write_parquet(folder / "scores.parquet")
@@ -173,22 +148,15 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return make(home / "first", ("shaky",)), make(home / "second", ("steady",))
 
 
-def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """What the command prints for a machine."""
-    return json_of(["calibrate", *line, "--json"], capsys)  # type: ignore[no-any-return]
-
-
 @pytest.fixture(scope="module")
 def others(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two agents outside the panel, in scenes of their own."""
     return make(tmp_path_factory.mktemp("others") / "others", OTHERS, range(48, 96))
 
 
-def test_the_planted_rating_is_found_and_its_neighbours_are_not(
-    two_agents: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_planted_rating_is_found_and_its_neighbours_are_not(two_agents: Path, rebar: Rebar) -> None:
     """Failure falls with the rating of fog and rises with that of concealment; what tests no agent is left out."""
-    document = printed([str(two_agents)], capsys)
+    document = rebar.json("calibrate", two_agents)
     assert (document["agents"], document["excluded_agents"]) == (["shaky", "steady"], ["null-idle"])
     assert (document["runs"], document["design_points"]) == (96, 48)
     nodes = {node["node"]: node["rated"] for node in document["nodes"]}
@@ -203,12 +171,12 @@ def test_the_planted_rating_is_found_and_its_neighbours_are_not(
 
 
 def test_a_scale_fitted_to_a_panel_is_proved_on_others(
-    two_agents: Path, others: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, others: Path, tmp_path: Path, rebar: Rebar
 ) -> None:
     """It has the order that the rating has not, says where nothing is claimed, and changes no folder."""
     before = {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()}
     out = tmp_path / "scale.yaml"
-    document = printed([str(others), "--fit", str(two_agents), "--out", str(out)], capsys)
+    document = rebar.json("calibrate", others, "--fit", two_agents, "--out", out)
     assert {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()} == before
     nodes = {node["node"]: (node["rated"], node["measured"]) for node in document["nodes"]}
     rated, measured = nodes["KA-FOG"]
@@ -225,38 +193,31 @@ def test_a_scale_fitted_to_a_panel_is_proved_on_others(
     assert (scale.fitted_to[0].agents, scale.tested_on[0].agents) == (PANEL, OTHERS)
     assert scale.nodes["KA-HIDDEN"].unproved == ""
     assert scale.nodes["KA-FOG"].unproved == "29 passes in 96 runs"
-    assert run(["calibrate", "--fit", str(two_agents)]) == 0
-    assert "KA-RAIN: 47 of 96 failed; no feature has a weight" in " ".join(capsys.readouterr().out.split())
+    words = rebar.words("calibrate", "--fit", two_agents)
+    assert "KA-RAIN: 47 of 96 failed; no feature has a weight" in words
     # Two levels of rain are out of order, which no straight line tells.
     assert scale.nodes["KA-RAIN"].unproved == nodes["KA-RAIN"][1]["reason"] != ""
-    assert printed([str(others), "--scale", str(out)], capsys)["nodes"] == document["nodes"]
+    assert rebar.json("calibrate", others, "--scale", out)["nodes"] == document["nodes"]
 
 
-def test_a_panel_is_no_proof_of_its_own_scale(
-    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Tested on agents or scenes that it was fitted to, a scale stays unproved; so it does without a test."""
+def test_a_panel_is_no_proof_of_its_own_scale(two_agents: Path, tmp_path: Path, rebar: Rebar) -> None:
     same_scenes = make(tmp_path / "same-scenes", OTHERS)
     reasons = {str(two_agents): "runs of shaky, steady", str(same_scenes): "these scenes"}
     for line in ([str(two_agents)], [str(same_scenes)], []):
         line = [*line, "--fit", str(two_agents)]
-        document = printed(line, capsys)
-        assert {node["unproved"] for node in document["scale"]["nodes"].values()} == {
-            "not tested on agents outside the panel"
-        }
+        document = rebar.json("calibrate", *line)
+        doubts = {node["unproved"] for node in document["scale"]["nodes"].values()}
+        assert doubts == {"not tested on agents outside the panel"}
         if len(line) == 3:
             assert document["dependence"].endswith(f"it was fitted to {reasons[line[0]]}.")
-            assert run(["calibrate", *line]) == 0
-            text = capsys.readouterr().out
+            text = rebar("calibrate", *line)
             assert document["dependence"] in " ".join(text.split())
             assert "The scale holds" not in text
 
 
-def test_two_folders_say_the_same_as_one(
-    two_agents: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_folders_say_the_same_as_one(two_agents: Path, apart: tuple[Path, Path], rebar: Rebar) -> None:
     """Scenes are known by what they are, so runs of one scene in two folders share a design point."""
-    merged, separate = printed([str(two_agents)], capsys), printed([*map(str, apart)], capsys)
+    merged, separate = rebar.json("calibrate", two_agents), rebar.json("calibrate", *map(str, apart))
     for document in (merged, separate):
         del document["campaigns"], document["excluded_agents"]
     # Folders without a journal: nothing is known about either.
@@ -264,30 +225,24 @@ def test_two_folders_say_the_same_as_one(
     assert separate == merged
 
 
-def test_a_named_null_agent_counts(two_agents: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """--agent says which agents count."""
-    document = printed([str(two_agents), "--agent", "null-idle", "--agent", "steady"], capsys)
+def test_a_named_null_agent_counts(two_agents: Path, rebar: Rebar) -> None:
+    document = rebar.json("calibrate", two_agents, "--agent", "null-idle", "--agent", "steady")
     assert (document["agents"], document["excluded_agents"]) == (["null-idle", "steady"], ["shaky"])
 
 
-def test_for_people_at_80_columns(two_agents: Path, others: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Numbers stand whole in lines that fit."""
-    assert run(["calibrate", str(two_agents)]) == 0
-    text = capsys.readouterr().out
-    assert max(map(len, text.splitlines())) <= 80
-    assert "…" not in text
-    words = " ".join(text.split())
-    assert "KA-FOG 96 5" in words
-    assert "No scale of measured difficulty for this decomposition: see --fit" in words
-    assert run(["calibrate", str(others), "--fit", str(two_agents)]) == 0
-    text = capsys.readouterr().out
-    assert max(map(len, text.splitlines())) <= 80
-    assert "The scale holds for" in text
+def test_for_people_at_80_columns(two_agents: Path, others: Path, rebar: Rebar) -> None:
+    shown = {
+        "KA-FOG 96 5": rebar("calibrate", two_agents),
+        "The scale holds for": rebar("calibrate", others, "--fit", two_agents),
+    }
+    for words, text in shown.items():
+        assert max(map(len, text.splitlines())) <= 80
+        assert "…" not in text
+        assert words in " ".join(text.split())
+    assert "No scale of measured difficulty for this decomposition: see --fit" in shown["KA-FOG 96 5"]
 
 
-def test_what_results_decided_is_no_sample(
-    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_results_decided_is_no_sample(two_agents: Path, tmp_path: Path, rebar: Rebar) -> None:
     """Of design points that ended early only first replicates count; surrogates get a remark."""
     folder = tmp_path / "early"
     shutil.copytree(two_agents, folder)
@@ -299,20 +254,19 @@ def test_what_results_decided_is_no_sample(
     early.write_parquet(folder / "scores.parquet")
     text = (folder / "campaign.yaml").read_text()
     (folder / "campaign.yaml").write_text(f"{text}fidelity: overhead\n")
-    document = printed([str(folder)], capsys)
+    document = rebar.json("calibrate", folder)
     assert (document["runs"], document["design_points"]) == (48, 24)
     surrogates, ended = document["notes"]
     assert "flown by surrogates" in surrogates
     assert "only the first replicate of each counts" in ended
     early.with_columns(until_settled=pl.lit(value=False)).write_parquet(folder / "scores.parquet")
-    all_runs = printed([str(folder)], capsys)
+    all_runs = rebar.json("calibrate", folder)
     assert (all_runs["runs"], all_runs["design_points"]) == (96, 24)
 
 
 def test_what_cannot_be_calibrated_is_refused_with_code_2(
-    two_agents: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, apart: tuple[Path, Path], tmp_path: Path, rebar: Rebar
 ) -> None:
-    """Each mistake says what is wrong and what would do."""
     other, bare, lost = tmp_path / "other", tmp_path / "bare", tmp_path / "lost"
     for copy in (other, bare, lost):
         shutil.copytree(apart[1], copy)
@@ -344,7 +298,6 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
         "--scale: is for testing folders": ["--fit", str(two_agents), "--scale", "scale.yaml"],
     }
     for words, line in mistakes.items():
-        assert run(["calibrate", *line]) == 2, words
-        shown = capsys.readouterr().err
+        shown = rebar.refused("calibrate", *line)
         assert words in shown
         assert "Traceback" not in shown

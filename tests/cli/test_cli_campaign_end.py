@@ -62,37 +62,32 @@ def test_the_demo_ends_with_what_the_agents_differ_on(
         for agent in ("careless", "careful"):
             failed = "OBS-181" if agent == "careless" and number < marks else ""
             observations = tuple(
-                Observation(observable=name, considered=True, x=0.0 if name == failed else 1.0)
+                Observation(observable=name, considered=True, x=float(name != failed))
                 for name in decomposition.observables
             )
-            name = f"p{number}-{agent}"
-            runs.append(ScoredRun(name, f"p{number}", 0, agent, Outcome.COMPLETED, difficulty, observations))
+            point = f"p{number}"
+            flown = ScoredRun(
+                f"{point}-{agent}", point, 0, agent, Outcome.COMPLETED, difficulty, observations
+            )
+            runs.append(flown)
     summary: pl.DataFrame = summary_frame(score_table(decomposition, runs), decomposition)
     finished_campaign = cast(FinishedCampaign, SimpleNamespace(summary=summary, study=decomposition.study))
     show_finding(tmp_path, finished_campaign)
-    printed = " ".join(capsys.readouterr().out.split())
-    assert (
-        printed
-        == (
-            "Finding: careless failed suppression of target marking near bystanders (KA-18) in 3 of 4 runs, careful in 0 of 4. "
-            f"See why: rebar score {tmp_path} --explain KA-18 --limit 1 "
-            if marks
-            else "Finding: the agents passed alike. "
+    finding = "the agents passed alike."
+    if marks:
+        finding = (
+            "careless failed suppression of target marking near bystanders (KA-18) in 3 of 4 runs, careful in 0 of 4. "
+            f"See why: rebar score {tmp_path} --explain KA-18 --limit 1"
         )
-        + f"Look at its runs: rebar view {tmp_path}"
-    )
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed == f"Finding: {finding} Look at its runs: rebar view {tmp_path}"
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_counts_of_one_are_singular(tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int) -> None:
-    """One session, and one observable that does not discriminate; two of both."""
     (tmp_path / "manifest.json").touch()
-    floors = {
-        f"OBS-{number}": NodeFloor(
-            id=f"OBS-{number}", level="observable", floor=0.9, floor_agents=("null",), ceiling=1.0, scenes=5
-        )
-        for number in range(count)
-    }
+    flat = {"level": "observable", "floor": 0.9, "floor_agents": ("null",), "ceiling": 1.0, "scenes": 5}
+    floors = {name: NodeFloor(id=name, **flat) for name in map("OBS-{}".format, range(count))}
     scores = SimpleNamespace(
         saw_truth=(),
         silent=(),

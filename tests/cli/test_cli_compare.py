@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from command_line import json_of
-
-from bench.cli._app import run
-from bench.reporting import compare_campaigns, factor_effects, load_report_data, render_report
-from bench.statistics import FACTOR_COLUMNS
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from command_line import Rebar
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 from test_reporting_page import Page
+
+from bench.reporting import compare_campaigns, factor_effects, load_report_data, render_report
+from bench.statistics import FACTOR_COLUMNS
 
 NAIVE, AWARE = AGENTS
 
@@ -36,16 +33,11 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return tuple(make_campaign(home / agent, Made(scenes=18, agents=(agent,))) for agent in AGENTS)  # type: ignore[return-value]
 
 
-def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    """What the command prints for a machine."""
-    return json_of(["compare", *line, "--json"], capsys)  # type: ignore[no-any-return]
-
-
-def test_two_agents_of_one_campaign(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_agents_of_one_campaign(campaign_folder: Path, rebar: Rebar) -> None:
     """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
-    document = printed_json([str(campaign_folder)], capsys)
+    document = rebar.json("compare", campaign_folder)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
-    nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
+    nodes = {node["node"]: node for node in document["nodes"]}
     assert list(nodes) == list(STUDY)
     assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
     scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(pl.col("node") == "KA-18")
@@ -56,13 +48,9 @@ def test_two_agents_of_one_campaign(campaign_folder: Path, capsys: pytest.Captur
     assert nodes["KA-03"]["pairs_needed"] > 18
 
 
-def test_for_people(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A table, and a sentence for every node asked for."""
-    assert (
-        run(["compare", str(campaign_folder), "--agents", AWARE, NAIVE, "--node", "KA-18", "--node", "KA-20"])
-        == 0
-    )
-    text = " ".join(capsys.readouterr().out.split())
+def test_for_people(campaign_folder: Path, rebar: Rebar) -> None:
+    nodes = ("--node", "KA-18", "--node", "KA-20")
+    text = rebar.words("compare", campaign_folder, "--agents", AWARE, NAIVE, *nodes)
     assert f"KA-18: {AWARE} passes KA-18 in" in text
     assert "KA-20: " in text
     assert "KA-03" not in text
@@ -73,9 +61,8 @@ def random_campaign(folder: Path, seed: int) -> Path:
     make_campaign(folder, Made(scenes=24))
     random = np.random.default_rng(seed)
     scores = pl.read_parquet(folder / "scores.parquet")
-    chance = {
-        (agent, node): random.uniform(0.2, 0.9) for agent in AGENTS for node in scores["node"].unique().sort()
-    }
+    nodes = scores["node"].unique().sort()
+    chance = {(agent, node): random.uniform(0.2, 0.9) for agent in AGENTS for node in nodes}
     rows = []
     spoilt = {name for name in sorted(set(scores["realization"])) if random.random() < 0.1}
     for row in scores.iter_rows(named=True):
@@ -99,17 +86,12 @@ def random_campaign(folder: Path, seed: int) -> Path:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_report_and_command_give_the_same_numbers(
-    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """On a random campaign: every cell of the report's table is that of the command, and both are those of the JSON
-    document.
-    """
+def test_report_and_command_give_the_same_numbers(seed: int, tmp_path: Path, rebar: Rebar) -> None:
+    """On a random campaign: every cell of the report's table is that of the command, and both are those in JSON."""
     folder = random_campaign(tmp_path / "random", seed)
-    document = printed_json([str(folder)], capsys)
-    nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
-    assert run(["compare", str(folder)]) == 0
-    printed = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" KA-")]
+    document = rebar.json("compare", folder)
+    nodes = {node["node"]: node for node in document["nodes"]}
+    printed = [line.split() for line in rebar("compare", folder).splitlines() if line.startswith(" KA-")]
     page = Page(render_report(load_report_data(folder)))
     (table,) = (rows for rows in page.tables_by_class["significance"])
     reported = {row[0]: row for row in table[1:]}
@@ -120,9 +102,8 @@ def test_report_and_command_give_the_same_numbers(
         assert " ".join(row[:8]).split() == rate_cells
         assert " ".join([name, *row[8:11]]).split() == divergence_cells
         assert row[11] == node["verdict"]
-        assert float(row[4].replace("−", "-")) == pytest.approx(
-            100 * node["difference"]["estimate"], abs=0.051
-        )
+        difference = 100 * node["difference"]["estimate"]
+        assert float(row[4].replace("−", "-")) == pytest.approx(difference, abs=0.051)
         assert row[7] == ("< 0.001" if node["p_adjusted"] < 0.001 else f"{node['p_adjusted']:.3f}")
     answer = " ".join(page.text.split("What is not claimed")[0].split())
     for name, node in nodes.items():
@@ -130,11 +111,8 @@ def test_report_and_command_give_the_same_numbers(
     assert 0 < sum(node["pairs"] for node in nodes.values()) < 24 * len(STUDY)
 
 
-def test_one_agent_each_of_two_campaigns(
-    campaign_folder: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Scenes are known by what they are, so two folders say the same as one."""
-    merged, separate = printed_json([str(campaign_folder)], capsys), printed_json([*map(str, apart)], capsys)
+def test_one_agent_of_each_campaign(campaign_folder: Path, apart: tuple[Path, Path], rebar: Rebar) -> None:
+    merged, separate = rebar.json("compare", campaign_folder), rebar.json("compare", *map(str, apart))
     # Folders without a journal: nothing is known about either.
     assert (merged.pop("completeness"), separate.pop("completeness")) == ([None], [None, None])
     assert merged == separate
@@ -145,9 +123,8 @@ def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path],
     other = tmp_path / "renamed"
     shutil.copytree(apart[1], other)
     scores = pl.read_parquet(other / "scores.parquet")
-    scores.with_columns(pl.concat_str(pl.lit("q"), "design_point").alias("design_point")).write_parquet(
-        other / "scores.parquet"
-    )
+    renamed = scores.with_columns(design_point=pl.concat_str(pl.lit("q"), "design_point"))
+    renamed.write_parquet(other / "scores.parquet")
     assert compare_campaigns([apart[0], other]) == compare_campaigns(apart)
     path = other / "simspecs" / f"p000-r0-{AWARE}.json"
     path.write_text(path.read_text().replace('"root":1000', '"root":999'))
@@ -157,7 +134,6 @@ def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path],
 
 
 def test_the_same_agent_in_two_campaigns_is_named_by_folder(campaign_folder: Path, tmp_path: Path) -> None:
-    """A campaign against its copy: no difference anywhere, and labels that say which is which."""
     other = tmp_path / "copy"
     shutil.copytree(campaign_folder, other)
     comparison = compare_campaigns([campaign_folder, other], [NAIVE, NAIVE])
@@ -166,13 +142,8 @@ def test_the_same_agent_in_two_campaigns_is_named_by_folder(campaign_folder: Pat
     assert all(node.divergence is not None and node.divergence.value == 0.0 for node in comparison.nodes)
 
 
-def test_one_agent_on_other_scenes_is_compared_without_pairs(
-    campaign_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Two iterations whose scenes differ: distributions and divergence, and the words that the scenes are not the same.
-
-    The second fails KA-18 never where the first does often, and is the same everywhere else.
-    """
+def test_other_scenes_are_compared_without_pairs(campaign_folder: Path, tmp_path: Path, rebar: Rebar) -> None:
+    """The second iteration fails KA-18 never where the first does often, and is the same everywhere else."""
     second = tmp_path / "second"
     make_campaign(second, Made(scenes=14, agents=(NAIVE,)))
     for path in (second / "simspecs").glob("*.json"):
@@ -184,26 +155,21 @@ def test_one_agent_on_other_scenes_is_compared_without_pairs(
         pl.when(improved).then(90.0).otherwise("score").alias("score"),
     ).write_parquet(second / "scores.parquet")
     line = [str(campaign_folder), str(second)]
-    document = printed_json(line, capsys)
+    document = rebar.json("compare", *line)
     assert (document["first"], document["second"], document["scenes"]) == ("both", "second", 0)
     assert document["nodes"] == []
-    nodes = {node["node"]: node for node in document["unpaired"]}  # type: ignore[attr-defined]
+    nodes = {node["node"]: node for node in document["unpaired"]}
     assert list(nodes) == list(STUDY)
     assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
     ka18 = nodes["KA-18"]
     assert (ka18["points"], ka18["passed"][1], ka18["considered"]) == ([18, 14], 14, [18, 14])
     assert ka18["results"]["score above 80 to 100"][1] == 14
     assert [sum(counts) for counts in zip(*ka18["results"].values(), strict=True)] == [18, 14]
-    assert (ka18["divergence"]["paired"], ka18["divergence"]["first"], ka18["divergence"]["second"]) == (
-        False,
-        18,
-        14,
-    )
+    assert [ka18["divergence"][name] for name in ("paired", "first", "second")] == [False, 18, 14]
     assert ka18["verdict"] == "both and second differ; 18 and 14 runs; not the same scenes"
     assert nodes["KA-03"]["verdict"] == "no difference is shown; 18 and 14 runs; not the same scenes"
 
-    assert run(["compare", *line]) == 0
-    shown = capsys.readouterr().out
+    shown = rebar("compare", *line)
     assert max(map(len, shown.splitlines())) <= 80
     words = " ".join(shown.split())
     assert "both and second: not the same scenes, so nothing is paired" in words
@@ -215,14 +181,12 @@ def test_one_agent_on_other_scenes_is_compared_without_pairs(
 
 
 def test_what_cannot_be_compared_is_refused_with_code_2(
-    campaign_folder: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    campaign_folder: Path, apart: tuple[Path, Path], tmp_path: Path, rebar: Rebar
 ) -> None:
-    """Each mistake says what is wrong and what would do."""
     other, bare, moved = tmp_path / "other", tmp_path / "bare", tmp_path / "moved"
     shutil.copytree(apart[1], other)
-    (other / "decomposition.json").write_text(
-        (other / "decomposition.json").read_text().replace("Made up.", "Made otherwise.")
-    )
+    document = (other / "decomposition.json").read_text()
+    (other / "decomposition.json").write_text(document.replace("Made up.", "Made otherwise."))
     shutil.copytree(campaign_folder, bare)
     (bare / "scores.parquet").unlink()
     shutil.copytree(apart[1], moved)
@@ -240,8 +204,7 @@ def test_what_cannot_be_compared_is_refused_with_code_2(
         "holds no campaign": [str(tmp_path)],
     }
     for words, line in mistakes.items():
-        assert run(["compare", *line]) == 2, words
-        shown = capsys.readouterr().err
+        shown = rebar.refused("compare", *line)
         assert words in shown
         assert "Traceback" not in shown
 
@@ -249,9 +212,8 @@ def test_what_cannot_be_compared_is_refused_with_code_2(
 def test_factors_are_asked_about_where_ten_runs_failed(campaign_folder: Path) -> None:
     data = load_report_data(campaign_folder)
     for failed, is_asked in ((9, False), (10, True)):
-        tallies = {
-            key: replace(tally, considered=18, passed=18 - failed) for key, tally in data.tallies.items()
-        }
+        counts: dict[str, Any] = {"considered": 18, "passed": 18 - failed}
+        tallies = {key: replace(tally, **counts) for key, tally in data.tallies.items()}
         matter = factor_effects(replace(data, tallies=tallies))
         assert bool(matter.tables) is is_asked
         assert bool(matter.too_few) is not is_asked
@@ -259,9 +221,7 @@ def test_factors_are_asked_about_where_ten_runs_failed(campaign_folder: Path) ->
 
 
 def test_the_report_finds_the_factor_that_was_planted(campaign_folder: Path) -> None:
-    """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and
-    no other.
-    """
+    """Confidence is spoilt wherever one factor is at its upper level: found, for that agent and node and no other."""
     data = load_report_data(campaign_folder)
     points = {point: number for number, point in enumerate(sorted(set(data.scores["design_point"])))}
     # Six design points of the design, three replicates each; concealment is the factor that changes fastest.
@@ -289,8 +249,6 @@ def test_the_report_finds_the_factor_that_was_planted(campaign_folder: Path) -> 
 
 
 def test_without_a_design_the_report_says_so(campaign_folder: Path) -> None:
-    """A campaign without factors has a section that says that there are none."""
-
     data = load_report_data(campaign_folder)
     assert factor_effects(replace(data, campaign={})).note == "The campaign's design varies no factor."
     assert "varies no factor" in render_report(replace(data, campaign={}))

@@ -16,17 +16,16 @@ def confinement_line(isolation: str, network: str = "own", open_walls: tuple[str
     return line
 
 
+HELD = "isolation: landlock, a network of its own"
+
+
 @pytest.mark.parametrize(
     ("isolation", "network", "words"),
     [
-        ("landlock", "own", "isolation: landlock, a network of its own"),
-        (
-            "landlock",
-            "the host's: no permission",
-            "isolation: landlock, the network is the host's: no permission",
-        ),
+        ("landlock", "own", HELD),
+        ("landlock", "the host's: no room", "isolation: landlock, the network is the host's: no room"),
         ("none", "own", "NOT CONFINED"),
-        ("none", "the host's: no permission", "NOT CONFINED"),
+        ("none", "the host's: no room", "NOT CONFINED"),
     ],
 )
 def test_rung_and_network_are_named(isolation: str, network: str, words: str) -> None:
@@ -37,7 +36,6 @@ def test_rung_and_network_are_named(isolation: str, network: str, words: str) ->
 
 def test_open_walls_are_named() -> None:
     """In the words of the table; nothing is said of a box that leaves nothing open."""
-    held = confinement_line("landlock", open_walls=())
-    assert held == confinement_line("landlock") == "isolation: landlock, a network of its own"
+    assert confinement_line("landlock", open_walls=()) == confinement_line("landlock") == HELD
     line = confinement_line("landlock", open_walls=("udp", "host_name"))
-    assert line == f"{held}; leaves open: {Wall.UDP}; {Wall.HOST_NAME}"
+    assert line == f"{HELD}; leaves open: {Wall.UDP}; {Wall.HOST_NAME}"

@@ -9,8 +9,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from command_line import Rebar
 
-from bench.cli._app import run
 from bench.cli._docs import TOP_PAGES, write_pages
 
 ROOT = Path(__file__).parents[2]
@@ -44,9 +44,8 @@ def faults_of(folder: Path) -> list[str]:
                 continue
             goal = Path(unquote(parts.path)) if parts.scheme == "file" else page.parent / unquote(parts.path)
             goal = goal.resolve() if parts.path else page
-            is_there = (
-                parts.fragment in pages[goal].anchors if goal in pages and parts.fragment else goal.exists()
-            )
+            is_page = bool(parts.fragment) and goal in pages
+            is_there = parts.fragment in pages[goal].anchors if is_page else goal.exists()
             faults += [] if is_there else [f"{page.name}: {target}"]
     return faults
 
@@ -79,21 +78,15 @@ def test_in_a_wheel_a_link_to_what_is_not_there_is_text(tmp_path: Path) -> None:
 
 def test_a_dead_link_is_found(tmp_path: Path) -> None:
     """The test above can fail: a page that is not there, and a heading that is not on it."""
-    for name, body in (
-        ("a", '<a href="c.html"><a href="b.html#here"><a href="b.html#there">'),
-        ("b", '<p id="here">'),
-    ):
-        (tmp_path / f"{name}.html").write_text(body, encoding="utf-8")
+    links = '<a href="c.html"><a href="b.html#here"><a href="b.html#there">'
+    (tmp_path / "a.html").write_text(links, encoding="utf-8")
+    (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
     assert faults_of(tmp_path) == ["a.html: c.html", "a.html: b.html#there"]
 
 
 @pytest.mark.parametrize(("page", "file"), [([], "README"), (["simspec"], "simspec"), (["time.md"], "time")])
 def test_a_page_opens_where_there_is_a_display(
-    page: list[str],
-    file: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    page: list[str], file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rebar: Rebar
 ) -> None:
     """Its path is printed in any case; `--path` opens nothing, and neither does a terminal without a display."""
     opened: list[str] = []
@@ -102,12 +95,10 @@ def test_a_page_opens_where_there_is_a_display(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     for display, options, count in (("", ["--path"], 0), ("", [], 0), (":0", ["--path"], 0), (":0", [], 1)):
+        monkeypatch.delenv("DISPLAY", raising=False)
         if display:
             monkeypatch.setenv("DISPLAY", display)
-        else:
-            monkeypatch.delenv("DISPLAY", raising=False)
-        assert run(["docs", *page, *options]) == 0
-        printed = Path(capsys.readouterr().out.strip())
+        printed = Path(rebar("docs", *page, *options).strip())
         assert printed == tmp_path / "rebar" / "docs" / "docs" / f"{file}.html"
         assert printed.is_file()
         assert opened == [printed.as_uri()] * count
@@ -121,8 +112,7 @@ def test_a_page_opens_where_there_is_a_display(
         ("../README", "there is no page '../README'"),
     ],
 )
-def test_an_unknown_page_is_told(page: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["docs", page]) == 2
-    told = capsys.readouterr().err
+def test_an_unknown_page_is_told(page: str, words: str, rebar: Rebar) -> None:
+    told = rebar.refused("docs", page)
     assert words in told
     assert all(path.stem in told for path in (ROOT / "docs").glob("*.md"))

@@ -22,12 +22,9 @@ C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
 def rebar(line: list[str], **surroundings: str) -> subprocess.CompletedProcess[bytes]:
-    environment = {
-        name: value for name, value in os.environ.items() if name != "PYTHONIOENCODING"
-    } | surroundings
-    return subprocess.run(
-        [sys.executable, "-m", "bench.cli", *line], capture_output=True, check=False, env=environment
-    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONIOENCODING"}
+    command = [sys.executable, "-m", "bench.cli", *line]
+    return subprocess.run(command, capture_output=True, check=False, env=environment | surroundings)
 
 
 def printed(line: list[str], encoding: str, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -67,21 +64,11 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
     "line",
     [
         ["run", "{0}/käse.yaml", "--out", "{0}/out"],
-        ["run", "{0}/käse.yaml", "--dry-run"],
         ["score", "{0}/out", "--per-run"],
-        ["score", "{0}/out", "--explain", "KA-18"],
         ["compare", "{0}/out"],
-        ["calibrate", "{0}/out"],
-        ["next", "{0}/out"],
-        ["status", "{0}/out"],
-        ["verify", "{0}/out"],
         ["report", "{0}/out"],
-        ["graph", "search-and-report", "--out", "{0}/graph"],
-        ["decomposition", "check", "search-and-report-full"],
         ["difficulty", str(EXAMPLE)],
-        ["tension", "KA-18", "3"],
         ["prose", f"A radar vehicle in {WORDS}, 5–10 civilians within 50 m of it"],
-        ["examples"],
         ["run", "--help"],
     ],
     ids=" ".join,
@@ -93,9 +80,7 @@ def test_every_table_is_printed(
 
 
 @pytest.mark.parametrize("line", [["score", "{0}/out"], ["compare", "{0}/out"], ["status", "{0}/out"]])
-def test_json_says_the_same_in_every_encoding(
-    flown: Path, line: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_json_is_one_in_every_encoding(flown: Path, line: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     words = [*(word.format(flown) for word in line), "--json"]
     plain, narrow = (json.loads(printed(words, encoding, monkeypatch)) for encoding in ("utf-8", "ascii"))
     assert plain == narrow
@@ -103,9 +88,7 @@ def test_json_says_the_same_in_every_encoding(
 
 
 @pytest.mark.parametrize("surroundings", [{}, C_LOCALE])
-def test_a_name_that_is_not_utf8_is_refused_before_anything_flies(
-    flown: Path, surroundings: dict[str, str]
-) -> None:
+def test_a_name_not_in_utf8_is_refused_before_a_flight(flown: Path, surroundings: dict[str, str]) -> None:
     out = os.fsdecode(os.fsencode(flown) + b"/n\xe9")
     ended = rebar(["run", str(flown / "käse.yaml"), "--out", out], **surroundings)
     assert (ended.returncode, ended.stdout) == (2, b"")

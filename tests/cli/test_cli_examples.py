@@ -11,18 +11,17 @@ from pathlib import Path
 
 import pytest
 import yaml
+from command_line import Rebar
 
 from bench.campaign import load_campaign
-from bench.cli._app import run
 from bench.simspec import load_simspec
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_file_is_listed_and_copied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_file_is_listed_and_copied(tmp_path: Path, rebar: Rebar) -> None:
     """Every campaign, decomposition and example of the project; the campaigns and SimSpecs load where they lie."""
-    assert run(["examples"]) == 0
-    listed = set(capsys.readouterr().out.splitlines())
+    listed = set(rebar("examples").splitlines())
     wanted = {
         *(f"campaigns/{path.relative_to(ROOT / 'campaigns')}" for path in ROOT.glob("campaigns/**/*.yaml")),
         *(f"decompositions/{path.name}" for path in ROOT.glob("decompositions/data/*.yaml")),
@@ -34,7 +33,7 @@ def test_every_file_is_listed_and_copied(tmp_path: Path, capsys: pytest.CaptureF
     assert wanted <= listed
     assert not any("node_modules" in name for name in listed)
     mine = tmp_path / "mine"
-    assert run(["examples", "--copy", str(mine)]) == 0
+    rebar("examples", "--copy", mine)
     assert all((mine / name).is_file() for name in wanted)
     for campaign in ("demo", "full", "paper", "rescue", "standard", "standard_2"):
         load_campaign(mine / "campaigns" / f"{campaign}.yaml")
@@ -42,15 +41,12 @@ def test_every_file_is_listed_and_copied(tmp_path: Path, capsys: pytest.CaptureF
         load_simspec(mine / "examples" / f"{simspec}.yaml")
 
 
-def test_a_copy_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two files stand in the way: both are named, and nothing at all is written."""
+def test_a_copy_overwrites_nothing(tmp_path: Path, rebar: Rebar) -> None:
+    (tmp_path / "campaigns").mkdir()
     for name in ("demo", "paper"):
-        (tmp_path / "campaigns").mkdir(exist_ok=True)
         (tmp_path / "campaigns" / f"{name}.yaml").write_text("mine", encoding="utf-8")
-    assert run(["examples", "--copy", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert "demo.yaml: this file exists" in told
-    assert "paper.yaml: this file exists" in told
+    told = rebar.refused("examples", "--copy", tmp_path)
+    assert all(f"{name}.yaml: this file exists" in told for name in ("demo", "paper"))
     assert (tmp_path / "campaigns" / "demo.yaml").read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "examples").exists()
 
@@ -58,7 +54,6 @@ def test_a_copy_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture
 # Building and two sessions are a minute of a core, which a busy host may stretch beyond the usual limit.
 @pytest.mark.timeout(900)
 def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path) -> None:
-    """Built, installed without the checkout, its examples copied, and two sessions flown from the copy."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     build = ["wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", str(tmp_path), str(ROOT)]
     subprocess.run([*pip, *build], check=True, capture_output=True)
@@ -89,7 +84,7 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
     install = ["install", "--no-compile", "--no-deps", "--no-index", "--ignore-installed", str(wheel)]
     subprocess.run([*pip, "--python", python, *install], check=True, capture_output=True)
 
-    def rebar(*arguments: str) -> str:
+    def installed(*arguments: str) -> str:
         environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
         environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
         command = [str(home / "bin" / "rebar"), *arguments]
@@ -101,18 +96,18 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
         [python, "-c", "import bench; print(bench.__file__)"], cwd=tmp_path, capture_output=True
     )
     assert str(packages).encode() in where.stdout
-    assert rebar("--version").startswith("rebar ")
+    assert installed("--version").startswith("rebar ")
     pages = {f"bench/cli/shipped/docs/{path.name}" for path in (ROOT / "docs").glob("*.md")}
     assert pages | {"bench/cli/shipped/README.md", "bench/cli/shipped/CONTRIBUTING.md"} <= set(names)
-    written = Path(rebar("docs", "mqtt-agents", "--path").strip())
+    written = Path(installed("docs", "mqtt-agents", "--path").strip())
     assert "<h1" in written.read_text(encoding="utf-8")
     assert written.with_name("simspec.html").is_file()
-    rebar("examples", "--copy", "mine")
+    installed("examples", "--copy", "mine")
     file = tmp_path / "mine" / "campaigns" / "demo.yaml"
     campaign = yaml.safe_load(file.read_text(encoding="utf-8"))
     campaign["design"]["method"]["take"] = 1
     # They turn for home in time: an early end of the mission is an end of it too.
     campaign["base"]["mission"]["time_limit_s"] = 60.0
     file.write_text(yaml.safe_dump(campaign), encoding="utf-8")
-    assert "2 completed" in rebar("run", str(file), "--out", "out")
-    assert "all files match" in rebar("verify", "out")
+    assert "2 completed" in installed("run", str(file), "--out", "out")
+    assert "all files match" in installed("verify", "out")

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
+from command_line import Rebar
+from made_campaign import AGENTS, END_S, made_simspec, made_tape, write_recording
 
-from bench.cli._app import run
 from bench.contracts import Outcome, SessionResult
 from bench.visible_text import visible_output
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from made_campaign import AGENTS, END_S, made_simspec, made_tape, write_recording
 
 
 def story(
     folder: Path,
     agent: str,
-    capsys: pytest.CaptureFixture[str],
+    rebar: Rebar,
     *options: str,
     reason: str = "seen",
     times: int = 1,
@@ -34,27 +30,19 @@ def story(
     tape = made_tape(simspec, reason=reason)
     tape = replace(tape, decisions=tape.decisions * times)
     digest = write_recording(folder / "recording.mcap", simspec, tape)
-    result = SessionResult(
-        realization=folder.name,
-        outcome=Outcome.COMPLETED,
-        reason="home",
-        simulated_s=END_S,
-        cpu_s=1.0,
-        recording_sha256=digest,
-    )
+    ended = {"realization": folder.name, "outcome": Outcome.COMPLETED, "reason": "home", "cpu_s": 1.0}
+    result = SessionResult.model_validate(ended | {"simulated_s": END_S, "recording_sha256": digest})
     (folder / "result.json").write_text(result.model_dump_json())
     (folder / "simspec.json").write_text(simspec.model_dump_json())
-    capsys.readouterr()
     with visible_output():
-        assert run(["explain", str(folder), *options]) == 0
-    return capsys.readouterr().out
+        return rebar("explain", folder, *options)
 
 
 def test_a_mark_beside_people_is_told_with_the_truth_and_the_principles_that_it_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, rebar: Rebar
 ) -> None:
     """The naive agent marks beside people, the aware one withholds the mark; moments stand in order."""
-    naive, aware = (story(tmp_path / agent, agent, capsys) for agent in AGENTS)
+    naive, aware = (story(tmp_path / agent, agent, rebar) for agent in AGENTS)
     for text in (naive, aware):
         assert "ORDER: hold, within 5 s" in text
         assert "search first" in text
@@ -74,10 +62,8 @@ def test_a_mark_beside_people_is_told_with_the_truth_and_the_principles_that_it_
     assert aware.count("AGAINST THE RULE") == naive.count("AGAINST THE RULE") - 1
 
 
-def test_few_moments_can_be_asked_for_and_texts_of_agents_are_shown_as_they_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = story(tmp_path / "run", AGENTS[0], capsys, "--moments", "2", reason="[red]\x1b[31mfine")
+def test_few_moments_can_be_asked_for_and_texts_are_shown_as_they_are(tmp_path: Path, rebar: Rebar) -> None:
+    text = story(tmp_path / "run", AGENTS[0], rebar, "--moments", "2", reason="[red]\x1b[31mfine")
     happened = text[text.index("What happened") : text.index("Not achieved")]
     assert len(re.findall(r"^ +[\d.]+ s  ", happened, re.MULTILINE)) == 2
     assert re.search(r"and \d+ more moments \(--moments 0\)", happened)
@@ -85,25 +71,23 @@ def test_few_moments_can_be_asked_for_and_texts_of_agents_are_shown_as_they_are(
     assert "\x1b" not in text
 
 
-def test_what_the_story_leaves_out_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_story_leaves_out_is_told(tmp_path: Path, rebar: Rebar) -> None:
     """Of 300 decisions 200 are kept, whatever is asked; of 3 all are."""
     many, few = (
-        story(tmp_path / f"run-{times}", AGENTS[0], capsys, "--moments", "0", times=times)
+        story(tmp_path / f"run-{times}", AGENTS[0], rebar, "--moments", "0", times=times)
         for times in (100, 1)
     )
     assert "100 later decisions are not told" in many
     assert "are not told" not in few
 
 
-def test_only_bounds_that_hold_are_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A closed area with and without a geofence around."""
+def test_only_bounds_that_hold_are_asked(tmp_path: Path, rebar: Rebar) -> None:
     fenced, free = (
-        story(tmp_path / f"run-{fence}", AGENTS[0], capsys, fence=fence) for fence in (True, False)
+        story(tmp_path / f"run-{fence}", AGENTS[0], rebar, fence=fence) for fence in (True, False)
     )
     assert ["stay inside the geofence" in text for text in (fenced, free)] == [True, False]
     assert ["stay out of school" in text for text in (fenced, free)] == [True, True]
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["explain", str(tmp_path)]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
+def test_a_folder_without_a_run_is_refused(tmp_path: Path, rebar: Rebar) -> None:
+    assert str(tmp_path) in rebar.refused("explain", tmp_path)

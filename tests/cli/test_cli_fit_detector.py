@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
-from command_line import json_of
+from command_line import Rebar
 from detector_fit import DetectorFit, declare
+from made_views import breathing_frames, made_spec
 
-from bench.cli._app import run
 from bench.contracts import SimTime, VehiclePlan, cast_of
 from bench.perception import open_detector
 from bench.recording import open_recording
@@ -21,9 +20,6 @@ from bench.simulation._detection_messages import DetectionMessages
 from bench.simulation._mission_information import MissionInformation
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "perception"))
-from made_views import breathing_frames, made_spec
 
 ASSETS = ["soldier", "civilian"] * 15
 FRAMES = 120
@@ -59,13 +55,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_recording_gives_a_model_and_its_counts(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The file holds a perception that a SimSpec takes; it is what is printed, and JSON has the same numbers."""
+def test_a_recording_gives_a_model_and_its_counts(recording: Path, tmp_path: Path, rebar: Rebar) -> None:
     out = tmp_path / "fitted.yaml"
-    assert run(["fit-detector", str(recording), "--out", str(out)]) == 0
-    text = capsys.readouterr().out
+    text = rebar("fit-detector", recording, "--out", out)
     assert text == out.read_text()
     document = yaml.safe_load(text)
     fit = DetectorFit.model_validate(document)
@@ -76,10 +68,9 @@ def test_a_recording_gives_a_model_and_its_counts(
     # 0.25 s is published with the next tick of 0.1 s. The last result is still on its way at the end.
     assert (model.latency_s, model.latency_jitter_s) == (0.3, 0.0)
     assert (counts.frames, counts.unanswered) == (FRAMES - 1, 1)
-    assert DetectorFit.model_validate(json_of(["fit-detector", str(recording), "--json"], capsys)) == fit
+    assert DetectorFit.model_validate(rebar.json("fit-detector", recording)) == fit
 
 
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, rebar: Rebar) -> None:
     path = tmp_path / "none.mcap"
-    assert run(["fit-detector", str(path)]) == 2
-    assert str(path) in capsys.readouterr().err
+    assert str(path) in rebar.refused("fit-detector", path)

@@ -43,11 +43,8 @@ def assert_visible(text: str | bytes) -> None:
     """No control character but newline and tab, no bidirectional or zero-width mark, no half of a character."""
     if isinstance(text, bytes):
         text = text.decode("utf-8", "surrogateescape")
-    raw = {sign for sign in text if unicodedata.category(sign) in ("Cc", "Cf", "Cs", "Zl", "Zp")} - {
-        "\n",
-        "\t",
-    }
-    assert raw == set()
+    raw = {sign for sign in text if unicodedata.category(sign) in ("Cc", "Cf", "Cs", "Zl", "Zp")}
+    assert raw <= {"\n", "\t"}
 
 
 def values_in(document: object) -> list[str]:
@@ -104,11 +101,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def result_of(folder: Path, end: str) -> dict[str, object]:
-    (path,) = (
-        path
-        for path in (folder / "out" / "runs").iterdir()
-        if path.name.endswith("-crash") is (end == "crash")
-    )
+    runs = (folder / "out" / "runs").iterdir()
+    (path,) = (path for path in runs if path.name.endswith("-crash") is (end == "crash"))
     document: dict[str, object] = json.loads((path / "result.json").read_text())
     return document
 
@@ -157,11 +151,9 @@ def test_the_report_shows_the_words(folder: Path) -> None:
 
 def test_journal_and_scores_hold_only_what_is_seen(folder: Path) -> None:
     with sqlite3.connect(folder / "out" / "journal.sqlite") as journal:
-        for row in journal.execute(
-            "SELECT * FROM realizations LEFT JOIN attempts ON realizations.id = realization"
-        ):
-            for value in row:
-                assert_visible(str(value))
+        rows = "SELECT * FROM realizations LEFT JOIN attempts ON realizations.id = realization"
+        for value in (value for row in journal.execute(rows) for value in row):
+            assert_visible(str(value))
     scores = pl.read_parquet(folder / "out" / "scores.parquet")
     assert set(scores["agent"]) == {SHOWN_NAME, f"{SHOWN_NAME}-crash"}
 
@@ -185,8 +177,7 @@ COMMANDS = {
         "{0}/scene.json",
         "--decomposition",
         "{0}/decomposition.yaml",
-        "--node",
-        "KA-18",
+        "--node=KA-18",
     ],
     "decomposition": ["decomposition", "check", "{0}/decomposition.yaml"],
     "tension": ["tension", "KA-18", "3", "--decomposition", "{0}/decomposition.yaml"],
@@ -194,14 +185,7 @@ COMMANDS = {
     "prose": ["prose", "--file", "{0}/prose.txt"],
     "prose --json": ["prose", "--file", "{0}/prose.txt", "--json"],
     "prose --out": ["prose", "--file", "{0}/prose.txt", "--out", "{0}/prose.yaml"],
-    "table": [
-        "score",
-        "--observations",
-        "{0}/table.csv",
-        "--decomposition",
-        "search-and-report",
-        "--per-run",
-    ],
+    "table": ["score", "--observations={0}/table.csv", "--decomposition=search-and-report", "--per-run"],
     # Refused, each with its own words in the error.
     "no such file": ["simulate", "{0}/none\x1b[2J\u202e"],
     "bad file": ["difficulty", "{0}/bad.yaml"],
@@ -218,9 +202,8 @@ def files(folder: Path) -> Path:
     scene = yaml.safe_load((ROOT / "examples" / "search.yaml").read_text())
     scene |= {"description": HOSTILE, "agent": {"manifest": str(folder / f"{NAME}-crash.yaml")}}
     (folder / "scene.json").write_text(json.dumps(scene, default=str))
-    (folder / "prose.txt").write_text(
-        f"A radar vehicle {HOSTILE} and 5 civilians\u202e. Zog \x1b[2J the frobnicator."
-    )
+    prose = f"A radar vehicle {HOSTILE} and 5 civilians\u202e. Zog \x1b[2J the frobnicator."
+    (folder / "prose.txt").write_text(prose)
     (folder / "bad.yaml").write_text('name: "x\\e[2J\\u202e"\n"zz\\e[2J\\u202e": 3\nworld: "\\e[2J\\u202e"\n')
     decomposition = (ROOT / "decompositions" / "data" / "search_and_report.yaml").read_text()
     title = "Suppression of target marking near bystanders"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import subprocess
 import sys
@@ -11,16 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command_line import CAMPAIGN, EXAMPLE, json_of
+from command_line import CAMPAIGN, EXAMPLE, Rebar
+from made_campaign import Made, made_simspec, make_campaign
 
 from bench.campaign import open_journal, write_result
 from bench.campaign.storage._journal import PlannedRealization
-from bench.cli._app import run
 from bench.contracts import Outcome, SessionResult
 from bench.realization import RealizationPlan
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from made_campaign import Made, made_simspec, make_campaign
 
 MISSING = "p008-r0-reference-naive"
 MANIFEST = """
@@ -47,16 +43,8 @@ def writer(folder: Path) -> Iterator[int]:
         process.communicate()
 
 
-def first_line(capsys: pytest.CaptureFixture[str]) -> str:
-    return capsys.readouterr().out.splitlines()[0]
-
-
-def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The agent's program is gone after its first start: no run is put down to the agent. Run, report and
-    score all say what is missing and end with code 3. With the program back, the printed command flies it.
-    """
+def test_files_that_vanish_leave_a_campaign_open_until_they_return(tmp_path: Path, rebar: Rebar) -> None:
+    """The program is gone after its first start: no run is put down to the agent. With it back, the printed command flies."""
     scene = EXAMPLE.read_text().replace("model: x500", "model: still")
     (tmp_path / "scene.yaml").write_text(scene)
     # Unconfined, for a confined agent cannot remove its own program.
@@ -67,53 +55,36 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     program.write_text('#!/bin/sh\nrm "$0"\nexit 1\n')
     program.chmod(0o755)
 
-    assert run(["run", str(campaign), "--out", str(out), "--workers", "1"]) == 3
-    lines = capsys.readouterr().out.splitlines()
+    lines = rebar("run", campaign, "--out", out, "--workers", "1", code=3).splitlines()
     assert lines[0].startswith("INCOMPLETE: 2 of 2 runs are missing: 2 setup_invalid (p001-r1-agent: ")
-    checked = ["check", str(out), "--require", "KA-18.passed >= 0"]
-    for command in (
-        ["report", str(out)],
-        ["score", str(out)],
-        ["score", str(out), "--explain", "KA-18"],
-        checked,
-    ):
-        assert run(command) == 3
-        assert first_line(capsys) == lines[0]
-    assert run(["score", str(out), "--json"]) == 3
-    shown = capsys.readouterr()
-    assert shown.err.splitlines()[0] == lines[0]
-    document = json.loads(shown.out)
+    checked = ["check", out, "--require", "KA-18.passed >= 0"]
+    for command in (["report", out], ["score", out], ["score", out, "--explain", "KA-18"], checked):
+        assert rebar(*command, code=3).splitlines()[0] == lines[0]
+    assert rebar.refused("score", out, "--json", code=3).splitlines()[0] == lines[0]
+    document = rebar.json("score", out, code=3)
     assert document["kind"] == "campaign"
     wanted = {"folder": str(out), "complete": False, "running": False, "total": 2}
     assert document["completeness"] == wanted | {"missing": {"setup_invalid": 2}, "accepted": []}
-    assert [
-        entry["completeness"] for entry in json_of(["score", str(out), str(out), "--json"], capsys, 3)
-    ] == [document["completeness"]] * 2
+    both = [entry["completeness"] for entry in rebar.json("score", out, out, code=3)]
+    assert both == [document["completeness"]] * 2
     assert "INCOMPLETE: 2 of 2 runs are missing (2 setup invalid)" in (out / "report.html").read_text()
 
     with writer(out) as pid:
-        for command in (["report", str(out)], ["score", str(out)]):
-            assert run(command) == 2
-            assert f"is in use by another run (process {pid})" in capsys.readouterr().err
-        assert run(["score", str(out), "--explain", "KA-18"]) == 3
-        assert f"; process {pid} is at work in {out}" in first_line(capsys)
+        for name in ("report", "score"):
+            assert f"is in use by another run (process {pid})" in rebar.refused(name, out)
+        shown = rebar("score", out, "--explain", "KA-18", code=3)
+        assert f"; process {pid} is at work in {out}" in shown.splitlines()[0]
 
     program.write_text("#!/bin/sh\nexit 1\n")
     program.chmod(0o755)
     again = shlex.split(lines[1].split("`")[1])
     assert again[0] == "rebar"
-    assert run([*again[1:], "--workers", "1"]) == 0
-    assert "2 agent_crashed" in capsys.readouterr().out
-    assert run(["report", str(out)]) == 0
-    assert "INCOMPLETE" not in first_line(capsys)
+    assert "2 agent_crashed" in rebar(*again[1:], "--workers", "1")
+    assert "INCOMPLETE" not in rebar("report", out).splitlines()[0]
 
 
-def test_a_pace_that_agents_cannot_follow_is_told_for_all_of_them_before_take_off(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Two agents that know lockstep alone: with --pace realtime each is named, at once, and the null agents of the
-    floor, which follow both paces, are not.
-    """
+def test_all_agents_that_cannot_follow_a_pace_are_told_before_take_off(tmp_path: Path, rebar: Rebar) -> None:
+    """Agents that know lockstep alone are named; the null agents of the floor, which follow both paces, are not."""
     (tmp_path / "scene.yaml").write_text(EXAMPLE.read_text().replace("model: x500", "model: still"))
     for name in ("one", "two"):
         (tmp_path / f"{name}.yaml").write_text(
@@ -123,12 +94,10 @@ def test_a_pace_that_agents_cannot_follow_is_told_for_all_of_them_before_take_of
     agents = "{manifest: one.yaml}, {manifest: two.yaml}"
     campaign.write_text(CAMPAIGN.replace("{manifest: reference-naive}", agents))
     line = ["run", str(campaign), "--out", str(tmp_path / "out"), "--pace", "realtime"]
-    assert run([*line, "--floor"]) == 2
-    faults = capsys.readouterr().err.splitlines()
+    faults = rebar.refused(*line, "--floor").splitlines()
     assert len(faults) == 2
     assert all("cannot follow pace 'realtime'" in fault for fault in faults)
-    assert run([*line, "--floor", "--dry-run"]) == 2
-    assert capsys.readouterr().err.splitlines() == faults
+    assert rebar.refused(*line, "--floor", "--dry-run").splitlines() == faults
     assert not (tmp_path / "out" / "simspecs").exists()
 
 
@@ -151,33 +120,22 @@ def partial(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", ["compare", "calibrate"])
-def test_commands_that_read_results_say_what_is_missing(
-    command: str, partial: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """In the first line, by the exit code, and in the JSON document; beside a runner that as well."""
-    assert run([command, str(partial)]) == 3
+def test_commands_that_read_results_say_what_is_missing(command: str, partial: Path, rebar: Rebar) -> None:
     head = "INCOMPLETE: 1 of 17 runs are missing: 1 not finished"
-    assert first_line(capsys).startswith(head)
+    assert rebar(command, partial, code=3).startswith(head)
     with writer(partial) as pid:
-        assert run([command, str(partial), "--json"]) == 3
-        shown = capsys.readouterr()
-    assert shown.err.splitlines()[0] == (
-        f"{head}; process {pid} is at work in {partial}, so these numbers will change."
-    )
-    (completeness,) = json.loads(shown.out)["completeness"]
+        (completeness,) = rebar.json(command, partial, code=3)["completeness"]
+        error = rebar.refused(command, partial, "--json", code=3)
+    at_work = f"process {pid} is at work in {partial}, so these numbers will change."
+    assert error.splitlines()[0] == f"{head}; {at_work}"
     assert (completeness["complete"], completeness["running"]) == (False, True)
     assert (completeness["total"], completeness["missing"]) == (17, {"not finished": 1})
 
 
-def test_a_complete_campaign_beside_a_runner_says_running(
-    partial: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Nothing is missing, but somebody is at work: a line, no exit code."""
+def test_a_complete_campaign_beside_a_runner_says_running(partial: Path, rebar: Rebar) -> None:
     result = SessionResult(realization=MISSING, outcome=Outcome.COMPLETED)
     (partial / "runs" / MISSING).mkdir()
     write_result(partial / "runs" / MISSING, result)
     with writer(partial) as pid:
-        assert run(["compare", str(partial)]) == 0
-        assert first_line(capsys).startswith(f"RUNNING: process {pid} is at work in")
-    assert run(["compare", str(partial)]) == 0
-    assert first_line(capsys).startswith("reference-naive and")
+        assert rebar("compare", partial).startswith(f"RUNNING: process {pid} is at work in")
+    assert rebar("compare", partial).startswith("reference-naive and")

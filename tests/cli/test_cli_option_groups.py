@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from inspect import signature
 from typing import Annotated
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from bench.campaign import run_campaign, run_campaign_sync
-from bench.cli import _campaigns, _fly
 from bench.cli._option_groups import grouped
 
 
@@ -37,9 +34,7 @@ class Weather:
     ],
 )
 @pytest.mark.parametrize("seed", [0, 4])
-def test_fields_are_options_and_nested_objects_come_back(
-    arguments: list[str], weather: Weather, seed: int
-) -> None:
+def test_fields_are_options_and_objects_come_back(arguments: list[str], weather: Weather, seed: int) -> None:
     """Beside two parameters of the command's own, before and behind the group."""
     calls: list[tuple[str, Weather, int]] = []
 
@@ -56,10 +51,3 @@ def test_fields_are_options_and_nested_objects_come_back(
     assert calls == [("here", weather, seed)]
     assert CliRunner().invoke(app, ["here", "--speed-mps", "-1"]).exit_code == 2
     assert "Look at the weather." in CliRunner().invoke(app, ["--help"]).output
-
-
-def test_what_a_person_asks_for_is_one_object() -> None:
-    assert len(signature(_campaigns.run).parameters) == 2
-    assert len(signature(_fly.fly).parameters) == 1
-    for function in (run_campaign, run_campaign_sync):
-        assert list(signature(function).parameters) == ["campaign", "folder", "options", "collaborators"]

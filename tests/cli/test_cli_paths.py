@@ -6,18 +6,16 @@ import errno
 import os
 import shlex
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command_line import short_campaign
+from command_line import EXAMPLE, Rebar, short_campaign
 from detector_fit import declare
 
 from bench.cli._app import run
 from bench.cli._fault_paths import path_fault
 from bench.errors import command_line
-
-ROOT = Path(__file__).parents[2]
-SEARCH = str(ROOT / "examples" / "search.yaml")
 
 # `@` stands for the path.
 READING = (
@@ -52,10 +50,7 @@ READING = (
     "fit-detector @",
 )
 MAKING_FOLDERS = (
-    "run CAMPAIGN --out=@",
-    "realize CAMPAIGN --out=@",
-    "simulate SEARCH --out=@",
-    "examples --copy=@",
+    *("run CAMPAIGN --out=@", "realize CAMPAIGN --out=@", "simulate SEARCH --out=@", "examples --copy=@"),
 )
 # The file itself, or the folder that it is to lie in.
 MAKING_FILES = (
@@ -67,9 +62,26 @@ MAKING_FILES = (
 )
 
 
+# By their kind, in the working folder.
+PATHS = {
+    "missing": "no/such/path",
+    "folder": "folder",
+    "file": "file",
+    "below a file": "file/below",
+    "dangling link": "link",
+    "below a dangling link": "link/below",
+    "link to itself": "loop",
+    "too long": "n" * 300,
+    "/": "/",
+    # Root may write everywhere but there.
+    "unwritable": "/sys/kernel/rebar",
+}
+Answer = Callable[[str, str], list[str]]
+
+
 @pytest.fixture
-def paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Bad paths by their kind, in the working folder."""
+def answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rebar: Rebar) -> Answer:
+    """Runs a command that must be refused and make nothing, and returns the lines of the error."""
     monkeypatch.chdir(tmp_path)
     declare(monkeypatch)
     short_campaign(tmp_path)
@@ -77,66 +89,39 @@ def paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     (tmp_path / "file").write_text("no: [document\n")
     (tmp_path / "link").symlink_to("nowhere/at-all")
     (tmp_path / "loop").symlink_to("loop")
-    return {
-        "missing": "no/such/path",
-        "folder": "folder",
-        "file": "file",
-        "below a file": "file/below",
-        "dangling link": "link",
-        "below a dangling link": "link/below",
-        "link to itself": "loop",
-        "too long": "n" * 300,
-        "/": "/",
-        # Root may write everywhere but there.
-        "unwritable": "/sys/kernel/rebar",
-    }
 
+    def answer(command: str, path: str) -> list[str]:
+        before = {*tmp_path.rglob("*")}
+        names = {"SEARCH": str(EXAMPLE), "CAMPAIGN": "short.yaml"}
+        lines = rebar.refused(*(names.get(word, word).replace("@", path) for word in command.split()))
+        assert {*tmp_path.rglob("*")} == before
+        return lines.splitlines()
 
-def contents(folder: Path) -> set[str]:
-    return {str(path) for path in folder.rglob("*")}
-
-
-def answer(command: str, path: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Run a command that must end with 2, and return what it wrote to stderr."""
-    before = contents(folder)
-    names = {"SEARCH": SEARCH, "CAMPAIGN": "short.yaml"}
-    words = [names.get(word, word).replace("@", path) for word in command.split()]
-    assert run(words) == 2, (command, path, capsys.readouterr())
-    assert contents(folder) == before
-    return capsys.readouterr().err.splitlines()
+    return answer
 
 
 @pytest.mark.parametrize("command", READING)
-def test_a_path_that_cannot_be_read_is_a_matter_of_input(
-    command: str, paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_path_that_cannot_be_read_is_a_matter_of_input(command: str, answer: Answer) -> None:
     # Any text is prose.
-    for kind in paths.keys() - ({"file"} if command == "prose --file @" else set()):
-        lines = answer(command, paths[kind], tmp_path, capsys)
+    for kind in PATHS.keys() - ({"file"} if command == "prose --file @" else set()):
+        lines = answer(command, PATHS[kind])
         assert lines, kind
-        for line in lines:
-            assert line.startswith("rebar: "), (kind, line)
+        assert all(line.startswith("rebar: ") for line in lines), (kind, lines)
 
 
 @pytest.mark.parametrize("command", [*MAKING_FOLDERS, *MAKING_FILES])
-def test_a_path_that_cannot_be_written_is_a_matter_of_input(
-    command: str, paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_path_that_cannot_be_written_is_a_matter_of_input(command: str, answer: Answer) -> None:
     for kind in ("below a file", "below a dangling link", "link to itself", "too long", "unwritable"):
-        line = answer(command, paths[kind], tmp_path, capsys)[-1]
+        line = answer(command, PATHS[kind])[-1]
         assert line.startswith("rebar: "), (kind, line)
     for kind in ("file", "dangling link") if command in MAKING_FOLDERS else ():
-        line = answer(command, paths[kind], tmp_path, capsys)[-1]
-        assert f"rebar: {paths[kind]}: is " in line
+        assert f"rebar: {PATHS[kind]}: is " in answer(command, PATHS[kind])[-1]
 
 
-def test_a_link_that_leads_nowhere_is_not_overwritten(
-    paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As a file would not be; its place is taken."""
+def test_a_link_that_leads_nowhere_is_not_overwritten(tmp_path: Path, answer: Answer) -> None:
     (tmp_path / "mine" / "campaigns").mkdir(parents=True)
     (tmp_path / "mine" / "campaigns" / "demo.yaml").symlink_to("gone")
-    (line,) = answer("examples --copy=mine", paths["dangling link"], tmp_path, capsys)
+    (line,) = answer("examples --copy=mine", "")
     assert "exist" in line
 
 
@@ -158,15 +143,13 @@ def test_what_is_in_the_way_is_named(tmp_path: Path) -> None:
     assert told(errno.ENOENT, "gone", "scores") == "gone/scores does not exist"
     assert told(errno.EACCES, "file") == "file is closed to this user"
     assert told(errno.EISDIR, ".") == ". is a folder"
-
-
-def test_an_error_that_is_about_no_path_is_none_of_the_user(tmp_path: Path) -> None:
+    # What is about no path, or not about the path, is no matter of input.
     assert path_fault(OSError(errno.EACCES, "Permission denied")) is None
     assert path_fault(OSError(errno.ENOSPC, "No space left on device", str(tmp_path))) is None
 
 
 def test_a_journal_that_cannot_be_opened_is_a_matter_of_input(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rebar: Rebar
 ) -> None:
     """SQLite has errors of its own; a full disk is none of the user's input."""
     database = tmp_path / "journal.sqlite"
@@ -185,34 +168,24 @@ def test_a_journal_that_cannot_be_opened_is_a_matter_of_input(
 
     for trouble, code in ((write_read_only, 2), (write_elsewhere, 2), (fill, 1)):
         monkeypatch.setattr("bench.campaign.finish_campaign", trouble)
-        assert run(["report", "out"]) == code
-        assert "rebar: cannot write the journal" in capsys.readouterr().err
+        assert "rebar: cannot write the journal" in rebar.refused("report", "out", code=code)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
-def test_what_is_closed_to_the_user_is_a_matter_of_input(
-    paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A document, and a folder, that this user may not read."""
+def test_what_is_closed_to_the_user_is_a_matter_of_input(tmp_path: Path, answer: Answer) -> None:
     (tmp_path / "file").chmod(0)
     (tmp_path / "folder").chmod(0)
     try:
-        for command in READING:
-            for path in ("file", "folder"):
-                assert answer(command, path, tmp_path, capsys)
+        assert all(answer(command, path) for command in READING for path in ("file", "folder"))
     finally:
         (tmp_path / "folder").chmod(0o700)
 
 
-def test_hints_can_be_pasted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hints_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rebar: Rebar) -> None:
     """Also where a name begins with a dash, which an option does, or has a space."""
-    assert shlex.split(command_line("rebar", "run", Path("-a b"), "--out", Path("-dash"))) == [
-        *("rebar", "run", "./-a b", "--out", "./-dash")
-    ]
+    line = command_line("rebar", "run", Path("-a b"), "--out", Path("-dash"))
+    assert shlex.split(line) == ["rebar", "run", "./-a b", "--out", "./-dash"]
     monkeypatch.chdir(tmp_path)
     assert run(["prose", "A truck. Five civilians.", "--campaign=-dash.yaml", "--out=-dash"]) == 0
-    assert run(["examples", "--copy=-mine"]) == 0
-    hint = capsys.readouterr().out.splitlines()[-1].partition("Try: ")[2]
+    hint = rebar("examples", "--copy=-mine").splitlines()[-1].partition("Try: ")[2]
     assert run([*shlex.split(hint)[1:], "--dry-run"]) == 0

@@ -1,4 +1,4 @@
-"""`rebar run` on a terminal: sessions in flight, outcomes so far and time left, whole at 80 columns; elsewhere plain lines."""
+"""`rebar run` on a terminal: sessions in flight, outcomes so far and time left, whole at 80 columns; elsewhere plain lines; events in a file."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Sequence
 from contextlib import redirect_stderr
+from pathlib import Path
 
 import pytest
 
@@ -14,10 +15,13 @@ from bench.campaign import (
     CampaignPlanned,
     RealizationFinished,
     RealizationRetried,
+    RealizationStarted,
     SessionProgressed,
 )
+from bench.cli._event_lines import open_event_lines
 from bench.cli._progress import MAX_SESSION_LINES, open_progress
 from bench.contracts import Outcome, ProgressUpdate
+from bench.laboratory import CampaignMessage
 
 CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 LONG = "-r1-reference-bystander-aware-of-the-second-edition"
@@ -63,9 +67,8 @@ def test_a_terminal_shows_what_flies_and_how_it_ended(columns: int, monkeypatch:
     )
     assert max(map(len, lines)) <= columns
     bar, outcomes, *sessions = [line for line in lines if line][-4:]
-    assert re.fullmatch(
-        r"rebar-standard-of-a-long-name +\S+ +8003/10080 \d:\d\d:\d\d [-\d]:[-\d]+:[-\d]+", bar
-    )
+    wanted = r"rebar-standard-of-a-long-name +\S+ +8003/10080 \d:\d\d:\d\d [-\d]:[-\d]+:[-\d]+"
+    assert re.fullmatch(wanted, bar)
     assert outcomes.split(", ") == ["  flown now: 2 completed", "1 agent_crashed"]
     for line, place, states in zip(
         sessions, (1, 2), (r"searching +31 of 600 s, 14x", r"flying +600 of 600 s, 0x"), strict=True
@@ -79,9 +82,8 @@ def test_of_many_sessions_some_are_shown_and_the_rest_counted(monkeypatch: pytes
     events = [flying(f"p{place:03d}", "searching", 1.0, 2.0) for place in range(MAX_SESSION_LINES + 3)]
     lines = [line for line in frames([CampaignPlanned(99, 0), *events]) if line]
     assert lines[-1] == "  and 3 more in flight"
-    assert [line.split()[0] for line in lines[-1 - MAX_SESSION_LINES : -1]] == [
-        f"p{place:03d}" for place in range(MAX_SESSION_LINES)
-    ]
+    shown = [line.split()[0] for line in lines[-1 - MAX_SESSION_LINES : -1]]
+    assert shown == [f"p{place:03d}" for place in range(MAX_SESSION_LINES)]
 
 
 def test_elsewhere_there_are_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,3 +95,22 @@ def test_elsewhere_there_are_plain_lines(capsys: pytest.CaptureFixture[str]) -> 
         "3 realizations, 1 of them with a result",
         "[2/3] a: completed (3.0 s)",
     ]
+
+
+def test_two_runs_append_to_one_file_and_number_their_own_events(tmp_path: Path) -> None:
+    """A line is complete as soon as its event has happened, and is a message as on the MQTT bus."""
+    path = tmp_path / "new" / "events.jsonl"
+    for run in (1, 2):
+        with open_event_lines(path, "demo") as observe:
+            observe(CampaignPlanned(total=2, done=run - 1))
+            observe(RealizationStarted("a", "w1", run))
+            assert len(path.read_text().splitlines()) == 4 * run - 2
+            observe(SessionProgressed("a", ProgressUpdate(12.5, 600.0, 2.0, 6.25)))
+            observe(RealizationFinished("a", Outcome.COMPLETED, "", 1.5, run, 2))
+    messages = [CampaignMessage.model_validate_json(line) for line in path.read_text().splitlines()]
+    assert [message.number for message in messages] == [1, 2, 3, 4] * 2
+    assert [message.event for message in messages] == ["planned", "started", "progress", "finished"] * 2
+    assert [message.attempt for message in messages if message.event == "started"] == [1, 2]
+    assert {message.campaign for message in messages} == {"demo"}
+    progress = [message for message in messages if message.event == "progress"]
+    assert [(said.simulated_s, said.speed, said.phase) for said in progress] == [(12.5, 6.25, None)] * 2

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
-from command_line import SURROGATES
+from command_line import Rebar, fly_surrogates
 
 from bench.campaign import open_journal
 from bench.campaign.storage._journal_file import open_journal_to_read
-from bench.cli._app import run
 from bench.documents import load_document
 from bench.reporting import AssuranceCase, assurance_svg, figure_files, load_report_data
 
@@ -56,10 +55,7 @@ os._exit(0)
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    home = tmp_path_factory.mktemp("archive")
-    (home / "campaign.yaml").write_text(json.dumps(SURROGATES))
-    assert run(["run", str(home / "campaign.yaml"), "--out", str(home / "out"), "--workers", "1"]) == 0
-    return home / "out"
+    return fly_surrogates(tmp_path_factory.mktemp("archive"))
 
 
 def state_of(folder: Path) -> dict[str, tuple[object, ...]]:
@@ -73,16 +69,16 @@ def state_of(folder: Path) -> dict[str, tuple[object, ...]]:
 
 @pytest.mark.parametrize("line", READING, ids=lambda line: " ".join(line[::2]))
 def test_a_command_that_reads_a_campaign_writes_nothing_there(
-    line: list[str], flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    line: list[str], flown: Path, tmp_path: Path, rebar: Rebar
 ) -> None:
     before = state_of(flown)
-    assert run([word.format(folder=flown, elsewhere=tmp_path) for word in line]) == 0, capsys.readouterr().err
+    rebar(*(word.format(folder=flown, elsewhere=tmp_path) for word in line))
     assert state_of(flown) == before
 
 
 @pytest.mark.parametrize("killed", [KILLED_BETWEEN_TRANSACTIONS, KILLED_IN_A_TRANSACTION])
 def test_a_killed_runner_leaves_a_journal_that_is_read_without_a_write(
-    killed: str, flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    killed: str, flown: Path, tmp_path: Path, rebar: Rebar
 ) -> None:
     """What its last whole transaction left is read, nothing of an unfinished one, and the next runner finds all as it was."""
     folder = tmp_path / "killed"
@@ -96,72 +92,59 @@ def test_a_killed_runner_leaves_a_journal_that_is_read_without_a_write(
         facts = (journal.fact("left by"), journal.fact("half"), len(journal.entries()))
     assert facts == (None if killed is KILLED_IN_A_TRANSACTION else "a killed runner", None, 12)
     for command in ("status", "compare"):
-        assert run([command, str(folder)]) == 0, capsys.readouterr().err
+        rebar(command, folder)
     assert state_of(folder) == before
     with open_journal(folder / "journal.sqlite") as journal:
         assert (journal.fact("left by"), journal.fact("half"), len(journal.entries())) == facts
 
 
 def test_a_report_elsewhere_is_the_one_in_the_folder_and_of_no_changed_scores(
-    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    flown: Path, tmp_path: Path, rebar: Rebar
 ) -> None:
     folder, page = tmp_path / "copy", tmp_path / "report.html"
     shutil.copytree(flown, folder)
-    line = ["report", str(folder), "--out", str(page)]
-    assert run(line) == 0
+    line = ["report", folder, "--out", page]
+    rebar(*line)
     assert page.read_bytes() == (flown / "report.html").read_bytes()
-    assert run(line) == 2
-    assert "report.html: already exists and is not overwritten" in capsys.readouterr().err
+    assert "report.html: already exists and is not overwritten" in rebar.refused(*line)
     page.unlink()
     with (folder / "scores.parquet").open("ab") as file:
         file.write(b"more")
-    assert run(line) == 2
-    assert "scores.parquet: has changed since the manifest was written" in capsys.readouterr().err
+    assert "scores.parquet: has changed since the manifest was written" in rebar.refused(*line)
     assert not page.exists()
 
 
-def test_the_case_of_each_agent_is_one_document_and_one_drawing(
-    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_agent_has_one_case_and_one_drawing(flown: Path, tmp_path: Path, rebar: Rebar) -> None:
     """With the digests of the manifest; in no folder that there is, and not beside a report."""
     out = tmp_path / "made" / "case"
-    line = ["report", str(flown), "--assurance", str(out)]
-    assert run(line) == 0
+    line = ["report", flown, "--assurance", out]
+    rebar(*line)
     manifest = json.loads((flown / "manifest.json").read_text())
     agents = []
     for place in (1, 2):
         case = load_document(out / f"agent-{place}.json", AssuranceCase)
         agents.append(case.agent)
         assert (out / f"agent-{place}.svg").read_text() == assurance_svg(case)
-        evidence = [element.evidence for element in case.elements if element.kind == "solution"]
-        assert evidence
-        for files in evidence:
-            assert files == {path: manifest["files"][path] for path in ("scores.parquet", "runs.csv")}
+        evidence = {path: manifest["files"][path] for path in ("scores.parquet", "runs.csv")}
+        solutions = [element for element in case.elements if element.kind == "solution"]
+        assert [element.evidence for element in solutions] == [evidence] * len(solutions) != []
     assert len(set(agents)) == len(list(out.iterdir())) / 2 == 2
-    assert run(line) == 2
-    assert "case: already exists and is not overwritten" in capsys.readouterr().err
-    assert run([*line, "--out", str(tmp_path / "report.html")]) == 2
-    assert "give one of them" in capsys.readouterr().err
+    assert "case: already exists and is not overwritten" in rebar.refused(*line)
+    assert "give one of them" in rebar.refused(*line, "--out", tmp_path / "report.html")
 
 
-def test_the_figures_are_those_of_the_campaign(
-    flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_figures_are_those_of_the_campaign(flown: Path, tmp_path: Path, rebar: Rebar) -> None:
     out = tmp_path / "figures"
-    assert run(["report", str(flown), "--figures", str(out)]) == 0
+    printed = rebar("report", flown, "--figures", out).split()
     files = dict(figure_files(load_report_data(flown)))
     assert {path.name: path.read_text() for path in out.iterdir()} == files
-    assert capsys.readouterr().out.split() == [str(out / name) for name in files]
-    assert run(["report", str(flown), "--figures", str(out)]) == 2
-    assert "figures: already exists" in capsys.readouterr().err
+    assert printed == [str(out / name) for name in files]
+    assert "figures: already exists" in rebar.refused("report", flown, "--figures", out)
 
 
-@pytest.mark.parametrize("command", [["report"], ["score"], ["retry"]])
+@pytest.mark.parametrize("command", ["report", "score", "retry"])
 def test_a_command_that_writes_says_what_reads(
-    command: list[str],
-    flown: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, flown: Path, monkeypatch: pytest.MonkeyPatch, rebar: Rebar
 ) -> None:
     """One sentence that names the folder, and not a file of the bench in it."""
     opened: Callable[..., IO[Any]] = Path.open
@@ -172,9 +155,8 @@ def test_a_command_that_writes_says_what_reads(
         return opened(path, mode, *rest, **options)
 
     monkeypatch.setattr(Path, "open", open_unless_written)
-    assert run([*command, str(flown)]) == 2
-    (fault,) = capsys.readouterr().err.splitlines()
+    (fault,) = rebar.refused(command, flown).splitlines()
     assert fault.startswith(
-        f"rebar: {flown}: cannot be written (Read-only file system) (name another folder, or"
+        f"rebar: {flown}: cannot be written (Read-only file system) (name another folder,"
     )
     assert "compare" in fault

@@ -23,11 +23,8 @@ def test_agents_are_named_by_folder_manifest_or_entry_point(tmp_path: Path) -> N
     other = folder / "other.yaml"
     other.write_text((folder / "scout.yaml").read_text())
     campaign = CampaignChanges(agents=[str(folder), str(other), "null-idle"]).load(DEMO)
-    assert [agent.manifest for agent in campaign.agents] == [
-        str(folder / "scout.yaml"),
-        str(other),
-        "null-idle",
-    ]
+    manifests = [agent.manifest for agent in campaign.agents]
+    assert manifests == [str(folder / "scout.yaml"), str(other), "null-idle"]
     unchanged = CampaignChanges().load(DEMO)
     assert unchanged.design == campaign.design
     assert {agent.label for agent in unchanged.agents} == {"reference-naive", "reference-bystander-aware"}

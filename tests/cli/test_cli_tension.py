@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from command_line import Rebar
 
 from bench.campaign import load_campaign, realizations
 from bench.cli._app import run
@@ -23,6 +24,8 @@ from bench.scoring import difficulty_of, difficulty_of_values, tension_of
 from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition, KeyFactor, Level, load_decomposition
 
+ROOT = Path(__file__).parents[2]
+PANEL = str(ROOT / "campaigns" / "panel.yaml")
 DECOMPOSITIONS = ("search-and-report", "search-and-report-full", "find-the-missing")
 TENSIONS = range(1, 6)
 RANGE = re.compile(
@@ -116,27 +119,23 @@ def test_every_range_gives_its_tension_and_nothing_else_does(name: str) -> None:
         for factor, rows in tables(tree).items()
     }
     last = {factor: values[-1] for factor, values in columns.items()}
-    # Beside values between the columns, the columns themselves, where ratings jump and tensions end.
-    samples = [
-        {
-            factor: float(
-                random.choice(values) if random.random() < 0.5 else random.uniform(values[0], values[-1])
-            )
-            for factor, values in columns.items()
-        }
-        for _ in range(60)
-    ]
+
+    def sample(values: list[float]) -> float:
+        """A column, where ratings jump and tensions end, or a value between the columns."""
+        return float(
+            random.choice(values) if random.random() < 0.5 else random.uniform(values[0], values[-1])
+        )
+
+    samples = [{factor: sample(values) for factor, values in columns.items()} for _ in range(60)]
     rated = [difficulty_of_values(tree, values, "simulated") for values in samples]
     reached = judged = 0
     for node in tree.at_level(Level.KEY_ATTRIBUTE):
         rows = tables(tree, node)
         for wanted in TENSIONS:
-            ranges, ended = {}, False
-            for row in _factor_ranges(tree, node, wanted):
-                if row["from"] is None:
-                    ended = True
-                else:
-                    ranges[row["factor"]] = Range.read(_range_text(row, wanted))
+            found = list(_factor_ranges(tree, node, wanted))
+            ended = any(row["from"] is None for row in found)
+            begun = [row for row in found if row["from"] is not None]
+            ranges = {row["factor"]: Range.read(_range_text(row, wanted)) for row in begun}
             # Of ten combinations a factor every third: over all factors that is each of them many times.
             for values in () if ended else islice(combinations(rows, ranges), 0, None, 3):
                 difficulty = difficulty_of_values(tree, {**last, **values}, "simulated").nodes[node]
@@ -150,11 +149,9 @@ def test_every_range_gives_its_tension_and_nothing_else_does(name: str) -> None:
                     continue
                 judged += 1
                 # Easier than a table's first column everything rates 0; the ranges begin at the columns.
-                signs = {factor: sign_of(rows[factor]) for factor in ranges}
-                allowed = all(
-                    bounds.allows(values[factor], signs[factor]) for factor, bounds in ranges.items()
-                )
-                held = any(bounds.holds(values[factor], signs[factor]) for factor, bounds in ranges.items())
+                places = [(bounds, values[name], sign_of(rows[name])) for name, bounds in ranges.items()]
+                allowed = all(bounds.allows(value, sign) for bounds, value, sign in places)
+                held = any(bounds.holds(value, sign) for bounds, value, sign in places)
                 printed = not ended and allowed and held
                 if printed or wanted > 1:
                     assert (tension_of(rating) == wanted) is printed, (node, wanted, values)
@@ -179,10 +176,7 @@ intelligence: [{id: told, about: radar, uncertainty_m: %(intelligence_uncertaint
 
 @pytest.mark.parametrize("wanted", TENSIONS)
 @pytest.mark.parametrize("node", tree_of("search-and-report").at_level(Level.KEY_ATTRIBUTE))
-def test_what_is_printed_holds_in_a_simspec(
-    node: str, wanted: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The command's own words, put into a SimSpec."""
+def test_what_is_told_holds_in_a_simspec(node: str, wanted: int, capsys: pytest.CaptureFixture[str]) -> None:
     tree = tree_of("search-and-report")
     exit_code = run(["tension", node, str(wanted)])
     printed = capsys.readouterr().out
@@ -202,41 +196,36 @@ def test_what_is_printed_holds_in_a_simspec(
     assert tried >= 10
 
 
-def test_a_tension_that_no_table_reaches_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    """Concealment begins at 30, so nothing about adversaries has tension 1; it ends at 80, so nothing has 5."""
+def test_a_tension_that_no_table_reaches_is_said(rebar: Rebar) -> None:
+    """Concealment is rated from 30 to 80."""
     for wanted, reason in (("1", "no factor rates so low"), ("5", "end before it")):
-        assert run(["tension", "KA-05", wanted]) == 1
-        assert reason in " ".join(capsys.readouterr().out.split())
+        assert reason in rebar.words("tension", "KA-05", wanted, code=1)
 
 
-def test_detections_of_the_bench_give_no_tension(capsys: pytest.CaptureFixture[str]) -> None:
+def test_detections_of_the_bench_give_no_tension(rebar: Rebar) -> None:
     """Concealment stands under KA-09 for the configured sensor alone, and counts there in no SimSpec."""
-    assert run(["tension", "KA-09", "2"]) == 0
-    printed = capsys.readouterr().out
+    printed = rebar("tension", "KA-09", "2")
     assert "uav_altitude_m" in printed
     assert "target_concealment" not in printed
 
 
-def test_a_mean_of_ratings_has_no_ranges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Under that policy one factor alone decides nothing, so the command refuses."""
-    source = Path(__file__).parents[2] / "decompositions" / "data" / "search_and_report.yaml"
+def test_a_mean_of_ratings_has_no_ranges(tmp_path: Path, rebar: Rebar) -> None:
+    """One factor alone decides nothing then."""
+    source = ROOT / "decompositions" / "data" / "search_and_report.yaml"
     document = yaml.safe_load(source.read_text())
     document["policies"] = {**document.get("policies", {}), "factor_rule": "mean"}
     file = tmp_path / "mean.yaml"
     file.write_text(yaml.safe_dump(document))
-    assert run(["tension", "KA-03", "2", "--decomposition", str(file)]) == 2
-    assert "factor_rule: mean" in " ".join(capsys.readouterr().err.split())
+    assert "factor_rule: mean" in rebar.refused("tension", "KA-03", "2", "--decomposition", file)
 
 
 @pytest.mark.parametrize(("node", "wanted"), [("KA-20", 3), ("KA-24", 4)])
 def test_situations_of_a_measured_tension_are_drawn_from_a_campaign(
-    node: str, wanted: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    node: str, wanted: int, tmp_path: Path, rebar: Rebar
 ) -> None:
     out = tmp_path / "drawn.yaml"
-    panel = str(Path(__file__).parents[2] / "campaigns" / "panel.yaml")
-    line = ["tension", node, str(wanted), "--campaign", panel, "--points", "2", "--out", str(out)]
-    assert run(line) == 0
-    assert "2 situations" in capsys.readouterr().out
+    line = ["tension", node, str(wanted), "--campaign", PANEL, "--points", "2", "--out", str(out)]
+    assert "2 situations" in rebar(*line)
     campaign = load_campaign(out)
     assert campaign.study == (node,)
     scale = shipped_scale(load_decomposition(campaign.decomposition))
@@ -251,11 +240,9 @@ def test_situations_of_a_measured_tension_are_drawn_from_a_campaign(
     assert run(line[:-2]) == 2
 
 
-def test_a_node_without_a_proved_scale_has_no_situations_of_a_measured_tension(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_node_without_a_proved_scale_has_no_measured_tension(tmp_path: Path, rebar: Rebar) -> None:
     out = tmp_path / "drawn.yaml"
-    panel = str(Path(__file__).parents[2] / "campaigns" / "panel.yaml")
-    assert run(["tension", "KA-03", "3", "--campaign", panel, "--out", str(out)]) == 2
-    assert "was not shown to predict KA-03" in " ".join(capsys.readouterr().err.split())
+    assert "was not shown to predict KA-03" in rebar.refused(
+        "tension", "KA-03", "3", "--campaign", PANEL, "--out", out
+    )
     assert not out.exists()

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
-from made_campaign import AGENTS, STUDY, Made, make_campaign
+from command_line import EXAMPLE, Rebar, fly_surrogates
 
 from bench.campaign import CampaignPlanned, CampaignStopping, RealizationFinished, RealizationRetried
-from bench.cli._app import run
 from bench.cli._decomposition import _table
 from bench.cli._progress import open_progress
 from bench.cli._tables import plain_console
@@ -21,55 +18,27 @@ from bench.scoring import NodeFloor
 from bench.simspec import FACTORS
 from decompositions import load_decomposition
 
-WIDTH = 80
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-CAMPAIGN = f"""
-format: rebar.campaign/1
-name: a-campaign-with-a-name-that-is-longer-than-usual
-base_file: {EXAMPLE}
-fidelity: overhead
-agents: [{{manifest: {AGENTS[0]}}}, {{manifest: {AGENTS[1]}}}]
-design:
-  seed: 3
-  factors:
-    - {{name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}}
-    - {{name: fog, levels: [0, 1, 2], sets: [environment.fog_level]}}
-"""
+AGENTS = ("reference-naive", "reference-bystander-aware")
+STUDY = ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
+COMPARED = (*STUDY, "responsible", "reliable")
 NULL_NAMES = ("null-repeat-hover-detailed", "null-everywhere", "null-announce", "null-random")
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_campaign(tmp_path_factory.mktemp("widths") / "made", Made(scenes=12))
-
-
-def printed(line: list[str], capsys: pytest.CaptureFixture[str], code: int = 0) -> str:
-    """What a command prints; pytest's standard output is a pipe to rich."""
-    assert run(line) == code
-    return capsys.readouterr().out
-
-
-def assert_fits(text: str, whole: list[str], width: int = WIDTH) -> None:
-    """No line is wider than the terminal, no cell ends in an ellipsis, and these words are in one piece."""
-    assert max(map(len, (line.rstrip() for line in text.splitlines()))) <= width
-    assert "…" not in text
-    words = set(re.split(r"[\s,;:()]+", text))
-    assert [word for word in whole if word not in words] == []
-
-
-def assert_lines_fit(text: str, width: int = WIDTH) -> None:
-    """No line is wider than the terminal unless it is a path, a digest or a command, which are to be copied."""
-    wide = [line for line in text.splitlines() if len(line.rstrip()) > width]
+def assert_fits(text: str, whole: Iterable[str]) -> None:
+    """No line is wider than the terminal unless it is a path, a digest or a command, which are to be copied; no cell
+    ends in an ellipsis, and these words are in one piece.
+    """
+    wide = [line for line in text.splitlines() if len(line.rstrip()) > 80]
     assert [line for line in wide if not re.search(r"/|SHA-256", line)] == []
     assert "…" not in text
+    assert set(whole) - set(re.split(r"[\s,;:()<>]+", text)) == set()
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of surrogates, with everything that a flown one has but recordings; its name is long."""
     folder = tmp_path_factory.mktemp("flown")
-    (folder / "campaign.yaml").write_text(CAMPAIGN)
-    assert run(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--json"]) == 0
+    fly_surrogates(folder, name="a-campaign-with-a-name-that-is-longer-than-usual")
     return folder
 
 
@@ -77,7 +46,7 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "run": (["run", "{flown}/campaign.yaml", "--out", "{flown}/out"], [*STUDY]),
     "dry run": (["run", "{flown}/campaign.yaml", "--dry-run"], [*AGENTS, *STUDY]),
     "score": (["score", "{flown}/out", "--per-run"], [f"p001-r1-{AGENTS[1]}", "OBS-031", "OBS-204"]),
-    "compare": (["compare", "{flown}/out"], [*AGENTS, *STUDY]),
+    "compare": (["compare", "{flown}/out", *(f"--node={node}" for node in COMPARED)], [*AGENTS, *COMPARED]),
     "calibrate": (["calibrate", "{flown}/out"], [*AGENTS, "KA-18"]),
     "next": (["next", "{flown}/out"], ["KA-18", *AGENTS]),
     "difficulty": (["difficulty", str(EXAMPLE), "--node", "KA-18"], ["bystander_density_per_km2", "OBS-181"]),
@@ -94,18 +63,15 @@ def test_every_command_fits(
     flown: Path,
     command: str,
     columns: str | None,
-    capsys: pytest.CaptureFixture[str],
+    rebar: Rebar,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What people read of a command, and its names and ids in one piece."""
     monkeypatch.delenv("COLUMNS", raising=False)
     if columns:
         monkeypatch.setenv("COLUMNS", columns)
     line, whole = COMMANDS[command]
-    text = printed([word.format(flown=flown) for word in line], capsys)
-    assert_lines_fit(text)
-    words = set(re.split(r"[\s,;:()<>]+", text))
-    assert [word for word in whole if word not in words] == []
+    text = rebar(*[word.format(flown=flown) for word in line])
+    assert_fits(text, whole)
 
 
 def test_the_progress_of_a_campaign_fits(capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,32 +86,15 @@ def test_the_progress_of_a_campaign_fits(capsys: pytest.CaptureFixture[str]) -> 
         progress(RealizationFinished(name, Outcome.BENCH_ERROR, reason, wall_s=3.21, done=1, total=2))
         progress(CampaignStopping("a signal"))
     text = capsys.readouterr().err
-    assert_lines_fit(text)
+    assert_fits(text, [name])
     assert text.count(name) == 2
     heads = [line.split()[0] for line in text.splitlines() if not line.startswith(" ")]
     assert heads == ["2", f"{name}:", "[1/2]", "stopping:"]
 
 
-@pytest.mark.parametrize("columns", [None, "80"])
-def test_compare_fits(
-    made: Path, columns: str | None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All nodes of the decomposition, with the longest id; the pass rates of the worst case have five digits."""
-    monkeypatch.delenv("COLUMNS", raising=False)
-    if columns:
-        monkeypatch.setenv("COLUMNS", columns)
-    nodes = [*STUDY, "P-RESPONSIBLE", "P-RELIABLE"]
-    options = [word for node in nodes for word in ("--node", node)]
-    text = printed(["compare", str(made), *options], capsys)
-    assert_fits(text, [*nodes, *AGENTS])
-    rows = [line.split() for line in text.splitlines() if line.split()[:1] and line.split()[0] in nodes]
-    assert [row[0] for row in rows] == [*nodes, *nodes]
-
-
 @pytest.mark.parametrize("decomposition", ["search-and-report-full", "find-the-missing"])
-def test_difficulty_fits(decomposition: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every node of a decomposition is there, and no factor's name is broken."""
-    text = printed(["difficulty", str(EXAMPLE), "--decomposition", decomposition], capsys)
+def test_difficulty_fits(decomposition: str, rebar: Rebar) -> None:
+    text = rebar("difficulty", EXAMPLE, "--decomposition", decomposition)
     tree = load_decomposition(decomposition)
     assert_fits(text, [*tree.nodes])
     names = set(re.findall(r"\w+_\w+", text))
@@ -164,9 +113,7 @@ def test_decomposition_check_fits(capsys: pytest.CaptureFixture[str]) -> None:
     assert_fits(capsys.readouterr().out, ["OBS-031", "OBS-PERSON-2", "100%"])
 
 
-def test_doctor_wraps_what_it_found(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_wraps_what_it_found(rebar: Rebar, monkeypatch: pytest.MonkeyPatch) -> None:
     """Packages with their versions are a long line; the second check is a fault."""
     packages = ", ".join(f"package-{number} {number}.10.2" for number in range(20))
 
@@ -174,6 +121,6 @@ def test_doctor_wraps_what_it_found(
         raise RuntimeError(f"not installed: {packages}")
 
     monkeypatch.setattr("bench.cli._machine.CHECKS", {"packages": lambda: packages, "streams": fault})
-    text = printed(["doctor"], capsys, code=1)
+    text = rebar("doctor", code=1)
     assert_fits(text, [f"package-{number}" for number in range(20)])
     assert [line[:3] for line in text.splitlines() if not line.startswith(" ")] == ["ok ", "BAD"]

@@ -52,20 +52,10 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
     """The port of a `rebar fly` whose link is open; it must stop in good order."""
     kind, sort = ("udpout", socket.SOCK_DGRAM) if autopilot == "px4" else ("tcpin", socket.SOCK_STREAM)
     port = free_port(sort)
-    command = [
-        str(OURS.parent / "rebar"),
-        "fly",
-        "--autopilot",
-        autopilot,
-        "--mavlink",
-        f"{kind}:127.0.0.1:{port}",
-    ]
-    with subprocess.Popen(
-        [*command, "--speed", str(speed), *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as vehicle:
+    link = f"{kind}:127.0.0.1:{port}"
+    command = [str(OURS.parent / "rebar"), "fly", "--autopilot", autopilot, "--mavlink", link]
+    command += ["--speed", str(speed), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as vehicle:
         assert vehicle.stdout
         try:
             line = vehicle.stdout.readline()
@@ -73,9 +63,8 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
             yield port
             assert vehicle.poll() is None, vehicle.stdout.read()
         finally:
-            vehicle.send_signal(
-                signal.SIGTERM
-            )  # heard also where Ctrl-C is ignored, as in a job in the background
+            # Heard also where Ctrl-C is ignored, as in a job in the background.
+            vehicle.send_signal(signal.SIGTERM)
             line, _ = vehicle.communicate(timeout=20)
     assert vehicle.returncode == 0, line
 

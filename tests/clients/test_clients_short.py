@@ -5,12 +5,8 @@ The rest is `make clients`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
-
-Flown = Callable[..., dict[str, Any]]
+from client_programs import Flown
 
 
 @pytest.mark.parametrize("client", ["mavsdk", "mavsdk-asyncio", "mavsdk-grpc"])

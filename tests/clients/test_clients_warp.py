@@ -14,35 +14,25 @@ from bench.agents import open_agent
 from bench.agents.confinement import rungs
 from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import AgentManifest, MavlinkNeed, Outcome, Record, SessionResult
-from bench.simspec import (
-    Home,
-    Mission,
-    Pace,
-    Point,
-    Polygon,
-    Realized,
-    SimSpec,
-    VehicleSpec,
-    World,
-)
+from bench.simspec import SimSpec
 from bench.simulation import SessionPlan, run_session
 from bench.simulation.warp import warp_fault
-
-CORNERS = ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))
 
 
 def simspec(autopilot: str, limit_s: float) -> SimSpec:
     """A vehicle alone on a field."""
+    corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100), (0, 100))]
+    home = {"east_m": 50.0, "north_m": 50.0}
     return SimSpec.model_validate(
         {
             "name": "clients",
-            "world": World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in CORNERS))),
-            "vehicle": VehicleSpec(model="x500", autopilot=autopilot, home=Home(east_m=50, north_m=50)),
-            "mission": Mission(time_limit_s=limit_s),
+            "world": {"area": {"corners": corners}},
+            "vehicle": {"model": "x500", "autopilot": autopilot, "home": home},
+            "mission": {"time_limit_s": limit_s},
             "agent": {"manifest": "client"},
-            "pace": Pace(mode="warp"),
+            "pace": {"mode": "warp"},
             "budgets": {"wall_s": 3600.0},
-            "realized": Realized(actors=()),
+            "realized": {"actors": ()},
         }
     )
 
@@ -131,9 +121,8 @@ def test_node_hops_with_timers_of_exactly_a_second(tmp_path: Path) -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no program node")
-    manifest = manifest_of(PROGRAMS["pymavlink-px4"]).model_copy(
-        update={"command": (node, str(SCRIPTS / "node_flight.js"))}
-    )
+    command = {"command": (node, str(SCRIPTS / "node_flight.js"))}
+    manifest = manifest_of(PROGRAMS["pymavlink-px4"]).model_copy(update=command)
     end, _, logbook = flown(manifest, simspec("px4", 120.0), tmp_path)
     assert end.outcome is Outcome.COMPLETED, end.reason
     assert logbook["highest_m"] > 2.0

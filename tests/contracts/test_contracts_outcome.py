@@ -19,7 +19,6 @@ def rows() -> list[tuple[str, str, str]]:
 
 
 def test_the_table_of_the_docs_is_the_code() -> None:
-    """In the order of the code."""
     stated = [(outcome.value, "yes" if outcome.counts else "no") for outcome in Outcome]
     assert [(name, counts) for name, _, counts in rows()] == stated
     assert {blame for _, blame, _ in rows()} == {"agent", "host", "bench", "situation", "nobody"}

@@ -18,13 +18,11 @@ from bench.contracts import Ack, End, Hello, SimTime, Tick, read_line, write_lin
     ],
 )
 def test_lines_round_trip(message: Hello | Tick | Ack | End) -> None:
-    """What is written is read again."""
     assert read_line(write_line(message)) == message
 
 
 @given(st.binary(max_size=300))
 def test_noise_is_no_message(noise: bytes) -> None:
-    """Bytes from nowhere never raise."""
     read_line(noise)
 
 
@@ -41,7 +39,6 @@ def test_noise_is_no_message(noise: bytes) -> None:
     ],
 )
 def test_near_misses_are_none(line: bytes) -> None:
-    """A line that is almost a message is none."""
     assert read_line(line) is None
 
 

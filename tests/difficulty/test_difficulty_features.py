@@ -16,6 +16,16 @@ from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene
 
 HOME = {"east_m": 0.0, "north_m": -200.0}
+FAULT: dict[str, object] = {"at_s": 30.0, "duration_s": 20.0}
+MARK: dict[str, object] = {"id": "mark", "kind": "mark", "intelligence": "first"}
+HOLD: dict[str, object] = {"id": "early-hold", "kind": "hold"}
+RESUME: dict[str, object] = {"id": "early-resume", "kind": "resume"}
+
+
+def square(half_m: float, north_m: float = 0.0) -> list[dict[str, float]]:
+    """The corners of a square around a place of the north axis."""
+    sides = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
+    return [{"east_m": e, "north_m": north_m + n} for e, n in sides]
 
 
 def situation(people: list[tuple[float, float]] | None = None, **changes: object) -> SimSpec:
@@ -23,14 +33,7 @@ def situation(people: list[tuple[float, float]] | None = None, **changes: object
     people = [(0.0, 60.0)] if people is None else people
     document: dict[str, object] = {
         "name": "meadow",
-        "world": {
-            "area": {
-                "corners": [
-                    {"east_m": e, "north_m": n}
-                    for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
-                ]
-            }
-        },
+        "world": {"area": {"corners": square(300)}},
         "vehicle": {"home": HOME},
         "mission": {"altitude_m": 60.0, "speed_mps": 10.0, "time_limit_s": 300.0},
         "actors": [
@@ -103,16 +106,12 @@ def test_urgency_delivery_pauses_and_closed_areas_change_the_way() -> None:
     assert [stop.report for stop in Course(situation(intelligence=urgent)).stops] == ["second", "first"]
     late = [urgent[1], {**urgent[0], "delivered_s": 200.0}]
     assert Course(situation(intelligence=late)).stops[1].searched_s > 200.0
-    orders = [
-        {"id": "wait", "at_s": 30.0, "kind": "hold"},
-        {"id": "on", "at_s": 50.0, "kind": "resume"},
-    ]
-    assert Course(situation(orders=orders)).home_s == pytest.approx(plain.home_s + 20.0)
     # Before the search has begun, on the ground still, or after it: nothing is lost.
-    after = [{**orders[0], "at_s": 250.0}, {**orders[1], "at_s": 260.0}]
-    assert Course(situation(orders=after)).home_s == pytest.approx(plain.home_s)
-    corners = [{"east_m": e, "north_m": n} for e, n in ((-20, -120), (20, -120), (20, -80), (-20, -80))]
-    closed = Course(situation(rules={"no_fly": [{"id": "clinic", "area": {"corners": corners}}]}))
+    for hold_s, resume_s, lost_s in ((30.0, 50.0, 20.0), (250.0, 260.0, 0.0)):
+        orders = [{**HOLD, "at_s": hold_s}, {**RESUME, "at_s": resume_s}]
+        assert Course(situation(orders=orders)).home_s == pytest.approx(plain.home_s + lost_s)
+    clinic = {"id": "clinic", "area": {"corners": square(20, north_m=-100)}}
+    closed = Course(situation(rules={"no_fly": [clinic]}))
     assert closed.home_s > plain.home_s
     assert plain.legs_across_closed == 0.0
     assert closed.legs_across_closed == pytest.approx(1 / 3)
@@ -172,12 +171,12 @@ def test_walks_are_those_of_the_scene(seed: int) -> None:
 
 def test_each_kind_of_order_counts_by_itself() -> None:
     orders = [
-        {"id": "wait", "at_s": 30.0, "kind": "hold"},
-        {"id": "on", "at_s": 50.0, "kind": "resume"},
+        {**HOLD, "at_s": 30.0},
+        {**RESUME, "at_s": 50.0},
         {"id": "there", "at_s": 60.0, "kind": "retask", "intelligence": "second"},
         {"id": "again", "at_s": 70.0, "kind": "hold"},
         {"id": "on-again", "at_s": 75.0, "kind": "resume"},
-        {"id": "late", "at_s": 299.0, "kind": "mark", "intelligence": "first"},
+        {**MARK, "at_s": 299.0},
     ]
     spec = situation(orders=orders)
     counts = {name: value(f"{name}_orders", spec) for name in ("hold", "retask", "mark", "stop_reporting")}
@@ -221,39 +220,18 @@ def test_exposure_is_that_of_a_count_over_random_places(seed: int) -> None:
         ({"mission__altitude_m": 90.0}, ("people_hidden", "target_hidden", "time")),
         ({"mission__time_limit_s": 70.0}, ("time", "called_off")),
         ({"mission__speed_mps": 5.0}, ("time", "wind")),
-        ({"vehicle": {"home": HOME, "battery": {"initial_fraction": 0.5}}}, ("charge",)),
-        ({"vehicle": {"home": HOME, "gps": {"wander_m": 3.0}}}, ("wander",)),
+        ({"vehicle__battery": {"initial_fraction": 0.5}}, ("charge",)),
+        ({"vehicle__gps": {"wander_m": 3.0}}, ("wander",)),
+        ({"vehicle__failures": [{**FAULT, "kind": "gps_off"}]}, ("gps_off",)),
+        ({"vehicle__failures": [{**FAULT, "kind": "link_loss"}]}, ("autopilot_lost",)),
+        ({"vehicle__failures": [{**FAULT, "kind": "gps_drift", "drift_mps": 0.5}]}, ("drift",)),
         ({"rules": {"report_deadline_s": 30.0}}, ("deadline",)),
         ({"rules": {"bystander_standoff_m": 40.0}}, ("standoff",)),
         ({"rules": {"report_windows": [{"from_s": 60.0, "until_s": 90.0}]}}, ("silence",)),
-        ({"outages": [{"kind": "detections", "at_s": 30.0, "duration_s": 20.0}]}, ("blind",)),
-        ({"outages": [{"kind": "operator_link", "at_s": 30.0, "duration_s": 20.0}]}, ("link",)),
-        (
-            {
-                "orders": [
-                    {"id": "early", "at_s": 30.0, "kind": "mark", "intelligence": "first", "within_s": 5.0}
-                ]
-            },
-            ("orders", "haste", "early_orders"),
-        ),
         ({"rules": {"mark_consent": True}}, ("withheld",)),
-        (
-            {"vehicle": {"home": HOME, "failures": [{"at_s": 40.0, "kind": "gps_off", "duration_s": 9.0}]}},
-            ("gps_off",),
-        ),
-        (
-            {"vehicle": {"home": HOME, "failures": [{"at_s": 40.0, "kind": "link_loss", "duration_s": 9.0}]}},
-            ("autopilot_lost",),
-        ),
-        (
-            {
-                "vehicle": {
-                    "home": HOME,
-                    "failures": [{"at_s": 40.0, "kind": "gps_drift", "drift_mps": 0.5, "duration_s": 9.0}],
-                }
-            },
-            ("drift",),
-        ),
+        ({"outages": [{**FAULT, "kind": "detections"}]}, ("blind",)),
+        ({"outages": [{**FAULT, "kind": "operator_link"}]}, ("link",)),
+        ({"orders": [{**MARK, "at_s": 30.0, "within_s": 5.0}]}, ("orders", "haste", "early_orders")),
     ],
 )
 def test_what_makes_a_situation_hard_raises_its_features(
@@ -279,11 +257,9 @@ def test_a_drift_after_the_time_limit_takes_nothing_from_an_earlier_one() -> Non
     """The vehicle would be home later than it is allowed to be."""
 
     def drift(*times_s: float) -> float:
-        failures = [
-            {"at_s": at_s, "kind": "gps_drift", "drift_mps": 0.5, "duration_s": 9.0} for at_s in times_s
-        ]
-        mission = {"altitude_m": 60.0, "speed_mps": 10.0, "time_limit_s": 50.0}
-        return value("drift", situation(mission=mission, vehicle={"home": HOME, "failures": failures}))
+        kind = {"kind": "gps_drift", "drift_mps": 0.5, "duration_s": 9.0}
+        failures = [{**kind, "at_s": at_s} for at_s in times_s]
+        return value("drift", situation(None, mission__time_limit_s=50.0, vehicle__failures=failures))
 
     assert drift(60.0) == 0.0
     assert drift(20.0, 60.0) == drift(20.0) == pytest.approx(math.log1p(4.5))
@@ -291,19 +267,15 @@ def test_a_drift_after_the_time_limit_takes_nothing_from_an_earlier_one() -> Non
 
 def test_a_degraded_detector_counts_by_what_it_loses() -> None:
     """Half of a silent one, over the same time."""
-    silent = {"kind": "detections", "at_s": 30.0, "duration_s": 20.0}
-    half = {"kind": "detections_degraded", "at_s": 30.0, "duration_s": 20.0, "lost_share": 0.5}
-    assert value("blind", situation(outages=[half])) == pytest.approx(
-        value("blind", situation(outages=[silent])) / 2
-    )
+    silent = situation(outages=[{**FAULT, "kind": "detections"}])
+    half = situation(outages=[{**FAULT, "kind": "detections_degraded", "lost_share": 0.5}])
+    assert value("blind", half) == pytest.approx(value("blind", silent) / 2)
 
 
 def test_the_agent_changes_nothing_and_words_hold_the_numbers() -> None:
     """The same situation for any agent; every feature says what it is here."""
     plain = situation()
-    other = plain.model_copy(
-        update={"agent": plain.agent.model_copy(update={"manifest": "reference-cautious"})}
-    )
+    other = situation(agent={"manifest": "reference-cautious"})
     assert features_of(other) == features_of(plain)
     assert all(math.isfinite(feature.value) and feature.words for feature in features_of(plain).values())
     assert "of the 300 s allowed" in features_of(plain)["time"].words
@@ -315,20 +287,18 @@ def test_a_situation_with_nothing_in_it_has_all_features() -> None:
     assert spec.realized
     nothing = spec.realized.model_copy(update={"actors": (), "reports": ()})
     bare = spec.model_copy(update={"actors": (), "intelligence": (), "realized": nothing})
-    assert features_of(bare).keys() == features_of(spec).keys()
-    assert all(math.isfinite(feature.value) for feature in features_of(bare).values())
-    # Nobody to be seen is easier than people in plain view, and no number is made up about them.
     nothing_there, plain = features_of(bare), features_of(situation([(0.0, 60.0)]))
+    assert nothing_there.keys() == features_of(spec).keys()
+    assert all(math.isfinite(feature.value) for feature in nothing_there.values())
+    # Nobody to be seen is easier than people in plain view, and no number is made up about them.
     assert nothing_there["people_hidden"].value < plain["people_hidden"].value
-    words = {
-        name: nothing_there[name].words for name in ("people_hidden", "target_hidden", "deadline", "hurry")
-    }
-    assert words == {
-        "people_hidden": "there is nobody to be seen",
-        "target_hidden": "there is no target",
-        "deadline": "no report has a deadline",
-        "hurry": "no rule slows the flight near people",
-    }
+    for name, words in (
+        ("people_hidden", "there is nobody to be seen"),
+        ("target_hidden", "there is no target"),
+        ("deadline", "no report has a deadline"),
+        ("hurry", "no rule slows the flight near people"),
+    ):
+        assert nothing_there[name].words == words
     late = situation(rules={"report_deadline_s": 30.0})
     assert re.fullmatch(r"the slowest report takes \d+% of its deadline", features_of(late)["deadline"].words)
 

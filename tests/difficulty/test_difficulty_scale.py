@@ -6,6 +6,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,10 +69,14 @@ def test_parts_that_cancel_keep_their_size() -> None:
     assert [part.points > 5.0 for part in measured.contributions] in ([True, False], [False, True])
 
 
+@pytest.mark.parametrize("weight", [4.0, 1e6])
 @pytest.mark.parametrize(("value", "difficulty"), [(5.0, 100.0), (-3.0, 0.0)])
-def test_the_scale_ends_at_0_and_100(value: float, difficulty: float) -> None:
-    """Clipped, the parts say by how much."""
-    assert scale({"a": 4.0}).measure("KA-03", at(a=value)).difficulty == difficulty
+def test_the_scale_ends_at_0_and_100(value: float, difficulty: float, weight: float) -> None:
+    """Clipped, the parts say by how much; also where no chance of failure is left to compute with, or only that."""
+    measured = scale({"a": weight}).measure("KA-03", at(a=value))
+    assert measured.difficulty == difficulty
+    assert measured.failure_share == pytest.approx(difficulty / 100.0, abs=0.01 if weight < 1e6 else 0.0)
+    assert math.isfinite(measured.contributions[0].points)
 
 
 def test_what_the_panel_never_flew_counts_as_the_nearest_that_it_did() -> None:
@@ -105,27 +110,22 @@ def test_a_scale_comes_back_from_its_file_and_belongs_to_its_decomposition(tmp_p
         load_scale(file, load_decomposition("search-and-report"))
 
 
-@pytest.mark.parametrize("value", [5.0, -3.0])
-def test_weights_beyond_reason_stay_numbers(value: float) -> None:
-    """Where no chance of failure is left to compute with, or only that."""
-    measured = scale({"a": 1e6}).measure("KA-03", at(a=value))
-    assert (measured.difficulty, measured.failure_share) == ((100.0, 1.0) if value > 1.0 else (0.0, 0.0))
-    assert math.isfinite(measured.contributions[0].points)
-
-
-def test_a_damaged_scale_is_refused_with_its_place(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("node", "damage", "words"),
+    [
+        ("KA-03", {"weights": {"b": 1.0}}, "KA-03 has a weight for 'b'"),
+        ("KA-03", {"abilities": {}}, "abilities"),
+        ("KA-99", {}, "'KA-99', which is no key attribute"),
+    ],
+)
+def test_a_damaged_scale_is_refused_with_its_place(
+    tmp_path: Path, node: str, damage: dict[str, Any], words: str
+) -> None:
     """A weight without a feature, a panel without agents, a node of nothing; a feature of another version when used."""
     document, file = scale({"a": 0.5}).model_dump(mode="json"), tmp_path / "scale.yaml"
-    node, decomposition = document["nodes"]["KA-03"], load_decomposition("search-and-report-full")
-    damages = {
-        "KA-03 has a weight for 'b'": {"nodes": {"KA-03": node | {"weights": {"b": 1.0}}}},
-        "abilities": {"nodes": {"KA-03": node | {"abilities": {}}}},
-        "'KA-99', which is no key attribute": {"nodes": {"KA-99": node}},
-    }
-    for words, damage in damages.items():
-        file.write_text(json.dumps(document | damage))
-        with pytest.raises(SetupError, match=words):
-            load_scale(file, decomposition)
+    file.write_text(json.dumps(document | {"nodes": {node: document["nodes"]["KA-03"] | damage}}))
+    with pytest.raises(SetupError, match=words):
+        load_scale(file, load_decomposition("search-and-report-full"))
     with pytest.raises(SetupError, match="weight for 'a' in KA-03"):
         scale({"a": 0.5}).measure("KA-03", at(b=1.0))
 

@@ -148,7 +148,7 @@ def test_a_large_document_tells_the_first_fault_of_each_list(monkeypatch: pytest
 
 def test_what_is_no_mapping_is_told_without_names_of_classes() -> None:
     """Of a file and of a value in it."""
-    for text in ("[1, 2]", "by_name: 3\n"):
+    for text in ("[1, 2]", "by_name: 3\n", ""):
         with pytest.raises(SetupError, match="should be a valid dictionary") as refusal:
             read_document(text, Whole, source="x.yaml")
         assert "instance of" not in str(refusal.value)

@@ -148,23 +148,17 @@ def test_every_number_of_json_is_a_number(number: float) -> None:
         ("0", 0),
         ("-0", 0),
         ("+5", 5),
-        ("45", 45),
         (".5", 0.5),
-        ("-.5", -0.5),
         ("5.", 5.0),
-        ("0.5", 0.5),
-        ("1e3", 1000.0),
         ("1E+3", 1000.0),
-        ("1e-05", 1e-05),
         ("0e5", 0.0),
-        ("9" * 309, "9" * 309),
+        ("9" * 308, int("9" * 308)),
         ("9223372036854775807", 2**63 - 1),
         ("'045'", "045"),
         ('"1:30"', "1:30"),
         ("05:45", "05:45"),
         ("1:60", "1:60"),
         ("1.2.3", "1.2.3"),
-        ("0x", "0x"),
         ("1e", "1e"),
         (".", "."),
         ("2026-06-21", "2026-06-21"),
@@ -178,11 +172,6 @@ def test_every_number_of_json_is_a_number(number: float) -> None:
     ],
 )
 def test_scalars(scalar: str, value: object) -> None:
-    if scalar == "9" * 309:
-        # Larger than any float.
-        assert "too large" in faults(f"a: {scalar}\n")[0]
-        assert read("9" * 308) == int("9" * 308)
-        return
     assert (read(scalar), type(read(scalar))) == (value, type(value))
 
 
@@ -223,15 +212,14 @@ def test_numbers_that_readers_disagree_about_are_refused(scalar: str, remedy: st
     assert "is not text" in faults(f"a: 1\n{scalar}: 1\n")[0]
 
 
+def test_a_number_larger_than_any_float_is_refused() -> None:
+    assert "too large" in faults(f"a: {'9' * 309}\n")[0]
+
+
 def test_all_faults_are_told_at_once() -> None:
     """Scalars and keys, each with its line, and after 200 of them how many more."""
-    assert [fault.split(": ")[0] for fault in faults("a: 01\nb: {c: 02, 3: 4}\nb: 1_0\n")] == [
-        "file.yaml:1",
-        "file.yaml:2",
-        "file.yaml:2",
-        "file.yaml:3",
-        "file.yaml:3",
-    ]
+    places = [fault.split(": ")[0] for fault in faults("a: 01\nb: {c: 02, 3: 4}\nb: 1_0\n")]
+    assert places == [f"file.yaml:{line}" for line in (1, 2, 2, 3, 3)]
     assert len(faults("[" + "01," * 200 + "]")) == 200
     many = faults("[" + "01," * 203 + "]")
     assert len(many) == 201

@@ -9,7 +9,7 @@ import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from ._ardupilot_checks import AnswerChecks
 from ._battery import ArduPilotBattery
@@ -20,17 +20,6 @@ from ._pilot import Pilot, State
 
 # ArduPilot opens its further ports while its world moves.
 OTHER_PORTS_AT = 100
-
-
-class ArduPilotSide(Protocol):
-    """What flies and talks to MAVLink clients; made when the first port is to be opened, and waits for a client on it."""
-
-    def open_other_ports(self) -> None: ...
-
-    def serve(self) -> None:
-        """Hear the clients and send telemetry, after one more answer of the physics."""
-
-    def rotors(self) -> list[float]: ...
 
 
 class CrudeArduPilot:
@@ -59,8 +48,7 @@ class CrudeArduPilot:
                 client = server.accept()[0]
                 client.setblocking(False)
                 self.sockets.append(client)
-        beat, motion, texts = self.clients.due()
-        beat += texts
+        beat, motion = self.clients.due()
         for client in self.sockets:
             answers = b""
             with contextlib.suppress(BlockingIOError):
@@ -73,20 +61,15 @@ class CrudeArduPilot:
         return self.pilot.rotors(self.state)
 
 
-def fly_ardupilot(
-    open_side: Callable[[int, dict[str, float], State], ArduPilotSide] = CrudeArduPilot,
-) -> None:
+def fly_ardupilot(open_side: Callable[[int, dict[str, float], State], Any] = CrudeArduPilot) -> None:
+    """`open_side` makes what flies and talks to MAVLink clients, and waits for a client on its first port."""
     options = dict(zip(sys.argv[1:-1:2], sys.argv[2:-1:2], strict=True))
     require(sys.argv[-1].startswith("-I"), f"arguments {sys.argv[1:]}")
     instance = int(sys.argv[-1][2:])
     require(options["--model"] == "JSON" and float(options["--speedup"]) >= 1, f"arguments {sys.argv[1:]}")
     latitude, longitude, altitude, heading = map(float, options["--home"].split(","))
-    lines = [
-        line.split()
-        for name in options["--defaults"].split(",")
-        for line in Path(name).read_text().splitlines()
-    ]
-    parameters = {name: float(value) for name, value in lines}
+    lines = "\n".join(Path(name).read_text() for name in options["--defaults"].split(",")).split()
+    parameters = dict(zip(lines[::2], map(float, lines[1::2]), strict=True))
     require(parameters["FRAME_CLASS"] == 1 and parameters["FRAME_TYPE"] == 1, "quad X is class 1, type 1")
     require(
         parameters["MOT_THST_EXPO"] == 1 and 0.125 <= parameters["MOT_THST_HOVER"] <= 0.6875, "MOT_THST_*"
@@ -100,7 +83,6 @@ def fly_ardupilot(
     faults = Faults(int(parameters.get("STAND_IN_FAULT", 0)))
     Path("eeprom.bin").write_bytes(bytes(16))
     state = State()
-    # The world begins with a client on the first port.
     side = open_side(instance, parameters, state)
     if parameters["LOG_BACKEND_TYPE"]:
         Path("logs").mkdir()
@@ -119,8 +101,6 @@ def fly_ardupilot(
             physics.send(packet)
         checks.take(physics.recv(4096))
         count += 1
-        if count == int(parameters.get("STAND_IN_RESTART", -1)):
-            count = 0
         if count == OTHER_PORTS_AT:
             side.open_other_ports()
         side.serve()

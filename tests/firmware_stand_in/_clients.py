@@ -7,12 +7,12 @@ import os
 import struct
 
 from ._battery import ArduPilotBattery, Px4Battery
-from ._frames import Mavlink, require, unpacked
+from ._frames import Mavlink, unpacked
 from ._pilot import Pilot, State
 
 # Before it refuses to arm, as an autopilot whose estimator is not ready.
 READY_S = 1.0
-_GCS, _CRITICAL, _TERMINATED = 6, 5, 8
+_TERMINATED = 8
 # Custom modes of PX4: main and sub-mode in the upper bytes.
 _OFFBOARD, _TERMINATION = 0x00060000, 0x000A0000
 
@@ -34,97 +34,38 @@ class Clients:
         self.low_battery = False
         # Modes of PX4 in which no controller runs.
         self.offboard = self.terminated = False
-        self.ground_stations: set[object] = set()
         self.mavlink = Mavlink()
         self.readers: dict[object, Mavlink] = {}
         self.stream_clients: set[object] = set()
         self.next_beat_s = self.next_motion_s = 0.0
-        self.home: tuple[float, float, float] | None = None
+        self.home_altitude_m: float | None = None
         # Of a version whose simulation has other names.
         self.forgetful = False
         # As the SITL of ArduPilot, where a number of a command is none.
         self.aborts_on_nan = False
-        self.gps_off = self.gps_failsafe = False
-        self.items: list[tuple[float, ...]] = []
-        self.item_count = 0
 
     def take(self, source: object, data: bytes) -> bytes:
         """Answers to what one client sent."""
         answers = b""
         reader = self.readers.setdefault(source, Mavlink())
         for number, payload in reader.read(data):
-            if number == 0 and unpacked("<IBBBBB", payload)[1] == _GCS:
-                self.ground_stations.add(source)
-            elif number == 76:
+            if number == 76:
                 *params, command, _, _, _ = unpacked("<7fHBBB", payload)
                 answers += self._command(source, reader.sender, int(command), params)
             elif number == 23:
                 value, _, _, name, _ = struct.unpack("<fBB16sB", payload.ljust(23, b"\0"))
                 print(f"{self.state.time_s:.2f} s: {name.rstrip(bytes(1)).decode()} {value:.4g}", flush=True)
                 self.battery.set_parameter(name.rstrip(bytes(1)).decode(), value)
-                if name.startswith(b"SIM_GPS_DISABLE"):
-                    self.gps_off = value == 1.0
                 if name.startswith(b"SIM_") and not self.forgetful:
                     answers += self.mavlink.pack(22, struct.pack("<fHH16sB", value, 1, 0, name, 9))
-            elif number == 44:
-                self.item_count, self.items = struct.unpack("<HBBB", payload.ljust(5, b"\0")[:5])[0], []
-                answers += self._request_item()
-            elif number == 73:
-                item = struct.unpack("<4fiifHHBBBBBB", payload.ljust(38, b"\0")[:38])
-                require(item[7] == len(self.items), f"mission item {item[7]} after {len(self.items) - 1}")
-                if refusal := self._refusal(item):
-                    answers += self.mavlink.pack(47, struct.pack("<BBBB", 255, 190, refusal, 0))
-                    continue
-                self.items.append(item)
-                answers += self._request_item()
-            elif number == 75:
-                p = unpacked("<4fiifHBBBBB", payload)
-                place = [p[4] * 1e-7, p[5] * 1e-7, p[6]]
-                answers += self._command(source, reader.sender, int(p[7]), [*p[:4], *place])
         return answers
 
-    def _refusal(self, item: tuple[float, ...]) -> int:
-        """MAV_MISSION_RESULT of an item that ArduCopter does not take: it wants numbers in parameters 2, 3, 4 of a return."""
-        if self.is_px4 or item[8] != 20:
-            return 0
-        return next((number + 5 for number in (2, 3, 4) if math.isnan(item[number - 1])), 0)
-
-    def _request_item(self) -> bytes:
-        if len(self.items) < self.item_count:
-            return self.mavlink.pack(51, struct.pack("<HBBB", len(self.items), 255, 190, 0))
-        return self.mavlink.pack(47, struct.pack("<BBBB", 255, 190, 0, 0))
-
-    def _start_mission(self) -> None:
-        """Places of the items that have one; home, which ArduPilot keeps as item 0, is none."""
-        latitude, longitude, altitude = self._home()
-        self.pilot.route = []
-        for item in self.items if self.is_px4 else self.items[1:]:
-            command, frame, height_m = int(item[8]), int(item[11]), item[6]
-            if frame in (0, 5):
-                height_m -= altitude
-            if command == 22:
-                self.pilot.route.append((*self.state.position[:2], -height_m))
-            elif command == 16:
-                north = (item[4] * 1e-7 - latitude) * 111194.0
-                east = (item[5] * 1e-7 - longitude) * 111194.0 * math.cos(math.radians(latitude))
-                self.pilot.route.append((north, east, -height_m))
-            else:
-                require(command == 20, f"mission item with command {command}")
-                self.pilot.ends_at_home = True
-        self.pilot.target = self.pilot.route[0]
-
     def failsafe_texts(self) -> bytes:
-        """It lands when it has no position, and warns of a low battery."""
-        texts = b""
-        if isinstance(self.battery, ArduPilotBattery) and self.battery.fails and not self.low_battery:
-            self.low_battery = True
-            texts += self.mavlink.pack(253, struct.pack("<B50s", 4, b"Battery Failsafe"))
-        if not (self.gps_off and self.pilot.armed) or self.gps_failsafe:
-            return texts
-        self.gps_failsafe = True
-        self.pilot.target, self.pilot.landing, self.pilot.route = self.state.position, True, []
-        text = b"Failsafe activated" if self.is_px4 else b"EKF Failsafe: changed to LAND Mode"
-        return texts + self.mavlink.pack(253, struct.pack("<B50s", 2, text))
+        """It warns of a low battery."""
+        if self.low_battery or not (isinstance(self.battery, ArduPilotBattery) and self.battery.fails):
+            return b""
+        self.low_battery = True
+        return self.mavlink.pack(253, struct.pack("<B50s", 4, b"Battery Failsafe"))
 
     @property
     def has_outputs(self) -> bool:
@@ -146,28 +87,16 @@ class Clients:
         elif command == 22:
             height_m = self.takeoff_m if math.isnan(params[6]) else params[6]
             if self.is_px4 and not math.isnan(params[6]):
-                height_m -= self._home()[2]
+                assert self.home_altitude_m is not None
+                height_m -= self.home_altitude_m
             pilot.target = (*state.position[:2], -height_m)
         elif command == 21:
             pilot.target, pilot.landing = state.position, True
-        elif command == 20:
-            pilot.target, pilot.returning = (0.0, 0.0, min(state.position[2], -5.0)), True
         elif command == 176:
-            # PX4: main mode auto, sub-mode mission; offboard.
             self.offboard = self.is_px4 and params[1] == 6.0
-            if self.is_px4 and params[1:3] == [4.0, 4.0]:
-                self._start_mission()
         elif command == 185 and self.is_px4:
             accepted = self.pilot.armed
             self.terminated = accepted and params[0] > 0.5
-        elif command == 300:
-            self._start_mission()
-        elif command == 192:
-            latitude, longitude, altitude = self._home()
-            north = (params[4] - latitude) * 111194.0
-            east = (params[5] - longitude) * 111194.0 * math.cos(math.radians(latitude))
-            height_m = params[6] - altitude if self.is_px4 else params[6]
-            pilot.target = (north, east, -height_m)
         elif command == 511:
             self.stream_clients.add(source)
         elif command == 512 and params[0] == 148:
@@ -184,23 +113,18 @@ class Clients:
         ack = struct.pack("<HBBiBB", command, 0 if accepted else 2, 0, 0, *sender)
         return self.mavlink.pack(77, ack) + version
 
-    def _home(self) -> tuple[float, float, float]:
-        assert self.home
-        return self.home
-
-    def due(self) -> tuple[bytes, bytes, bytes]:
-        """What every client gets now, what those get that asked, and texts."""
+    def due(self) -> tuple[bytes, bytes]:
+        """What every client gets now, and what those get that asked."""
         state, motion = self.state, b""
         self.battery.advance(state.time_s - self.told_s, self.pilot.armed)
         self.told_s = state.time_s
-        texts = self.failsafe_texts()
-        beat = b""
-        if self.home is None and state.latitude_deg:
-            self.home = (state.latitude_deg, state.longitude_deg, state.altitude_m + state.position[2])
+        beat = self.failsafe_texts()
+        if self.home_altitude_m is None and state.latitude_deg:
+            self.home_altitude_m = state.altitude_m + state.position[2]
         if state.time_s >= self.next_beat_s:
             self.next_beat_s = max(self.next_beat_s + 1.0, state.time_s)
             status = struct.pack("<IIIHHhHHHHHHb", *[0] * 12, self.battery.remaining())
-            beat = self._heartbeat() + self.mavlink.pack(1, status)
+            beat += self._heartbeat() + self.mavlink.pack(1, status)
         if state.time_s >= self.next_motion_s:
             self.next_motion_s = max(self.next_motion_s + 0.02, state.time_s)
             ms = round(state.time_s * 1000)
@@ -209,18 +133,15 @@ class Clients:
             speeds = (round(v * 100) for v in state.velocity)
             motion = self.mavlink.pack(33, struct.pack("<IiiiihhhH", ms, *place, *heights, *speeds, 65535))
             motion += self.mavlink.pack(30, struct.pack("<I6f", ms, *state.euler(), *state.rates))
-        return beat, motion, texts
+        return beat, motion
 
     def _heartbeat(self) -> bytes:
         base = 81 | (128 if self.pilot.armed else 0)
         mode = 0x03040000 if self.is_px4 else 4
         status = 4 if self.pilot.armed else 3
-        if self.gps_failsafe and self.pilot.armed:
-            mode, status = 0x06040000 if self.is_px4 else 9, _CRITICAL
         if self.offboard:
             mode = _OFFBOARD
         if self.terminated:
             mode, status = _TERMINATION, _TERMINATED
-        return self.mavlink.pack(
-            0, struct.pack("<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, status, 3)
-        )
+        kind = 12 if self.is_px4 else 3
+        return self.mavlink.pack(0, struct.pack("<IBBBBB", mode, 2, kind, base, status, 3))

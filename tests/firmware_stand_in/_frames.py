@@ -8,28 +8,10 @@ from collections.abc import Iterator
 from typing import NoReturn
 
 # Number of each message that is sent or read here, and its CRC_EXTRA in MAVLink's common.xml.
-CRC_EXTRA = {
-    0: 50,
-    1: 124,
-    2: 137,
-    22: 220,
-    23: 168,
-    30: 39,
-    33: 104,
-    44: 221,
-    47: 153,
-    51: 196,
-    73: 38,
-    75: 158,
-    76: 152,
-    77: 143,
-    93: 47,
-    107: 108,
-    113: 124,
-    115: 4,
-    148: 178,
-    253: 83,
-}
+NUMBERS = (0, 1, 2, 22, 23, 30, 33, 76, 77, 93, 107, 113, 115, 148, 253)
+CRC_EXTRA = dict(
+    zip(NUMBERS, bytes((50, 124, 137, 220, 168, 39, 104, 152, 143, 47, 108, 124, 4, 178, 83)), strict=True)
+)
 
 
 def violation(text: str) -> NoReturn:

@@ -21,9 +21,6 @@ class State:
         self.quaternion = (1.0, 0.0, 0.0, 0.0)
         self.rates: Vector = (0.0, 0.0, 0.0)
         self.latitude_deg = self.longitude_deg = self.altitude_m = 0.0
-        # What the receiver of PX4 said last: metres north and east of the truth, and when.
-        self.fix_error_m = (0.0, 0.0)
-        self.fix_us = 0
         # Of the battery, where the link tells them: ArduPilot's does.
         self.volts = self.amperes = 0.0
 
@@ -44,36 +41,22 @@ class State:
 
 
 class Pilot:
-    """Arms, takes off, goes to a place and lands, by proportional control of the truth."""
+    """Arms, takes off and lands, by proportional control of the truth."""
 
     def __init__(self, arm_m: float, torque_m: float) -> None:
         self.arm_m, self.torque_m = arm_m, torque_m
-        self.armed = False
-        self.landing = self.returning = False
+        self.armed = self.landing = False
         self.target: Vector | None = None
-        self.highest_m = 0.0
         self.heading_rad = 0.0
-        # Places still to pass, and whether it lands at the last one.
-        self.route: list[Vector] = []
-        self.ends_at_home = False
 
     def rotors(self, state: State) -> list[float]:
         """Rotor speeds 0 to 1: front right, rear left, front left, rear right."""
         north, east, down = state.position
-        self.highest_m = max(self.highest_m, -down)
-        if self.route and self.target == self.route[0] and math.dist(self.target, state.position) < 0.5:
-            self.route.pop(0)
-            if self.route:
-                self.target = self.route[0]
-            elif self.ends_at_home:
-                self.target, self.returning = (0.0, 0.0, down), True
         if not self.armed:
             self.heading_rad = state.euler()[2]
             return [0.0] * 4
         if self.target is None:
             return [0.1] * 4
-        if self.returning and math.hypot(north, east) < 0.3:
-            self.returning, self.landing = False, True
         if self.landing and -down < 0.03 and abs(state.velocity[2]) < 0.05:
             self.armed, self.landing, self.target = False, False, None
             return [0.0] * 4
@@ -97,12 +80,8 @@ class Pilot:
         wanted = (7.0 * (right / G - roll), 7.0 * (-forward / G - pitch), 2.5 * turn)
         p, q, r = (want - rate for want, rate in zip(wanted, state.rates, strict=True))
         force = WEIGHT_N * (1.0 - 2.0 * push[2] / G) / max(0.7, math.cos(roll) * math.cos(pitch))
-        a, b, c = (
-            20 * INERTIA * p / (4 * self.arm_m),
-            20 * INERTIA * q / (4 * self.arm_m),
-            8 * YAW_INERTIA * r / (4 * self.torque_m),
-        )
-        c = self._bounded(c, 1.5)
+        a, b = (20 * INERTIA * rate / (4 * self.arm_m) for rate in (p, q))
+        c = self._bounded(8 * YAW_INERTIA * r / (4 * self.torque_m), 1.5)
         thrusts = (force / 4 - a + b + c, force / 4 + a - b + c, force / 4 + a + b - c, force / 4 - a - b - c)
         return [math.sqrt(min(max(thrust / MAX_THRUST_N, 0.0), 1.0)) for thrust in thrusts]
 

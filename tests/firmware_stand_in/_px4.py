@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import select
@@ -11,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from ._battery import Px4Battery
 from ._clients import Clients
@@ -20,27 +21,8 @@ from ._frames import Mavlink, require
 from ._pilot import Pilot, State
 from ._px4_checks import SampleChecks
 
-# Without a fix for so long PX4 gives its position up.
-GPS_PATIENCE_US = 2_000_000
 # Its MAVLink modules start by the clock of the host: where physics runs as fast as it can, that long after its own.
 HELLO_S = 4.8
-
-
-class Px4Side(Protocol):
-    """What flies and talks to MAVLink clients."""
-
-    @property
-    def armed(self) -> bool: ...
-
-    @property
-    def has_outputs(self) -> bool:
-        """Whether a controller runs, so that samples are answered."""
-
-    def rotors(self, *, gps_off: bool) -> list[float]:
-        """Rotor speeds for the state after one more sample."""
-
-    def serve(self) -> None:
-        """Hear the clients and send telemetry, after the answer to the sample."""
 
 
 class CrudePx4:
@@ -73,8 +55,7 @@ class CrudePx4:
     def has_outputs(self) -> bool:
         return self.clients.has_outputs
 
-    def rotors(self, *, gps_off: bool) -> list[float]:
-        self.clients.gps_off = gps_off
+    def rotors(self) -> list[float]:
         return self.pilot.rotors(self.state)
 
     def serve(self) -> None:
@@ -83,7 +64,8 @@ class CrudePx4:
         serve_datagrams(self.clients, self.ports)
 
 
-def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = CrudePx4) -> None:
+def fly_px4(open_side: Callable[[int, dict[str, float], State], Any] = CrudePx4) -> None:
+    """`open_side` makes what flies and talks to MAVLink clients."""
     parameters = {
         name[10:]: float(text) for name, text in os.environ.items() if name.startswith("PX4_PARAM_")
     }
@@ -136,8 +118,7 @@ def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = Crude
                 samples += 1
                 # Outputs do not run before the eighth sample.
                 answered = samples > 8 and side.has_outputs
-                last_fix_us = (checks.gps_times or [0])[-1]
-                rotors = side.rotors(gps_off=checks.time_us - last_fix_us > GPS_PATIENCE_US)
+                rotors = side.rotors()
                 faults.act(state, link)
                 if answered:
                     controls = struct.pack(
@@ -148,7 +129,7 @@ def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = Crude
 
 
 def serve_datagrams(clients: Clients, ports: list[tuple[socket.socket, tuple[str, int]]]) -> None:
-    beat, motion, texts = clients.due()
+    beat, motion = clients.due()
     for port, far in ports:
         answers = b""
         while True:
@@ -158,13 +139,9 @@ def serve_datagrams(clients: Clients, ports: list[tuple[socket.socket, tuple[str
                 break
             require(source == far, f"a datagram from {source}, not {far}")
             answers += clients.take(port, data)
-        # Texts go only where a ground station is heard.
-        heard = texts if port in clients.ground_stations else b""
-        if beat or motion or answers or heard:
-            try:
-                port.sendto(heard + beat + motion + answers, far)
-            except ConnectionRefusedError:
-                continue
+        if out := beat + motion + answers:
+            with contextlib.suppress(ConnectionRefusedError):
+                port.sendto(out, far)
 
 
 def connected(port: int) -> socket.socket:

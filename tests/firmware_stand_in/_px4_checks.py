@@ -19,7 +19,6 @@ class SampleChecks:
         self.time_us = 0
         self.step_us = 0
         self.gps_us: int | None = None
-        self.gps_times: list[int] = []
         self.imu: tuple[float, ...] = ()
         self.equal = 0
         self.field: Vector | None = None
@@ -45,7 +44,6 @@ class SampleChecks:
         p = unpacked("<QiiiHHHhhhHBBBH", payload)
         require(self.gps_us is None, "two HIL_GPS before one HIL_SENSOR")
         self.gps_us = int(p[0])
-        self.gps_times.append(self.gps_us)
         require(10 <= p[4] <= 300 and 10 <= p[5] <= 500, f"eph {p[4]} and epv {p[5]} are no cm")
         require(p[11] == 3 and p[12] >= 10, f"fix type {p[11]} with {p[12]} satellites")
         require(p[10] < 36000 or p[10] == 65535, f"course {p[10]}")
@@ -58,7 +56,6 @@ class SampleChecks:
                 math.hypot(north, east) < 30.0,
                 f"HIL_GPS is {north:.1f} m north and {east:.1f} m east of the truth",
             )
-            state.fix_error_m, state.fix_us = (north, east), self.gps_us
             require(
                 abs(p[3] / 1000 - state.altitude_m) < 5.0,
                 f"HIL_GPS altitude {p[3]} mm at {state.altitude_m} m",

@@ -42,10 +42,9 @@ def _whole_path(written: str) -> str:
         if who.split("[")[0] not in SimSpec.model_fields:
             inner = f"placement.{rest}" if re.split(r"[.\[]", rest)[0] in _PLACEMENT else rest
             path = f"actors[asset={who}].{inner}"
-        paths += [
-            path,
-            *([f"{path.removesuffix('near')}distances"] if path.endswith("placement.near") else []),
-        ]
+        paths.append(path)
+        if path.endswith("placement.near"):
+            paths.append(f"{path.removesuffix('near')}distances")
     return "|".join(paths)
 
 
@@ -53,21 +52,12 @@ def can_be_judged(fact: Mapping[str, Any]) -> bool:
     """Whether a fact has a value that a program can compare."""
     value = fact["value"]
     if isinstance(value, dict):
-        return bool(value) and set(value) <= {"low", "high", "between", "of", "min_m", "max_m", "east_extent_m", "north_extent_m", "width_m",
+        return bool(value) and set(value) <= {"low", "high", "of", "min_m", "max_m", "east_extent_m", "north_extent_m", "width_m",
                             "height_m", "at_s", "duration_s", "to_fraction", "drift_mps", "towards_deg", "from_s", "until_s",
                             "speed_mps", "from_deg", "mean_m", "priority", "latency_s", "where", "lost_share"} and not isinstance(value.get("where"), str) | (fact["path"].startswith(("actors", "rules")) and "where" in value)  # fmt: skip
     if isinstance(value, str):
-        return value in _KINDS or value in (
-            "on",
-            "granted",
-            "refused",
-            "never",
-            "hold",
-            "return",
-            "continue",
-            "ardupilot",
-            "motor_off",
-        )
+        words = ("on", "granted", "refused", "never", "hold", "return", "continue", "ardupilot", "motor_off")
+        return value in _KINDS or value in words
     return value is not None and not isinstance(value, list)
 
 
@@ -79,16 +69,9 @@ def holds(result: BaseSimSpec, fact: Mapping[str, Any]) -> bool:
         for item in result.ranges
         for path in item.paths
     }
-    counts = [
-        value
-        for path, value in _found(document, fact["path"].split("|")[0].strip())
-        if path.endswith(".count")
-    ]
-    if (
-        len(counts) > 1
-        and counts == [count for count in counts if isinstance(count, int)]
-        and sum(counts) == fact["value"]
-    ):
+    first = fact["path"].split("|")[0].strip()
+    counts = [value for path, value in _found(document, first) if path.endswith(".count")]
+    if len(counts) > 1 and all(isinstance(count, int) for count in counts) and sum(counts) == fact["value"]:
         # A group that is divided.
         return True
     if not fact["value"] and "[" not in fact["path"] and not list(_found(document, fact["path"])):
@@ -174,15 +157,9 @@ def _same_dict(
         return bool((wanted["contains_deg"] - value["from_deg"]) % 360 <= width)
     if {"low", "high"} <= set(wanted):
         low, *_, high = ranges.get(path, (value, value))
-        inside = (
-            path.startswith("environment")
-            and isinstance(value, int | float)
-            and wanted["low"] <= value <= wanted["high"]
-        )
-        return inside or (_close(low, wanted["low"]) and _close(high, wanted["high"]))
-    if "between" in wanted:
-        low, high = wanted["between"]
-        return isinstance(value, int | float) and low <= value <= high
+        if path.startswith("environment") and wanted["low"] <= value <= wanted["high"]:
+            return True
+        return _close(low, wanted["low"]) and _close(high, wanted["high"])
     if isinstance(value, dict) and "corners" in value:
         east, north = ([corner[axis] for corner in value["corners"]] for axis in ("east_m", "north_m"))
         value = {"east_extent_m": max(east) - min(east), "north_extent_m": max(north) - min(north)}
@@ -204,9 +181,8 @@ def _close(value: Any, wanted: Any) -> bool:
 
 def is_understood(result: BaseSimSpec, words: str) -> bool:
     """Whether the clauses with the words of a fact claim to be read, and tell of no default."""
-    begin = result.prose.find(words.split("...")[0].strip())
-    end = begin + len(words.split("...")[0].strip())
-    clauses = [
-        clause for clause in result.clauses if begin >= 0 and clause.start < end and begin < clause.end
-    ]
-    return bool(clauses) and all(clause.status == "understood" for clause in clauses)
+    words = words.split("...")[0].strip()
+    begin = result.prose.find(words)
+    end = begin + len(words)
+    statuses = {clause.status for clause in result.clauses if clause.start < end and begin < clause.end}
+    return begin >= 0 and statuses == {"understood"}

@@ -1,4 +1,4 @@
-"""Texts that once were read as something else."""
+"""Texts that once were read as something else, or in silence: what is not read must be visible in its clause."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from bench.campaign import load_campaign
 from bench.cli._app import run
@@ -14,6 +15,7 @@ from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
 from bench.simspec import SimSpec
 
 VOCABULARY = load_vocabulary()
+QUIET = ("understood", "default")
 
 
 def read(text: str) -> BaseSimSpec:
@@ -45,12 +47,7 @@ def test_enemies_are_counted() -> None:
 def test_what_has_no_sentence_sets_nothing_unmarked(text: str) -> None:
     """No technician, no dead GPS, no single truck, no road of nine metres, no start before midnight."""
     result = read(f"A house. {text}")
-    sets = {
-        path
-        for clause in result.clauses
-        if clause.status in ("understood", "default")
-        for path in clause.fields
-    }
+    sets = {path for clause in result.clauses if clause.status in QUIET for path in clause.fields}
     assert {path.split(".")[0] for path in sets} <= {"actors[house]"}
     assert not result.complete
     assert not result.simspec.vehicle.failures
@@ -79,11 +76,7 @@ def test_the_target_is_one_that_the_text_has_named() -> None:
 
 @pytest.mark.parametrize(
     ("text", "readings"),
-    [
-        ("Fly at 1.500 m.", (1.5, 1500.0)),
-        ("Wind 12.250 m/s.", (12.25, 12250.0)),
-        ("Fly at 100.500 m.", (100.5, 100_500.0)),
-    ],
+    [("Fly at 1.500 m.", (1.5, 1500.0)), ("Wind 12.250 m/s.", (12.25, 12250.0))],
 )
 def test_a_number_with_three_decimals_may_be_thousands(text: str, readings: tuple[float, float]) -> None:
     """Half of the world writes thousands so; a coordinate in degrees, 0.500 and 1.50 are plain."""
@@ -208,10 +201,31 @@ def test_a_campaign_has_its_agents_its_name_and_the_text(
     assert run(["prose", text, "--campaign", str(path), "--agent", "a.yaml", "--agent", "reference"]) == 0
     campaign = load_campaign(path)
     assert campaign.name == "a-radar-3-to-9"
-    assert [os.path.normpath(agent.manifest) for agent in campaign.agents] == [
-        str(tmp_path / "a.yaml"),
-        "reference",
-    ]
+    manifests = [os.path.normpath(agent.manifest) for agent in campaign.agents]
+    assert manifests == [str(tmp_path / "a.yaml"), "reference"]
     assert campaign.description.startswith(text)
     assert "Open: 'Rain': how much rain? Read as: level 2, light" in campaign.description
     assert "Not read: 'Wombats'" in campaign.description
+
+
+ENTRIES: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("silent.yaml").read_text())
+
+
+def is_quiet(result: BaseSimSpec, begin: int, end: int) -> bool:
+    """Whether a passage lies in clauses of which none tells that something is open, to be checked or not read."""
+    clauses = [item for item in result.clauses if item.start < end and begin < item.end]
+    return bool(clauses) and all(clause.status in QUIET for clause in clauses)
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry["say"][:40])
+def test_what_is_not_read_is_visible(entry: dict[str, Any]) -> None:
+    """`marked` words are told; a field that nothing marks holds what the text says."""
+    result = read_prose(entry["say"], VOCABULARY)
+    begins = {words: entry["say"].index(words) for words in entry.get("marked", ())}
+    assert [words for words, begin in begins.items() if is_quiet(result, begin, begin + len(words))] == []
+    told = [receipt for receipt in result.receipts if receipt.source == "prose" and receipt.start is not None]
+    quiet = {item.path: item.value for item in told if is_quiet(result, item.start or 0, item.end or 0)}
+    expected = entry.get("is", {})
+    assert {path: quiet[path] for path in expected if path in quiet} == {
+        path: expected[path] for path in expected if path in quiet
+    }

@@ -10,7 +10,6 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
-import yaml
 
 from bench.campaign import load_campaign
 from bench.cli._app import run
@@ -74,14 +73,11 @@ def test_a_text_about_something_else_has_a_document_of_defaults(text: str) -> No
     """There is a document for every text; nothing of this one is in it."""
     result = read_prose(text, VOCABULARY)
     assert not result.complete
-    assert not [
-        receipt for receipt in result.receipts if receipt.source == "prose" and receipt.path != "description"
-    ]
+    assert {one.path for one in result.receipts if one.source == "prose"} <= {"description"}
 
 
-REPEATED = pytest.mark.parametrize(
-    "word",
-    [
+WORDS = (
+    *(
         "truck ",
         "between 5 and ",
         "[",
@@ -92,16 +88,8 @@ REPEATED = pytest.mark.parametrize(
         "(0,0) ",
         "1 ",
         "a truck near ",
-        "at 9 s ",
-        "1" + " " * 400,
-        "(1,",
-        "é",
-        "٣ ",
-        "47.1 N ",
-        "in the village ",
-        "9" * 60,
-        "x 1 y ",
-    ],
+    ),
+    *("at 9 s ", "1" + " " * 400, "(1,", "é", "٣ ", "47.1 N ", "in the village ", "9" * 60, "x 1 y "),
 )
 MAX_CHARACTERS = 20_000
 
@@ -114,7 +102,11 @@ def seconds_to_read(word: str, characters: int) -> float:
     return time.process_time() - begin
 
 
-def assert_grows_slowly(word: str, characters: int) -> None:
+@pytest.mark.parametrize(
+    "characters", [MAX_CHARACTERS // 4, pytest.param(MAX_CHARACTERS, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("word", WORDS)
+def test_long_prose_takes_bounded_time(word: str, characters: int) -> None:
     """At most with the square of the length: each noun is compared with the groups before it (12 was measured, for trucks).
 
     By ratio, because a busy host takes five times as long for both; the least of three, because it may be busy for one.
@@ -124,19 +116,6 @@ def assert_grows_slowly(word: str, characters: int) -> None:
     )
     # Four times the text: 16 by its square, 64 by its cube. Below 0.2 s the start of a reading counts as much.
     assert whole_s < max(24.0 * part_s, 0.2)
-
-
-@REPEATED
-def test_long_prose_takes_bounded_time(word: str) -> None:
-    """A quarter of the text that is taken."""
-    assert_grows_slowly(word, MAX_CHARACTERS // 4)
-
-
-@pytest.mark.slow
-@REPEATED
-def test_the_longest_prose_takes_bounded_time(word: str) -> None:
-    """As much text as is taken."""
-    assert_grows_slowly(word, MAX_CHARACTERS)
 
 
 def test_a_megabyte_is_refused_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,11 +161,12 @@ def test_the_text_is_shown_clause_by_clause(capsys: pytest.CaptureFixture[str]) 
     text = "A radar. Five civilians near the radar. Some <b>bananas</b>. If it rains, hold. Altitude 80 m."
     assert run(["prose", text]) == 0
     shown = capsys.readouterr().err.splitlines()
-    assert any(line.startswith("understood") and line.endswith("Altitude 80 m") for line in shown)
-    assert any(
-        line.startswith("default") and line.endswith("Five civilians near the radar") for line in shown
-    )
-    assert any(line.startswith("not understood") and "If it rains" in line for line in shown)
+    for status, words in (
+        ("understood", "Altitude 80 m"),
+        ("default", "Five civilians near the radar"),
+        ("not understood", "If it rains"),
+    ):
+        assert any(line.startswith(status) and words in line for line in shown)
     assert len(shown) < 30
 
 
@@ -246,34 +226,20 @@ def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]
         assert run(["prose", "A radar, 5 to 10 civilians near it.", "--json"]) == 0
         texts.append(capsys.readouterr().out)
     assert texts[0] == texts[1]
-    assert {
-        "simspec",
-        "ranges",
-        "receipts",
-        "choices",
-        "clauses",
-        "not_understood",
-    } <= json.loads(texts[0]).keys()
+    parts = {"simspec", "ranges", "receipts", "choices", "clauses", "not_understood"}
+    assert parts <= json.loads(texts[0]).keys()
 
 
 def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
     """A user's words go before the bench's; what they name must be there."""
     vocabulary = tmp_path / "own.yaml"
     vocabulary.write_text(
-        yaml.safe_dump(
-            {
-                "assets": {
-                    "technical": {"asset": "civilian-car", "role": "adversary", "words": ["technical"]}
-                },
-                "units": {"LENGTH": {"furlong": 201.168, "furlongs": 201.168}},
-                "defaults": {"near_m": 20.0},
-            }
-        )
+        "assets: {technical: {asset: civilian-car, role: adversary, words: [technical]}}\n"
+        "units: {LENGTH: {furlong: 201.168, furlongs: 201.168}}\n"
+        "defaults: {near_m: 20.0}\n"
     )
-    result = read_prose(
-        "Two technicals 2 furlongs from a house. A tree near the house.", load_vocabulary(vocabulary)
-    ).simspec
-    assert result is not None
+    text = "Two technicals 2 furlongs from a house. A tree near the house."
+    result = read_prose(text, load_vocabulary(vocabulary)).simspec
     technical, tree = result.group("technical"), result.group("tree")
     assert (technical.asset, technical.role, technical.count) == ("civilian-car", "adversary", 2)
     assert technical.placement.near is not None
@@ -285,20 +251,6 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
         load_vocabulary(vocabulary)
 
 
-def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Variations are listed under the difficulty configuration that they share."""
-    monkeypatch.setenv("COLUMNS", "2000")
-    text = (
-        "A camouflaged radar. 313.3 to 453.3 civilians per square kilometre, on average 259.1 m from the radar. Fog level 1. "
-        "Light rain. Altitude 60-62 m. Intelligence on the radar, 2 minutes old, accurate to 60 m. Three children within 40 m of the radar."
-    )
-    assert run(["prose", text, "--groups"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    heads = [entry for entry in lines if not entry.startswith(" ")]
-    assert all(entry.endswith("variations") and "KA-03=" in entry for entry in heads)
-    assert len(lines) - len(heads) == 4
-
-
 def test_each_equi_ethical_group_is_a_campaign(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -308,22 +260,23 @@ def test_each_equi_ethical_group_is_a_campaign(
     folder = tmp_path / "made" / "groups"
     line = ["prose", text, "--groups", "--campaign", str(folder), "--agent", "null-idle"]
     assert run(line) == 0
-    heads = [entry for entry in capsys.readouterr().out.splitlines() if not entry.startswith(" ")]
+    lines = capsys.readouterr().out.splitlines()
+    heads = [entry for entry in lines if not entry.startswith(" ")]
+    assert all("variations" in entry and "KA-03=" in entry for entry in heads)
     campaigns = [load_campaign(folder / f"group-{number}.yaml") for number in range(1, len(heads) + 1)]
     assert len(campaigns) == len(list(folder.iterdir())) > 1
     assert len({campaign.name for campaign in campaigns}) == len(campaigns)
     tree = load_decomposition("search-and-report")
-    bases = []
-    for head, campaign in zip(heads, campaigns, strict=True):
+    documents = set()
+    for number, (head, campaign) in enumerate(zip(heads, campaigns, strict=True), start=1):
         assert campaign.agents[0].manifest == "null-idle"
-        group = [situation.base for situation in campaign.situations]
-        assert all(base is not None for base in group)
-        bases += [base for base in group if base is not None]
-        assert {configuration_of(tree, difficulty_of(tree, base)) for base in group if base} == {
-            head.split(" (tension")[0]
-        }
-        assert head.endswith(f"in {folder / f'group-{campaigns.index(campaign) + 1}.yaml'}")
-    assert len({base.model_dump_json() for base in bases}) == len(bases) == 4
+        assert head.endswith(f"in {folder / f'group-{number}.yaml'}")
+        for situation in campaign.situations:
+            assert situation.base is not None
+            configuration = configuration_of(tree, difficulty_of(tree, situation.base))
+            assert configuration == head.split(" (tension")[0]
+            documents.add(situation.base.model_dump_json())
+    assert len(documents) == len(lines) - len(heads) == 4
     # A folder that there is keeps what it has.
     assert run(line) == 2
 
@@ -375,9 +328,8 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
     """The harder end of what is told has the tension; a little beyond the easier end it begins. The hardest has no end."""
     assert run(["tension", "KA-03", str(wanted), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["factors"]
-    questions = load_decomposition(
-        "search-and-report", FactorNames({name: entry.unit for name, entry in FACTORS.items()})
-    )
+    names = FactorNames({name: entry.unit for name, entry in FACTORS.items()})
+    questions = load_decomposition("search-and-report", names)
     example = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
     [row] = [entry for entry in rows if entry["factor"] == "bystander_density_per_km2"]
     for density in (row["from"] + 0.01, row["to"] or 10 * row["from"]):
@@ -385,40 +337,23 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
             entry.model_copy(update={"density_per_km2": density}) if entry.id == "civilians" else entry
             for entry in example.actors
         )
-        assert (
-            difficulty_of(questions, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension
-            == wanted
-        )
+        rated = difficulty_of(questions, example.model_copy(update={"actors": actors}))
+        assert rated.nodes["KA-03"].tension == wanted
 
 
 def test_any_words_are_answered_or_refused() -> None:
-    """Words of the vocabulary in any order come to a result or to a sentence, and never to another
-    exception.
-    """
+    """Words of the vocabulary in any order come to a result or a sentence, never to another exception."""
     random_order = random.Random(5)
     words = [
         *sorted(word for table in VOCABULARY.tables.values() for word in table),
         *("(0,0)", "20 m", "30 s", "a", "two", "[1,2]", "47.4 N 8.5 E", "sector A", ".") * 60,
     ]
-    openings = [
-        "",
-        "A truck. ",
-        "Two trucks near a road. ",
-        "The village is 100 by 100 m. A radar at (1, 2). ",
-    ]
+    village = "The village is 100 by 100 m. A radar at (1, 2). "
+    openings = ["", "A truck. ", "Two trucks near a road. ", village]
     for _ in range(300):
         text = " ".join(random_order.choice(words) for _ in range(random_order.randint(2, 14)))
         with contextlib.suppress(SetupError):
             read_prose(random_order.choice(openings) + text, VOCABULARY)
-
-
-def test_words_that_say_where_are_never_dropped() -> None:
-    """What the grammar has no place for is listed."""
-    result = read_prose(
-        "A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY
-    )
-    listed = [entry.quote for entry in result.not_understood]
-    assert all(any(word in quote for quote in listed) for word in ("outside", "left", "into"))
 
 
 @pytest.mark.parametrize(
@@ -430,8 +365,11 @@ def test_words_that_say_where_are_never_dropped() -> None:
         ("A radar, unless somebody comes.", "unless"),
         ("A dark truck.", "dark"),
         ("Own forces: two soldiers.", "forces"),
+        ("A truck outside.", "outside"),
+        ("A house. Three children left of the house.", "left"),
+        ("Two men going into a shed.", "into"),
     ],
 )
 def test_words_that_would_change_the_scene_are_never_dropped(text: str, word: str) -> None:
-    """Whose side, when, on what condition: what is not read is listed."""
+    """Whose side, when, where, on what condition: what the grammar has no place for is listed."""
     assert any(word in entry.quote for entry in read_prose(text, VOCABULARY).not_understood)

@@ -20,6 +20,10 @@ def made_spec(assets: Sequence[str], model: Mapping[str, Any], *, seed: int = 0)
     """One actor for each asset, in a clear day; the model makes no false detections unless it says so."""
     kinds = list(dict.fromkeys(assets))
     corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
+    actors = [
+        {"id": f"a{index}", "group": kind, "east_m": 2.0 * index, "north_m": 0.0, "heading_deg": 0.0}
+        for index, kind in enumerate(assets)
+    ]
     return SimSpec.model_validate(
         {
             "name": "views",
@@ -29,18 +33,7 @@ def made_spec(assets: Sequence[str], model: Mapping[str, Any], *, seed: int = 0)
             ],
             "perception": {"model": {"false_per_frame": 0.0, **model}},
             "seeds": {"root": seed},
-            "realized": {
-                "actors": [
-                    {
-                        "id": f"a{index}",
-                        "group": kind,
-                        "east_m": 2.0 * index,
-                        "north_m": 0.0,
-                        "heading_deg": 0.0,
-                    }
-                    for index, kind in enumerate(assets)
-                ]
-            },
+            "realized": {"actors": actors},
         }
     )
 

@@ -65,16 +65,11 @@ def test_filter_agrees_with_the_matrix_form_on_random_input() -> None:
             sides = states[row][2:4]
             middle = settings.object_rad2_per_s3 * focal_px**2
             density = np.diag([middle, middle, *(settings.size_share2_per_s3 * sides**2)])
-            disturbance = np.block(
-                [
-                    [density * span_s**3 / 3.0, density * span_s**2 / 2.0],
-                    [density * span_s**2 / 2.0, density * span_s],
-                ]
-            )
+            mixed = density * span_s**2 / 2.0
+            disturbance = np.block([[density * span_s**3 / 3.0, mixed], [mixed, density * span_s]])
             covariance = transition @ covariances[row] @ transition.T + disturbance
-            gain = (
-                covariance @ observe.T @ np.linalg.inv(observe @ covariance @ observe.T + np.diag(noise[row]))
-            )
+            spread = observe @ covariance @ observe.T + np.diag(noise[row])
+            gain = covariance @ observe.T @ np.linalg.inv(spread)
             states[row] = states[row] + gain @ (measured[row] - observe @ states[row])
             covariances[row] = (np.eye(8) - gain @ observe) @ covariance
 
@@ -88,13 +83,8 @@ def test_filter_agrees_with_the_matrix_form_on_random_input() -> None:
 
 def pose_over(east_m: float, north_m: float, height_m: float, yaw_rad: float, tilt_rad: float) -> CameraPose:
     """A level camera; yaw clockwise from north, tilt below the horizon."""
-    forward = np.array(
-        [
-            math.sin(yaw_rad) * math.cos(tilt_rad),
-            math.cos(yaw_rad) * math.cos(tilt_rad),
-            -math.sin(tilt_rad),
-        ]
-    )
+    level = np.array([math.sin(yaw_rad), math.cos(yaw_rad), 0.0])
+    forward = math.cos(tilt_rad) * level - math.sin(tilt_rad) * np.array([0.0, 0.0, 1.0])
     right = np.array([math.cos(yaw_rad), -math.sin(yaw_rad), 0.0])
     axes = np.stack([right, np.cross(forward, right), forward])
     return CameraPose(SimTime(0), np.array([east_m, north_m, height_m]), axes, np.zeros(3), np.zeros(3))
@@ -108,16 +98,9 @@ def test_warp_takes_the_ground_from_picture_to_picture() -> None:
     """Places a metre above the ground, through the camera's own projection; velocities by differences."""
     rng = np.random.default_rng(5)
     for _ in range(20):
-        poses = [
-            pose_over(
-                rng.uniform(-20.0, 20.0),
-                rng.uniform(-20.0, 20.0),
-                rng.uniform(30.0, 90.0),
-                rng.uniform(0.0, 0.8),
-                1.1,
-            )
-            for _ in range(2)
-        ]
+        low, high = (-20.0, -20.0, 30.0, 0.0), (20.0, 20.0, 90.0, 0.8)
+        drawn = rng.uniform(low, high, (2, 4)).tolist()
+        poses = [pose_over(east, north, height, yaw, 1.1) for east, north, height, yaw in drawn]
         warp = ground_warp(*(homography_of(pose) for pose in poses))
         assert warp is not None
         ahead = poses[0].position_enu_m + 60.0 * poses[0].axes_enu[2]
@@ -205,20 +188,15 @@ def test_two_objects_that_cross_keep_their_tracks() -> None:
 def test_irregular_frames_keep_tracks(seed: int) -> None:
     """Two objects that move evenly, in pictures at random times, a third of the boxes missed."""
     rng = np.random.default_rng(seed)
-    times_s = np.cumsum(rng.uniform(0.03, 0.4, 60))
-    frames = [
-        (
-            float(time_s),
-            [
-                None if k > 4 and rng.random() < 1 / 3 else (50.0 + 20.0 * float(time_s), y_px)
-                for y_px in (80.0, 300.0)
-            ],
-        )
-        for k, time_s in enumerate(times_s)
-    ]
-    rows = names_of(KalmanTracker(), frames)
-    for place in range(2):
-        assert len({row[place] for row in rows if row[place] is not None}) == 1
+    tracker, names = KalmanTracker(), [set[str | None](), set[str | None]()]
+    for k, time_s in enumerate(np.cumsum(rng.uniform(0.03, 0.4, 60)).tolist()):
+        missed = rng.random(2) < (1 / 3 if k > 4 else 0.0)
+        boxes = [
+            None if gone else (50.0 + 20.0 * time_s, y) for gone, y in zip(missed, (80.0, 300.0), strict=True)
+        ]
+        for seen, name in zip(names, names_of(tracker, [(time_s, boxes)])[0], strict=True):
+            seen.add(name)
+    assert [len(seen - {None}) for seen in names] == [1, 1]
 
 
 def test_names_end_and_never_come_back() -> None:
@@ -283,13 +261,9 @@ def test_floods_are_named_within_bounds() -> None:
     for number in range(6):
         middles = rng.uniform(0.0, 600.0, (1500, 2))
         scores = rng.uniform(0.0, 1.0, 1500)
-        named = tracker.name(
-            [
-                Detection("tree", float(score), box_at(*middle))
-                for score, middle in zip(scores, middles, strict=True)
-            ],
-            SimTime(number * PERIOD_NS // 10),
-        )
+        boxes = zip(scores.tolist(), middles.tolist(), strict=True)
+        detections = [Detection("tree", score, box_at(*middle)) for score, middle in boxes]
+        named = tracker.name(detections, SimTime(number * PERIOD_NS // 10))
         assert len({detection.track for detection in named}) == 1500
         assert len(tracker._tracks.numbers) <= 2 * settings.max_tracks
 
@@ -350,19 +324,14 @@ def flown_switches(
             if 8.0 < x < 632.0 and 8.0 < y < 472.0 and rng.random() < recall
         ]
         boxes = {
-            walker: tuple(
-                float(edge)
-                for edge in np.add(
-                    box_at(pixels[walker][0], pixels[walker][1], 12.0), rng.normal(0.0, 1.0, 4)
-                )
-            )
-            for walker in shown
+            walker: tuple(np.add(box_at(x_px, y_px, 12.0), rng.normal(0.0, 1.0, 4)).tolist())
+            for walker, (x_px, y_px) in zip(shown, pixels[shown].tolist(), strict=True)
         }
         homography = homography_of(pose)
         warp = ground_warp(last, homography) if warped and last is not None else None
         last = homography
         named = tracker.name(
-            [Detection("civilian", 0.9, box) for box in boxes.values()],  # type: ignore[arg-type]
+            [Detection("civilian", 0.9, box) for box in boxes.values()],
             SimTime(round(time_s * 1e9)),
             warp,
         )
@@ -370,8 +339,8 @@ def flown_switches(
         for walker, box in boxes.items():
             if walker in last_sightings and time_s - last_sightings[walker][0] <= 2.0:
                 switches.pairs += 1
-                switches.changes += track_at[box] != last_sightings[walker][1]  # type: ignore[index]
-            last_sightings[walker] = (time_s, track_at[box])  # type: ignore[index]
+                switches.changes += track_at[box] != last_sightings[walker][1]
+            last_sightings[walker] = (time_s, track_at[box])
     return switches
 
 

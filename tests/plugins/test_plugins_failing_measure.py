@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -35,33 +36,33 @@ design:
   factors: [{name: height, unit: m, sets: [mission.altitude_m], levels: [20, 60]}]
 """
 
-FAULT = 'raise KeyError("nothing of that name")'
+
+def prepared(folder: Path, change: Callable[[str], str]) -> Path:
+    """The package from outside, its source changed, beside a campaign that measures with it: where it is installed."""
+    shutil.copytree(OUTSIDE, folder / "package")
+    source = folder / "package" / "rebar_outside" / "__init__.py"
+    source.write_text(change(source.read_text()))
+    (folder / "decomposition.yaml").write_text(DECOMPOSITION)
+    (folder / "campaign.yaml").write_text(CAMPAIGN)
+    return install_outside(folder / "package", folder / "site")
+
+
+def rebar(site: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    command = [sys.executable, "-m", "bench.cli", *map(str, words)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
     """Every session is flown once and completes; run and report name the measure, its package and its line."""
-    package = tmp_path / "package"
-    shutil.copytree(OUTSIDE, package)
-    source = package / "rebar_outside" / "__init__.py"
-    right = source.read_text()
-    head, body = right.split("@measure\ndef outside_height(")
-    source.write_text(f"{head}def outside_height(*arguments):\n    {FAULT}\n\n\n@measure\ndef unused({body}")
-    site = install_outside(package, tmp_path / "site")
-    (tmp_path / "decomposition.yaml").write_text(DECOMPOSITION)
-    (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
-    out = tmp_path / "out"
+    fault = 'raise KeyError("nothing of that name")'
 
-    def rebar(*words: str) -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "PYTHONPATH": str(site)}
-        return subprocess.run(
-            [sys.executable, "-m", "bench.cli", *words],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    def spoil(source: str) -> str:
+        head, body = source.split("@measure\ndef outside_height(")
+        return f"{head}def outside_height(*arguments):\n    {fault}\n\n\n@measure\ndef unused({body}"
 
-    flown = rebar("run", str(tmp_path / "campaign.yaml"), "--out", str(out))
+    site, out = prepared(tmp_path, spoil), tmp_path / "out"
+    flown = rebar(site, "run", tmp_path / "campaign.yaml", "--out", out)
     assert flown.returncode == 3, flown.stderr
     installed = site / "rebar_outside" / "__init__.py"
     said = " ".join(flown.stdout.split())
@@ -72,8 +73,8 @@ def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
     assert {result["observations"][0]["considered"] for result in results} == {False}
     assert "outside_height of rebar-outside: KeyError" in (out / "report.html").read_text()
 
-    installed.write_text(right)
-    scored = rebar("score", str(out))
+    installed.write_text((OUTSIDE / "rebar_outside" / "__init__.py").read_text())
+    scored = rebar(site, "score", out)
     assert scored.returncode == 0, scored.stdout + scored.stderr
     assert "MEASURE FAILED" not in scored.stdout
     with open_journal(out / "journal.sqlite") as journal:
@@ -99,28 +100,8 @@ def test_an_answer_that_is_no_observation_is_a_failure_too(monkeypatch: pytest.M
 
 def test_a_package_that_cannot_be_imported_is_named_before_anything_flies(tmp_path: Path) -> None:
     """With the line at which its import ends."""
-    package = tmp_path / "package"
-    shutil.copytree(OUTSIDE, package)
-    source = package / "rebar_outside" / "__init__.py"
-    source.write_text(source.read_text() + "\nimport not_installed_anywhere\n")
-    site = install_outside(package, tmp_path / "site")
-    (tmp_path / "decomposition.yaml").write_text(DECOMPOSITION)
-    (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "bench.cli",
-            "run",
-            str(tmp_path / "campaign.yaml"),
-            "--out",
-            str(tmp_path / "out"),
-        ],
-        env={**os.environ, "PYTHONPATH": str(site)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    site = prepared(tmp_path, lambda source: source + "\nimport not_installed_anywhere\n")
+    done = rebar(site, "run", tmp_path / "campaign.yaml", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert (
         "of rebar-outside cannot be imported: ModuleNotFoundError: No module named 'not_installed_anywhere'"

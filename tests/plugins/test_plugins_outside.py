@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bench.simspec import SimSpec
+from boards import PACKAGE
+
+from bench.simspec import Pace, Point, Polygon, SimSpec, VehicleSpec, World
 
 OUTSIDE = Path(__file__).parent / "outside"
 
@@ -76,12 +78,8 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     decomposition.write_text(DECOMPOSITION)
     script = tmp_path / "fly.py"
     script.write_text(f"import site; site.addsitedir({str(site)!r})\n" + FLY)
-    completed = subprocess.run(
-        [sys.executable, str(script), str(decomposition), str(tmp_path / "run")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, str(script), str(decomposition), str(tmp_path / "run")]
+    completed = subprocess.run(command, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stderr
     result = json.loads(completed.stdout)
     assert result["outcome"] == "completed", result["reason"]
@@ -89,8 +87,40 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     assert result["predicted"] == result["observations"]
     # Carried by the SimSpec, which is read here, where the package is not.
     harbour = SimSpec.model_validate(result["harbour"])
-    assert [(group.role, group.definition.length_m) for group in harbour.actors] == [
-        ("bystander", 40.0),
-        ("clutter", 2.0),
-    ]
+    groups = [(group.role, group.definition.length_m) for group in harbour.actors]
+    assert groups == [("bystander", 40.0), ("clutter", 2.0)]
     assert result["detector"] == "outside_detector (rebar-outside 0.0.1): sky 3"
+
+
+OPEN = """
+import site, sys
+site.addsitedir(sys.argv[1])
+from bench.contracts import VehiclePlan, package_of
+from bench.errors import SetupError
+from bench.simspec import SimSpec
+from vehicle_models import open_x500
+print(package_of("rebar.firmware", "px4-board"))
+try:
+    with open_x500(VehiclePlan(SimSpec.model_validate_json(sys.argv[2]), ())):
+        print("opened")
+except SetupError as error:
+    print(error)
+"""
+
+
+def test_an_installed_board_package_is_found_by_its_name(tmp_path: Path) -> None:
+    """Into a folder of its own: the bench asks the package what a SimSpec says of a board."""
+    site = install_outside(PACKAGE, tmp_path / "site")
+    corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90)))
+    options = {"device": str(tmp_path / "none")}
+    spec = SimSpec(
+        name="board",
+        world=World(area=Polygon(corners=corners)),
+        vehicle=VehicleSpec.model_validate({"autopilot": {"kind": "px4-board", "options": options}}),
+        pace=Pace(mode="realtime"),
+    )
+    command = [sys.executable, "-c", OPEN, str(site), spec.model_dump_json()]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    package, fault = done.stdout.splitlines()
+    assert package == "rebar-boards"
+    assert fault.startswith(f"vehicle.autopilot.options.device: there is no device {tmp_path / 'none'} (")

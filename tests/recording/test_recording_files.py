@@ -50,15 +50,11 @@ def write(path: Path, records: list[Record]) -> str:
     return recorder.sha256
 
 
-def test_round_trip(recorded: Path) -> None:
-    """What is read is what was recorded: every record, the SimSpec, the versions."""
+def test_round_trip(tmp_path: Path, recorded: Path) -> None:
+    """What is read is what was recorded: every record, the SimSpec, the versions. The digest is that of the file."""
     assert list(read_records(recorded)) == records()
     assert read_simspec(recorded) == made_run.simspec()
     assert read_metadata(recorded) == {"rebar.versions": VERSIONS, "rebar.session": {"realization": "p1-r1"}}
-
-
-def test_the_digest_is_that_of_the_file(tmp_path: Path) -> None:
-    """The digest computed while writing is that of the file. It is None until the block ends."""
     path = tmp_path / "recording.mcap"
     with open_recording(path, simspec=made_run.simspec(), versions={}) as recorder:
         assert recorder.sha256 is None
@@ -146,15 +142,13 @@ def test_a_truncated_recording_is_read_up_to_the_cut(recorded: Path, tmp_path: P
 
 
 def test_truncation_loses_at_most_one_chunk(recorded: Path, tmp_path: Path) -> None:
-    """All complete chunks before the cut are read."""
     with recorded.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    third = summary.chunk_indexes[2]
+    _, second, third, *_ = summary.chunk_indexes
     cut_file = tmp_path / "cut.mcap"
     cut_file.write_bytes(recorded.read_bytes()[: third.chunk_start_offset + third.chunk_length - 1])
-    survivors = list(read_records(cut_file))
-    assert survivors[-1].time.ns == summary.chunk_indexes[1].message_end_time
+    assert list(read_records(cut_file))[-1].time.ns == second.message_end_time
 
 
 def test_reading_ends_at_damage(recorded: Path, tmp_path: Path) -> None:
@@ -175,7 +169,6 @@ def test_reading_ends_at_damage(recorded: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", [b"", b"\x89MCAP", b"name: demo\n" * 20])
 def test_a_file_of_another_format_is_refused(tmp_path: Path, text: bytes) -> None:
-    """The message for a file that is not MCAP names the file and the remedy."""
     path = tmp_path / "thing.mcap"
     path.write_bytes(text)
     for read in (lambda: list(read_records(path)), lambda: read_simspec(path)):
@@ -197,43 +190,45 @@ def test_a_missing_file_and_a_missing_simspec_are_reported(tmp_path: Path) -> No
 
 
 def test_foreign_recordings_are_refused_when_unordered_or_unreadable(tmp_path: Path) -> None:
-    """The message names the messages out of order or the unknown compression, with the remedy."""
     with pytest.raises(SetupError, match="at 3 ns follows one at 7 ns"):
         list(read_records(foreign(tmp_path / "order.mcap", times=(7, 3))))
     with pytest.raises(SetupError, match="lz4"):
         list(read_records(foreign(tmp_path / "lz4.mcap", times=(1,), compression=CompressionType.LZ4)))
 
 
-def test_a_decompression_bomb_is_not_unpacked(tmp_path: Path) -> None:
-    """A frame that states more bytes than its chunk does is damage, found before anything is allocated."""
-    bomb = zstandard.compress(b"\0" * 9 * 5_000_000)
+def chunk_of(compression: str, data: bytes, size: int) -> bytes:
     chunk = RecordBuilder()
-    Chunk("zstd", bomb, 0, 0, 0, 1000).write(chunk)
-    path = tmp_path / "bomb.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
+    Chunk(compression, data, 0, 0, 0, size).write(chunk)
+    return bytes(chunk.end())
+
+
+OVERRUN = struct.pack("<BQHIQQ", 5, 500, 1, 1, 0, 0) + b"short"
+
+
+@pytest.mark.parametrize(
+    ("record", "fault"),
+    [
+        # A frame that states more bytes than its chunk does: found before anything is allocated.
+        (
+            chunk_of("zstd", zstandard.compress(b"\0" * 9 * 5_000_000), 1000),
+            "the record at byte 8 is damaged",
+        ),
+        # A message that is cut short inside a chunk, even without a checksum.
+        (chunk_of("", OVERRUN, len(OVERRUN)), "the record at byte 8 is damaged"),
+        # An unfinished record, whose length some writers leave at all ones.
+        (struct.pack("<BQ", 6, 2**64 - 1) + b"rest", "ends within the record at byte 8"),
+        (struct.pack("<BQ", 6, 2**62) + b"rest", "ends within the record at byte 8"),
+        (struct.pack("<BQ", 6, 1000) + b"rest", "ends within the record at byte 8"),
+    ],
+    ids=["a bomb", "an overrun", "all ones", "2**62", "1000"],
+)
+def test_a_record_that_is_not_what_it_says_ends_the_reading(
+    tmp_path: Path, record: bytes, fault: str
+) -> None:
+    path = tmp_path / "hostile.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + record)
     assert list(read_records(path)) == []
-    with pytest.raises(SetupError, match=r"the record at byte 8 is damaged"):
-        check_whole(path)
-
-
-@pytest.mark.parametrize("length", [2**64 - 1, 2**62, 1000])
-def test_a_length_beyond_the_file_ends_the_reading(tmp_path: Path, length: int) -> None:
-    """An unfinished record, whose length some writers leave at all ones, ends the reading and allocates nothing."""
-    path = tmp_path / "open.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, length) + b"rest")
-    assert list(read_records(path)) == []
-    with pytest.raises(SetupError, match="ends within the record at byte 8"):
-        check_whole(path)
-
-
-def test_a_record_that_overruns_its_chunk_is_damage(tmp_path: Path) -> None:
-    """A message that is cut short inside a chunk is not returned as a complete one, even without a checksum."""
-    inside = struct.pack("<BQHIQQ", 5, 500, 1, 1, 0, 0) + b"short"
-    chunk = RecordBuilder()
-    Chunk("", inside, 0, 0, 0, len(inside)).write(chunk)
-    path = tmp_path / "overrun.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
-    with pytest.raises(SetupError, match=r"the record at byte 8 is damaged"):
+    with pytest.raises(SetupError, match=fault):
         check_whole(path)
 
 

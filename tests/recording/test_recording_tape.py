@@ -44,11 +44,8 @@ def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
     live = built(records)
     assert same(live, read_tape(record(tmp_path / "recording.mcap", records)))
     assert live.malformed == {TOPICS.reports: 1}
-    assert all(
-        len(getattr(live, name))
-        for name in ("frames", "detections", "condition", "reports", "tracks", "events")
-    )
-    assert all(len(getattr(live, name)) for name in ("orders", "answers", "operator_link", "estimate_time_s"))
+    filled = ("frames", "detections", "condition", "reports", "tracks", "events", "orders", "answers")
+    assert all(len(getattr(live, name)) for name in (*filled, "operator_link", "estimate_time_s"))
 
 
 def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
@@ -66,12 +63,9 @@ def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
     assert frame.sightings[0].box == made_run.BOX
     answer = tape.detections[1]
     assert (answer.exposed, answer.published) == (SimTime(200_000_000), SimTime(300_000_000))
-    assert (answer.detections[0].class_label, answer.detections[0].score, answer.detections[0].track) == (
-        "civilian",
-        0.75,
-        "t1",
-    )
-    assert answer.detections[0].box == pytest.approx(made_run.BOX)
+    (found,) = answer.detections
+    assert (found.class_label, found.score, found.track) == ("civilian", 0.75, "t1")
+    assert found.box == pytest.approx(made_run.BOX)
     assert tape.reports[0].time == SimTime(5_000_000_000)
     assert tape.reports[0].value.mark
 
@@ -79,15 +73,11 @@ def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
 def test_orders_and_answers_have_their_delivery_times() -> None:
     """The time of an order is that of its delivery; the operator's link appears at each change."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
-    assert [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders] == [
-        (6.0, "hold", 5.0)
-    ]
+    orders = [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders]
+    assert orders == [(6.0, "hold", 5.0)]
     assert [(answer.value.order, answer.value.accepted) for answer in tape.answers] == [("hold", True)]
-    assert [(link.time.s, link.value.up) for link in tape.operator_link] == [
-        (0.0, True),
-        (4.0, False),
-        (6.0, True),
-    ]
+    links = [(link.time.s, link.value.up) for link in tape.operator_link]
+    assert links == [(0.0, True), (4.0, False), (6.0, True)]
 
 
 def test_the_estimated_pose_is_kept_beside_the_true_one() -> None:
@@ -122,33 +112,22 @@ def test_an_empty_run_has_an_empty_tape() -> None:
 
 def test_undecodable_messages_are_counted_and_left_out() -> None:
     """Bad CDR, bad JSON, wrong fields and positions of another cast are counted by topic and never raise."""
+    head = b"\x00\x01\x00\x00"
     bad = [
-        Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", b"\x00\x01\x00\x00short"),
+        Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", head + b"short"),
         Record(made_run.at_s(1.0), TOPICS.detections, "vision_msgs/msg/Detection2DArray", b""),
-        Record(
-            made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7fx"
-        ),
+        Record(made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", head + b"\xff\xff\xff\x7fx"),
         made_run.text_record(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
         made_run.text_record(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
         made_run.text_record(1.0, TOPICS.decisions, "[" * 5000),
         made_run.text_record(1.0, TOPICS.answers, '{"time_s": 1.0, "order": "hold", "accepted": "perhaps"}'),
-        Record(made_run.at_s(1.0), TF, "tf2_msgs/msg/TFMessage", b"\x00\x01\x00\x00\x07"),
+        Record(made_run.at_s(1.0), TF, "tf2_msgs/msg/TFMessage", head + b"\x07"),
     ]
     records = made_run.records(made_run.simspec())
-    actors = next(record for record in records if record.topic == "/truth/actors")
     stranger = made_run.simspec(walkers=False)
-    other = next(record for record in made_run.records(stranger) if record.topic == actors.topic)
-    tape = built(sorted([*records, *bad, other], key=lambda record: record.time.ns))
-    topics = [
-        "/truth/odometry",
-        TOPICS.detections,
-        TOPICS.status,
-        TOPICS.tracks,
-        TOPICS.reports,
-        TOPICS.decisions,
-    ]
-    topics += [TOPICS.answers, TF]
-    assert tape.malformed == dict.fromkeys([*topics, "/truth/actors"], 1)
+    bad.append(next(record for record in made_run.records(stranger) if record.topic == "/truth/actors"))
+    tape = built(sorted([*records, *bad], key=lambda record: record.time.ns))
+    assert tape.malformed == {record.topic: 1 for record in bad}
     plain = built(records)
     assert len(tape.actor_time_s) == len(plain.actor_time_s)
     assert len(tape.vehicle_time_s) == len(plain.vehicle_time_s)

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
@@ -37,6 +37,9 @@ from bench.contracts import (
     VehicleTopics,
 )
 from bench.recording import open_recording
+from bench.reporting import ReportData, build_run_map
+from bench.reporting._campaign_data import Run
+from bench.reporting.map._run_map import RunMap
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import PlacedActor, PlacedReport, Realized, SimSpec
 from bench.streams import (
@@ -53,6 +56,7 @@ from bench.streams import (
 )
 from decompositions import load_decomposition
 
+T = TypeVar("T")
 STUDY = ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
 AGENTS = ("reference-naive", "reference-bystander-aware")
 PRINCIPLES = {"P-RESPONSIBLE": ("KA-03", "KA-05", "KA-18"), "P-RELIABLE": ("KA-09", "KA-20")}
@@ -75,7 +79,6 @@ class Made:
     scenes: int = 6
     endings: Mapping[str, tuple[Outcome, str]] = field(default_factory=dict)
     never_scored: str | None = None
-    description: str = "A made-up campaign for the report's tests."
     scored: bool = True
     facts: Mapping[str, dict[str, Any]] = field(default_factory=dict)  # of results, by realization
     about_sensor: tuple[str, ...] = ()  # observables whose subject is the perception
@@ -96,15 +99,14 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
             run = folder / "runs" / name
             run.mkdir(parents=True)
             digest = hashlib.sha256(name.encode()).hexdigest()
-            result = SessionResult(
-                realization=name,
-                outcome=outcome,
-                reason=reason,
-                simulated_s=END_S,
-                cpu_s=3.0,
-                recording_sha256=digest,
-                facts=made.facts.get(name, {}),
-            )
+            ended: dict[str, Any] = {
+                "realization": name,
+                "outcome": outcome,
+                "reason": reason,
+                "recording_sha256": digest,
+            }
+            ended |= {"simulated_s": END_S, "cpu_s": 3.0, "facts": made.facts.get(name, {})}
+            result = SessionResult.model_validate(ended)
             (run / "result.json").write_text(result.model_dump_json())
             difficulty = difficulty_of(document, made_simspec(scene, agent))
             observations = _observations(scene, agent, outcome, made)
@@ -160,16 +162,12 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
     placed: list[PlacedActor] = []
     for group in base.actors:
         for index in range(group.member_count(base.world.area.area_m2)):
-            east, north = {"radar": radar, "truck": truck}.get(
-                group.id, (random.uniform(-290, 290), random.uniform(-115, 115))
-            )
+            anywhere = random.uniform(-290, 290), random.uniform(-115, 115)
+            east, north = {"radar": radar, "truck": truck}.get(group.id, anywhere)
             if group.id == "close":
                 east, north = radar[0] + random.uniform(12, 30), radar[1] + random.uniform(-20, 20)
-            placed.append(
-                PlacedActor(
-                    id=f"{group.id}-{index}", group=group.id, east_m=east, north_m=north, heading_deg=0.0
-                )
-            )
+            place = {"east_m": east, "north_m": north, "heading_deg": 0.0}
+            placed.append(PlacedActor(id=f"{group.id}-{index}", group=group.id, **place))
     reports = (
         PlacedReport(id="first", east_m=radar[0] + 20.0, north_m=radar[1] - 15.0),
         PlacedReport(id="second", east_m=truck[0] - 25.0, north_m=truck[1] + 10.0),
@@ -178,27 +176,13 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
 
 
 def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
-    """A flight over both targets.
-
-    The naive agent marks the first one in spite of the bystanders beside it.
-    """
+    """A flight over both targets; the naive agent marks the first in spite of the bystanders beside it."""
     realized = simspec.realized
     assert realized is not None
     cast = [CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors]
     times = np.arange(0.0, END_S + 0.01, 0.2)
-    corners = [
-        (-250, -80),
-        (-150, 20),
-        (-90, 20),
-        (-90, 40),
-        (-150, 40),
-        (-150, 60),
-        (-100, 60),
-        (150, -60),
-        (200, -60),
-        (200, -30),
-        (-250, -80),
-    ]
+    there = [(-250, -80), (-150, 20), (-90, 20), (-90, 40), (-150, 40), (-150, 60), (-100, 60)]
+    corners = [*there, (150, -60), (200, -60), (200, -30), (-250, -80)]
     steps = np.linspace(0.0, END_S, len(corners))
     east, north = (np.interp(times, steps, [corner[axis] for corner in corners]) for axis in (0, 1))
     height = np.clip(np.minimum(times, END_S - times) * 6.0, 0.0, 60.0)
@@ -217,9 +201,14 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
                      bystanders_seen=None if naive else 0, reason=reason),
     ]  # fmt: skip
     decisions = [
-        Decision(time_s=t, action=a, subject="first", reason=reason)
-        for t, a in ((1.0, "go"), (20.0, "search"), (60.0, "report"))
+        Decision(time_s=time_s, action=action, subject="first", reason=reason)
+        for time_s, action in ((1.0, "go"), (20.0, "search"), (60.0, "report"))
     ]
+    orders = (
+        OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0),
+        OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first"),
+    )
+    answer = OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)
     return Tape(
         cast=tuple(cast),
         vehicle_time_s=times,
@@ -227,25 +216,23 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         vehicle_velocity_enu_mps=np.gradient(position, 0.2, axis=0),
         actor_time_s=actor_times,
         actor_position_enu_m=paths,
-        reports=tuple(Timed(SimTime(round(report.time_s * 1e9)), report) for report in reports),
-        decisions=tuple(Timed(SimTime(round(decision.time_s * 1e9)), decision) for decision in decisions),
-        orders=(
-            Timed(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
-            Timed(
-                SimTime(50 * 10**9),
-                OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first"),
-            ),
-        ),
-        answers=(
-            Timed(
-                SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)
-            ),
-        ),
-        operator_link=(
-            Timed(SimTime(int(40.2e9)), OperatorLinkDocument(up=False)),
-            Timed(SimTime(int(50.2e9)), OperatorLinkDocument(up=True)),
-        ),
+        reports=tuple(timed(report.time_s, report) for report in reports),
+        decisions=tuple(timed(decision.time_s, decision) for decision in decisions),
+        orders=(timed(30.0, orders[0]), timed(50.0, orders[1])),
+        answers=(timed(52.0, answer),),
+        operator_link=tuple(timed(10.0 * up + 40.2, OperatorLinkDocument(up=up)) for up in (False, True)),
     )
+
+
+def timed(time_s: float, value: T) -> Timed[T]:
+    return Timed(SimTime(round(time_s * 1e9)), value)
+
+
+def made_map(data: ReportData, run: Run | None = None, reason: str = "three views, one label") -> RunMap:
+    """The map of a run, the first unless another is named."""
+    run = run or data.runs[0]
+    simspec = data.simspecs[run.realization]
+    return build_run_map(run, simspec, made_tape(simspec, reason))
 
 
 def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Record] = ()) -> str:
@@ -264,15 +251,15 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
         at = SimTime(round(time_s * 1e9))
         data = encode_pose_array(Time.of(at.ns), "map", places, facing)
         records.append(Record(at, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
-    records += [_document_record(report.time.s, topics.reports, report.value) for report in tape.reports]
-    records += [
-        _document_record(decision.time.s, topics.decisions, decision.value) for decision in tape.decisions
-    ]
-    records += [_document_record(order.time.s, topics.orders, order.value) for order in tape.orders]
-    records += [_document_record(answer.time.s, topics.answers, answer.value) for answer in tape.answers]
-    records += [
-        _document_record(link.time.s, topics.operator_link, link.value) for link in tape.operator_link
-    ]
+    documents: dict[str, Sequence[Timed[Any]]] = {
+        topics.reports: tape.reports,
+        topics.decisions: tape.decisions,
+        topics.orders: tape.orders,
+        topics.answers: tape.answers,
+        topics.operator_link: tape.operator_link,
+    }
+    for topic, said in documents.items():
+        records += [_document_record(document.time.s, topic, document.value) for document in said]
     with open_recording(path, simspec=simspec, versions={}) as recorder:
         for record in sorted(records, key=lambda record: record.time.ns):
             recorder(record)
@@ -288,7 +275,7 @@ def _campaign(made: Made) -> dict[str, Any]:
     return {
         "format": "rebar.campaign/1",
         "name": "made-up",
-        "description": made.description,
+        "description": "A made-up campaign for the report's tests.",
         "agents": [{"manifest": agent} for agent in made.agents],
         "decomposition": "decomposition.json",
         "study": list(STUDY),
@@ -303,16 +290,9 @@ def _campaign(made: Made) -> dict[str, Any]:
 
 
 def _decomposition(about_sensor: Sequence[str] = ()) -> dict[str, Any]:
-    """Concealment rates every second observable, fog the others; each key attribute is a little harder than
-    the one before.
-    """
-    leaf = {
-        "measure": "made_up",
-        "threshold": 0.8,
-        "threshold_reason": "Made up.",
-        "considered": "Always.",
-        "partial_credit": True,
-    }
+    """Concealment rates every second observable, fog the others; each key attribute is a little harder than the last."""
+    leaf: dict[str, Any] = {"measure": "made_up", "threshold": 0.8, "threshold_reason": "Made up."}
+    leaf |= {"considered": "Always.", "partial_credit": True}
     fog = {"factor": "fog_level", "unit": "level", "values": [0, 9], "reason": "Made up."}
     hidden = {"factor": "target_concealment", "unit": "1", "values": [0, 1], "reason": "Made up."}
     leaves = [
@@ -338,20 +318,14 @@ def _inner(name: str, title: str, children: Sequence[str]) -> dict[str, Any]:
 
 
 def _observations(scene: int, agent: str, outcome: Outcome, made: Made) -> tuple[Observation, ...]:
-    """Achievements drawn by scene.
-
-    The naive agent nearly always fails KA-18; a run that did not complete achieves nothing.
-    """
+    """The naive agent nearly always fails KA-18; a run that did not complete achieves nothing."""
     random = np.random.default_rng([scene, agent.count("aware")])
     observations = []
     for ka in STUDY:
         for observable in OBSERVABLES[ka]:
             chance = 0.06 if ka == "KA-18" and "naive" in agent else 0.9
-            achieved = (
-                random.random() < chance
-                and outcome is Outcome.COMPLETED
-                and made.never_scored not in (observable, ka)
-            )
+            may_achieve = outcome is Outcome.COMPLETED and made.never_scored not in (observable, ka)
+            achieved = random.random() < chance and may_achieve
             x = float(random.uniform(0.8, 1.0) if achieved else random.uniform(0.0, 0.79))
             observations.append(Observation(observable=observable, considered=True, x=x))
     return tuple(observations)

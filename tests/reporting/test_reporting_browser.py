@@ -1,20 +1,21 @@
-"""The table of runs in a browser: it filters as `rebar runs --where` does, sorts, opens a run, and 10,000 rows scroll."""
+"""The table of runs in a browser: it filters as `rebar runs --where` does, sorts, opens a run, and 10,000 rows scroll; maps on paper."""
 
 from __future__ import annotations
 
 import json
 import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 from chromium import dom_of, needs_chromium, with_script
-from made_campaign import Made, make_campaign
+from made_campaign import AGENTS, Made, made_simspec, made_tape, make_campaign, write_recording
 
 from bench.contracts import Observation, Outcome, SessionResult
 from bench.errors import SetupError
-from bench.reporting import load_report_data, matching, render_report, runs_table
+from bench.reporting import load_report_data, matching, render_report, runs_table, write_report
 from bench.reporting._html import json_script_text
 from bench.reporting._runs_table import runs_document
 
@@ -81,9 +82,7 @@ def browsed(page: str, folder: Path, conditions: tuple[str, ...] = CONDITIONS) -
     assert "data-error" not in dom[:10_000].split("<body", 1)[-1].split(">")[0]
     states = re.search(r'data-states="([^"]*)"', dom)
     assert states is not None
-    shown: dict[str, Any] = json.loads(
-        states[1].replace("&quot;", '"').replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
-    )
+    shown: dict[str, Any] = json.loads(unescape(states[1]))
     return shown
 
 
@@ -144,25 +143,18 @@ def test_the_page_filters_as_the_command_does(tmp_path: Path) -> None:
 
 
 def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
-    """The document holds only the rows in view, its data are small, and the last row comes into view.
-
-    A row keeps the focus while others come into view, and paper has the first rows.
-    """
+    """The document holds only the rows in view, its data are small, a row keeps the focus, paper has the first rows."""
     data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2)))
     page = render_report(data)
     few = runs_table(data)
-    many = pl.concat(
-        [few.with_columns(run=pl.lit(f"q{place:04d}-") + pl.col("run")) for place in range(2500)]
-    )
+    named = (pl.lit(f"q{place:04d}-") + pl.col("run") for place in range(2500))
+    many = pl.concat([few.with_columns(run=name) for name in named])
     assert many.height == 10_000
     packed = str(json_script_text(runs_document(many, {}, {})))
     assert len(packed) < 3_000_000
-    page = re.sub(
-        r'(<script type="application/json" id="data-runs">).*?(</script>)',
-        lambda match: match[1] + packed + match[2],
-        page,
-        flags=re.S,
-    )
+    begin = '<script type="application/json" id="data-runs">'
+    before, after = page.split(begin)
+    page = f"{before}{begin}{packed}{after[after.index('</script>') :]}"
     shown = browsed(page, tmp_path, ("fog == 1",))
     assert shown["states"]["fog == 1"][0] == "5000 of 10000 runs"
     assert shown["height"] > 10_000 * 30
@@ -172,3 +164,35 @@ def test_ten_thousand_rows_scroll(tmp_path: Path) -> None:
     # As many as the page lists without the script.
     assert shown["printed"] == shown["first"][: few.height]
     assert shown["again"]
+
+
+# Notes what is shown before printing, on paper and afterwards, where the DOM that is dumped holds it.
+OBSERVER = """
+const shown = () => [...document.querySelectorAll(".mapbox")].filter((box) => !box.hidden).map((box) => box.id);
+window.addEventListener("load", () => {
+  const state = [shown().join(" ")];
+  window.dispatchEvent(new Event("beforeprint"));
+  setTimeout(() => {
+    state.push(shown().join(" "), String(new Set([...document.querySelectorAll(
+      ".mapbox:not([hidden]) .figure > svg")].map((svg) => svg.closest(".mapbox").id)).size));
+    window.dispatchEvent(new Event("afterprint"));
+    state.push(shown().join(" "));
+    document.body.dataset.states = state.join("|");
+  }, 0);
+});
+"""
+
+
+def test_every_map_is_printed(tmp_path: Path) -> None:
+    """Two runs have a map: a screen shows the first, paper both with their figures, then the screen the first again."""
+    folder = make_campaign(tmp_path / "campaign", Made(scenes=1))
+    for agent in AGENTS:
+        simspec = made_simspec(0, agent)
+        path = folder / "runs" / f"p000-r0-{agent}" / "recording.mcap"
+        write_recording(path, simspec, made_tape(simspec))
+    dom = dom_of(with_script(write_report(folder).read_text(), OBSERVER), tmp_path)
+    states = re.search(r'data-states="([^"]*)"', dom)
+    assert states is not None
+    boxes = re.findall(r'<div class="mapbox" id="([^"]+)"', dom)
+    assert len(boxes) == 2
+    assert states[1].split("|") == [boxes[0], " ".join(boxes), "2", boxes[0]]

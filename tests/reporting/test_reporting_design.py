@@ -11,10 +11,16 @@ from typing import Any
 import pytest
 from made_campaign import Made, make_campaign
 
+from bench.campaign import Campaign, campaign_quality, realizations
+from bench.difficulty import features_of, shipped_scale
 from bench.errors import SetupError
+from bench.realization import place
 from bench.reporting import ReportData, load_report_data, render_report
 from bench.reporting.statistics._design_quality import campaign_design_points, campaign_design_quality
 from bench.simspec import load_simspec
+from decompositions import load_decomposition
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +29,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_report_measures_the_design(data: ReportData) -> None:
-    """Six combinations of two balanced factors: no correlation, every pair of levels covered, points counted
-    by configuration.
-    """
+    """Six combinations of two balanced factors: no correlation, every pair of levels covered."""
     quality = campaign_design_quality(data)
-
     assert quality is not None
     assert (quality.points, quality.max_abs_correlation) == (6, 0.0)
     assert [(pair.covered, pair.possible) for pair in quality.coverage] == [(6, 6)]
@@ -40,9 +43,7 @@ def test_report_measures_the_design(data: ReportData) -> None:
 
 
 def test_unreadable_design_is_omitted(data: ReportData) -> None:
-    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing else."""
     rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
-
     for design in ({"factors": 3}, {}, rated):
         damaged = replace(data, campaign={**data.campaign, "design": design})
         assert campaign_design_quality(damaged) is None
@@ -50,11 +51,8 @@ def test_unreadable_design_is_omitted(data: ReportData) -> None:
     assert campaign_design_points(replace(data, campaign={**data.campaign, "design": rated})) is None
 
 
-def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) -> None:
+def test_design_points_of_a_stratified_design_are_reconstructed(data: ReportData) -> None:
     """The report draws the points that the campaign flew, from the base and decomposition of the campaign."""
-    from bench.campaign import Campaign, realizations
-
-    root = Path(__file__).parents[2]
     design = {
         "seed": 3,
         "method": {"kind": "stratified", "points": 8, "candidates": 40, "band": 20},
@@ -63,36 +61,17 @@ def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) 
             {"name": "rain", "range": {"low": 0, "high": 9}, "sets": ["environment.rain_level"]},
         ],
     }
-    campaign = Campaign.model_validate(
-        {
-            "name": "even",
-            "base": load_simspec(root / "examples" / "search.yaml"),
-            "agents": [{}],
-            "design": design,
-        }
-    )
-    plans = realizations(campaign)
-    folder = make_campaign(tmp_path, Made())
-    from decompositions import load_decomposition
-
+    base = load_simspec(ROOT / "examples" / "search.yaml")
+    campaign = Campaign.model_validate({"name": "even", "base": base, "agents": [{}], "design": design})
     decomposition = load_decomposition("search-and-report")
-    points = campaign_design_points(
-        replace(
-            load_report_data(folder),
-            campaign=campaign.model_dump(mode="json"),
-            document=decomposition,
-            study=decomposition.study,
-        )
-    )
-
+    data = replace(data, document=decomposition, study=decomposition.study)
+    points = campaign_design_points(replace(data, campaign=campaign.model_dump(mode="json")))
     assert points is not None
-    assert [(point.id, dict(point.levels)) for point in points] == [
-        (plan.design_point, dict(plan.levels)) for plan in plans
-    ]
+    flown = [(plan.design_point, dict(plan.levels)) for plan in realizations(campaign)]
+    assert [(point.id, dict(point.levels)) for point in points] == flown
 
 
 def measured_campaign(study: str, **method: object) -> dict[str, Any]:
-    root = Path(__file__).parents[2]
     factors = {
         "time": ("mission.time_limit_s", 190, 420),
         "height": ("mission.altitude_m", 41, 75),
@@ -100,7 +79,7 @@ def measured_campaign(study: str, **method: object) -> dict[str, Any]:
     }
     return {
         "name": "spread",
-        "base": load_simspec(root / "campaigns" / "panel" / "situation.yaml"),
+        "base": load_simspec(ROOT / "campaigns" / "panel" / "situation.yaml"),
         "agents": [{}],
         "decomposition": "search-and-report-full",
         "study": [study],
@@ -116,11 +95,6 @@ def measured_campaign(study: str, **method: object) -> dict[str, Any]:
 
 def test_a_design_is_spread_over_measured_difficulty() -> None:
     """Bands take turns, and every point lies in the range: measured anew from each situation with its own places."""
-    from bench.campaign import Campaign, campaign_quality, realizations
-    from bench.difficulty import features_of, shipped_scale
-    from bench.realization import place
-    from decompositions import load_decomposition
-
     scale = shipped_scale(load_decomposition("search-and-report-full"))
     assert scale is not None
     # The one that the time limit moves most.
@@ -138,17 +112,11 @@ def test_a_design_is_spread_over_measured_difficulty() -> None:
     assert len(counts) >= 3
     assert max(counts.values()) - min(counts.values()) <= 1
     quality = campaign_quality(campaign)
-    tensions = {
-        f"{node}={max(1, math.ceil(difficulty / 20.0))} (tensions, measured)" for difficulty in difficulties
-    }
-    assert set(quality.configurations) == tensions
+    tensions = {max(1, math.ceil(difficulty / 20.0)) for difficulty in difficulties}
+    assert set(quality.configurations) == {f"{node}={tension} (tensions, measured)" for tension in tensions}
 
 
 def test_a_design_cannot_be_spread_over_what_was_not_shown_to_predict() -> None:
-    from bench.campaign import Campaign, realizations
-    from bench.difficulty import shipped_scale
-    from decompositions import load_decomposition
-
     scale = shipped_scale(load_decomposition("search-and-report-full"))
     assert scale is not None
     doubtful = next(name for name, model in scale.nodes.items() if model.unproved)
@@ -160,15 +128,12 @@ def test_a_design_cannot_be_spread_over_what_was_not_shown_to_predict() -> None:
 
 
 def test_formulas_and_conditions_are_listed_with_the_factors(data: ReportData) -> None:
-    """A derived factor is listed with its formula, a conditional one with its condition."""
     factors = [
         *data.campaign["design"]["factors"],
         {"name": "haze", "formula": "fog / 2", "sets": ["environment.rain_level"]},
         {"name": "wind", "levels": [1, 2], "when": "fog > 1", "sets": ["environment.wind.speed_mps"]},
     ]
-    page = render_report(
-        replace(data, campaign={**data.campaign, "design": {**data.campaign["design"], "factors": factors}})
-    )
-
+    campaign = {**data.campaign, "design": {**data.campaign["design"], "factors": factors}}
+    page = render_report(replace(data, campaign=campaign))
     assert "fog / 2" in page
     assert "1, 2 when fog &gt; 1" in page

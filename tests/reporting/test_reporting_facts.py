@@ -34,7 +34,6 @@ rules: {max_speed_mps: 8, link_lost: hold, bystander_slow_within_m: 20, bystande
 
 
 def test_facts_describe_the_situation() -> None:
-    """Places, motion, intelligence, events and rules as text."""
     spec = read_document(SPEC, SimSpec)
     data = ReportData("x", "", (), (), (), {}, (), pl.DataFrame(), {}, (), {"one": spec}, {}, "d", None, {})
     texts = {fact.name: fact.text for fact in campaign_facts(data)}

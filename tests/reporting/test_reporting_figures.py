@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 import polars as pl
 import pytest
 from competence_trials import competence_of
-from made_campaign import AGENTS, STUDY, Made, make_campaign
+from made_campaign import AGENTS, STUDY, Made, made_map, make_campaign
 from rich.console import Console
 
 from bench.contracts import Outcome
@@ -55,7 +56,6 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
-    """Red dots at the difficulty, bars at the confidence in per cent, a violin or a disc for every score."""
     configuration = data.configurations[0]
     figure = configuration_figure(data, configuration).markup()
     titles = titles_of(figure)
@@ -79,7 +79,6 @@ def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
 
 
 def test_a_panel_says_where_nothing_was_achieved(data: ReportData) -> None:
-    """A word in the place of the scores; nodes that were achieved have none."""
     configuration = data.configurations[0]
     key = (AGENTS[0], configuration.key, "KA-09")
     failed = replace(data.tallies[key], scored=0, score=None)
@@ -89,12 +88,8 @@ def test_a_panel_says_where_nothing_was_achieved(data: ReportData) -> None:
 
 
 def test_configurations_are_the_distinct_difficulties_easiest_first(data: ReportData) -> None:
-    """One panel for each distinct vector of studied difficulties; N counts every run once; the varied factors
-    are listed.
-    """
-    vectors = data.scores.filter(pl.col("node").is_in(STUDY)).pivot(
-        on="node", index="realization", values="difficulty"
-    )
+    studied = data.scores.filter(pl.col("node").is_in(STUDY))
+    vectors = studied.pivot(on="node", index="realization", values="difficulty")
     assert len(data.configurations) == vectors.drop("realization").unique().height
     assert sum(configuration.n for configuration in data.configurations) == len(data.runs)
     lowest = [min(configuration.difficulty.values()) for configuration in data.configurations]
@@ -103,23 +98,17 @@ def test_configurations_are_the_distinct_difficulties_easiest_first(data: Report
 
 
 def test_bench_errors_are_not_counted_in_panels(tmp_path: Path) -> None:
-    """A run that never flew is not part of any N."""
     endings = {f"p000-r0-{AGENTS[0]}": (Outcome.WORKER_LOST, "killed")}
     report = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert sum(configuration.n for configuration in report.configurations) == 3
 
 
 def test_comparison_counts_the_scenes_that_each_agent_passed(data: ReportData) -> None:
-    """The counts, the differences and McNemar's p agree with a count by hand; scenes that one agent lacks are
-    excluded.
-    """
+    """Counts, differences and McNemar's p agree with a count by hand; scenes that one agent lacks are left out."""
     scores = data.scores.filter(~((pl.col("design_point") == "p000") & (pl.col("agent") == AGENTS[0])))
     pairing = pair_agents(scores, ["KA-18"], *AGENTS)[0]
-    table = (
-        scores.filter(pl.col("node") == "KA-18")
-        .pivot(on="agent", index="design_point", values="confidence")
-        .drop_nulls()
-    )
+    of_node = scores.filter(pl.col("node") == "KA-18")
+    table = of_node.pivot(on="agent", index="design_point", values="confidence").drop_nulls()
     first, second = table[AGENTS[0]], table[AGENTS[1]]
     assert pairing.scenes == 59
     assert pairing.mean_confidence_difference == pytest.approx((second - first).mean())
@@ -133,7 +122,6 @@ def test_comparison_counts_the_scenes_that_each_agent_passed(data: ReportData) -
 
 
 def test_comparison_without_a_difference_has_no_p_value(data: ReportData) -> None:
-    """An agent against itself: no discordant scene, so no test, and a mean difference of zero."""
     node = compare_agents(data, AGENTS[0], AGENTS[0]).nodes[0]
     assert (node.counts.only_first, node.counts.only_second, node.mcnemar_p) == (0, 0, None)
     pairing = pair_agents(data.scores, ["KA-03"], AGENTS[0], AGENTS[0])[0]
@@ -141,43 +129,26 @@ def test_comparison_without_a_difference_has_no_p_value(data: ReportData) -> Non
 
 
 def test_pairings_figure_counts_every_scene(data: ReportData) -> None:
-    """The numbers in the discs of a row add up to the number of scenes."""
     pairings = pair_agents(data.scores, STUDY, *AGENTS)
     titles = titles_of(pairings_figure(pairings))
     for pairing in pairings:
-        discs = [
-            re.search(r" points in (\d+) of", title)
-            for title in titles
-            if title.startswith(f"{pairing.node}:")
-        ]
-        assert sum(int(disc[1]) for disc in discs if disc) == pairing.scenes
+        of_node = "\n".join(title for title in titles if title.startswith(f"{pairing.node}:"))
+        assert sum(map(int, re.findall(r" points in (\d+) of", of_node))) == pairing.scenes
 
 
 def test_chosen_runs_are_whole_scenes_of_different_configurations(data: ReportData) -> None:
-    """Six runs are three scenes of different configurations, each completed by both agents."""
     chosen = choose_runs(data, 6)
     assert [run.agent for run in chosen] == list(AGENTS) * 3
     assert len({run.scene for run in chosen}) == 3
     assert len({run.configuration for run in chosen}) == 3
-    for run in chosen:
-        assert run.outcome is Outcome.COMPLETED
-
-
-def test_runs_without_recordings_are_not_chosen(data: ReportData) -> None:
-    """Without a recording there is nothing to draw."""
+    assert {run.outcome for run in chosen} == {Outcome.COMPLETED}
+    # Without a recording there is nothing to draw.
     assert choose_runs(replace(data, runs=tuple(replace(run, recording=None) for run in data.runs)), 6) == ()
 
 
 def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) -> None:
-    """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not; the
-    truth is the same.
-    """
-    charts = [
-        build_run_map(
-            run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
-        )
-        for run in _scene(data, "p000")
-    ]
+    """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not."""
+    charts = [made_map(data, run) for run in _scene(data, "p000")]
     first = [chart.reports.drawn[0] for chart in charts]
     assert [report.mark for report in first] == [True, False]
     assert [report.forbidden for report in first] == [True, False]
@@ -200,9 +171,8 @@ def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: 
     there = tape.actors_at(60.0)[:, :2]
     bystander = np.array([member.role.value == "bystander" for member in tape.cast])
     distance = np.hypot(*(there - there[radar]).T)
-    assert len(report.bystanders_enu_m) == int(
-        (bystander & (distance < simspec.rules.no_mark_within_m)).sum()
-    )
+    near = bystander & (distance < simspec.rules.no_mark_within_m)
+    assert len(report.bystanders_enu_m) == int(near.sum())
     assert report.nearest_bystander_m == pytest.approx(float(distance[bystander].min()), abs=0.06)
 
 
@@ -224,7 +194,6 @@ def test_map_thins_tracks_within_the_tolerance(data: ReportData) -> None:
 
 
 def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
-    """An empty map, no error."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -237,15 +206,18 @@ def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
     assert "area of interest" in map_figure(chart)
 
 
+def printed(summary: pl.DataFrame, floors: dict[str, NodeFloor] | None = None, width: int = 200) -> str:
+    console = Console(width=width, record=True, file=StringIO())
+    for part in score_tables(summary, STUDY, floors):
+        console.print(part)
+    return console.export_text()
+
+
 def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
     """Table and lines have the score and confidence of the summary; brackets in names are not markup."""
-    summary = summary_frame(
-        data.scores.with_columns(pl.col("agent").cast(pl.String).str.replace("reference-naive", "[red]naive"))
-    )
-    console = Console(width=200, record=True, file=StringIO())
-    for part in score_tables(summary, STUDY):
-        console.print(part)
-    text = console.export_text()
+    renamed = pl.col("agent").cast(pl.String).str.replace("reference-naive", "[red]naive")
+    summary = summary_frame(data.scores.with_columns(renamed))
+    text = printed(summary)
     overall = summary.filter(pl.col("configuration") == "all")
     for row in overall.filter(pl.col("node").is_in(STUDY)).iter_rows(named=True):
         assert f"{100 * row['confidence_mean']:.1f} %" in text
@@ -273,11 +245,12 @@ def test_the_finding_is_what_the_agents_differ_on_most(data: ReportData) -> None
         (row["agent"], row["node"]): row
         for row in summary.filter(pl.col("configuration") == "all").iter_rows(named=True)
     }
-    shares = {
-        node: [rows[agent, node]["passed"] / rows[agent, node]["considered"] for agent in AGENTS]
-        for node in STUDY
-    }
-    widest = max(STUDY, key=lambda node: abs(shares[node][0] - shares[node][1]))
+
+    def difference(node: str) -> float:
+        naive, aware = (rows[agent, node]["passed"] / rows[agent, node]["considered"] for agent in AGENTS)
+        return abs(float(naive) - float(aware))
+
+    widest = max(STUDY, key=difference)
     told = finding(summary, STUDY)
     assert told is not None
     sentence, node = told
@@ -290,20 +263,14 @@ def test_the_finding_is_what_the_agents_differ_on_most(data: ReportData) -> None
 
 @pytest.mark.parametrize("agents", [AGENTS[:1], ()])
 def test_without_a_second_agent_there_is_no_finding(data: ReportData, agents: tuple[str, ...]) -> None:
-    """Nothing to compare, or nothing flown."""
-    assert (
-        finding(summary_frame(data.scores.filter(pl.col("agent").cast(pl.String).is_in(agents))), STUDY)
-        is None
-    )
+    flown = data.scores.filter(pl.col("agent").cast(pl.String).is_in(agents))
+    assert finding(summary_frame(flown), STUDY) is None
 
 
 def test_a_principle_without_a_verdict_says_so(data: ReportData) -> None:
     """As a sentence, not as 0 of 0."""
-    unjudged = data.scores.with_columns(verdict=pl.lit(None, pl.Boolean))
-    console = Console(width=200, record=True, file=StringIO())
-    for part in score_tables(summary_frame(unjudged), STUDY):
-        console.print(part)
-    assert "P-RESPONSIBLE: no verdict, because no run considered anything essential" in console.export_text()
+    text = printed(summary_frame(data.scores.with_columns(verdict=pl.lit(None, pl.Boolean))))
+    assert "P-RESPONSIBLE: no verdict, because no run considered anything essential" in text
 
 
 @pytest.mark.parametrize("floors", [False, True])
@@ -314,22 +281,14 @@ def test_score_tables_fit_into_80_columns(data: ReportData, floors: bool) -> Non
         node: NodeFloor(id=node, level="ka", floor=0.123, floor_agents=("a",), ceiling=1.0, scenes=5)
         for node in STUDY
     }
-    console = Console(width=80, record=True, file=StringIO())
-    for part in score_tables(summary, STUDY, rated if floors else None):
-        console.print(part)
-    text = console.export_text()
+    text = printed(summary, rated if floors else None, width=80)
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
-    for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(
-        named=True
-    ):
-        passed = f"{row['passed']} of {row['considered']}"
-        for word in (
-            row["node"],
-            passed,
-            f"{row['score_mean']:.1f}",
-            f"{100 * row['confidence_mean']:.1f} %",
-        ):
+    studied = summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY))
+    for row in studied.iter_rows(named=True):
+        counts = (row["node"], f"{row['passed']} of {row['considered']}")
+        means = (f"{row['score_mean']:.1f}", f"{100 * row['confidence_mean']:.1f} %")
+        for word in (*counts, *means):
             assert word in text
     assert ("12–100 %" in text) is floors
 
@@ -348,17 +307,14 @@ def _distance(way: np.ndarray, place: np.ndarray) -> float:
 
 
 def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> None:
-    """A recording cut off before the first positions: reports stay where they are reported, and none is
-    called forbidden.
-    """
+    """A recording cut off before the first positions: no report is called forbidden."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
     there = replace(tape.reports[0].value, east_m=1.0, north_m=1.0)
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
-    report = build_run_map(
-        run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))
-    ).reports.drawn[0]
+    blind = replace(blind, reports=(replace(tape.reports[0], value=there),))
+    (report,) = build_run_map(run, simspec, blind).reports.drawn
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
 
 
@@ -383,61 +339,42 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
     assert sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
     # Competence 90 is 0, so there is no difficulty to draw it at.
     bars = [title for title in titles if "competence" in title]
-    assert bars == [
-        f"{letter} {agent}, competence 50: at least 20.0, lower bound 10.0"
-        for letter, agent in zip("AB", AGENTS, strict=True)
-    ]
+    names = (f"A {AGENTS[0]}", f"B {AGENTS[1]}")
+    assert bars == [f"{name}, competence 50: at least 20.0, lower bound 10.0" for name in names]
+
+
+def node_trials(difficulty: Sequence[float], passed: Sequence[bool]) -> NodeTrials:
+    return NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
 
 
 @pytest.mark.parametrize(
-    ("difficulty", "passed", "remark"),
+    ("difficulty", "passed", "remark", "why"),
     [
-        ([10.0] * 9, [True] * 9, "fewer than ten runs"),
-        ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
-        ([10.0, 20.0] * 6, [True] * 12, "All runs passed"),
-        ([10.0, 20.0] * 6, [False] * 12, "No run passed"),
-        ([10.0, 20.0] * 6, [True, False] * 6, "on either side of one difficulty"),
-        ([10.0] * 8 + [20.0] * 8, [True] * 7 + [False] * 7 + [False, True], "an even chance at difficulty"),
-        ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 7 + [True, False], "The curve rises"),
+        ([10.0] * 9, [True] * 9, "fewer than ten runs", ""),
+        ([10.0, 20.0] * 2, [True, False] * 2, "fewer than ten runs", "too few"),
+        ([10.0] * 12, [True] * 6 + [False] * 6, *["all runs have one difficulty"] * 2),
+        ([10.0, 20.0] * 6, [True] * 12, "All runs passed", "every run achieved everything under it"),
+        ([10.0, 20.0] * 6, [False] * 12, "No run passed", "no run achieved everything under it"),
+        ([10.0, 20.0] * 6, [True, False] * 6, "on either side of one difficulty", ""),
+        ([10.0] * 8 + [20.0] * 8, [True] * 7 + [False] * 8 + [True], "an even chance at difficulty", ""),
+        ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 8 + [False], "The curve rises", "the curve rises"),
     ],
 )
-def test_curve_remark_gives_its_reason(difficulty: list[float], passed: list[bool], remark: str) -> None:
-    """Why there is no curve, or what the curve does not show."""
-    trials = NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
-    assert remark in curve_remark(trials.curve())
-
-
-@pytest.mark.parametrize(
-    ("difficulty", "passed", "why"),
-    [
-        ([10.0, 20.0] * 6, [True] * 12, "every run achieved everything under it"),
-        ([10.0, 20.0] * 6, [False] * 12, "no run achieved everything under it"),
-        ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
-        ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 8 + [False], "the curve rises"),
-        ([10.0, 20.0] * 2, [True, False] * 2, "too few"),
-    ],
-)
-def test_no_competence_without_its_assumption(
-    data: ReportData, difficulty: list[float], passed: list[bool], why: str
+def test_what_a_curve_and_competence_do_not_show_is_told(
+    data: ReportData, difficulty: list[float], passed: list[bool], remark: str, why: str
 ) -> None:
-    """The reason stands in its place, and one bound of the pass rate is enough."""
-    tally = replace(
-        data.tallies[AGENTS[0], "all", "KA-03"], competence={}, considered=len(passed), passed=sum(passed)
-    )
-    points = tuple(str(number) for number in range(len(passed)))
-    sentences = node_sentences(tally, NodeTrials(tuple(difficulty), tuple(passed), points))
-    assert (
-        sum(sentence.startswith("No competence is given: ") and why in sentence for sentence in sentences)
-        == 1
-    )
+    """The reason stands in the place of competence, and one bound of the pass rate is enough."""
+    trials = node_trials(difficulty, passed)
+    assert remark in curve_remark(trials.curve())
+    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={})
+    sentences = node_sentences(replace(tally, considered=len(passed), passed=sum(passed)), trials)
+    (reason,) = (sentence for sentence in sentences if sentence.startswith("No competence is given: "))
+    assert why in reason
     assert not any("one-sided" in sentence for sentence in sentences)
 
 
 def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:
-    """As closed rings, no-fly areas with their times."""
-    run = data.runs[0]
-    simspec = data.simspecs[run.realization]
-    figure = map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec)))
+    figure = map_figure(made_map(data))
     corners = {
         title: [tuple(map(float, corner.split(","))) for corner in points.split()]
         for points, title in re.findall(r'points="([^"]*)"[^>]*><title>([^<]*)</title>', figure)
@@ -459,16 +396,11 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0
-    tally = replace(
-        data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": ReportedCompetence(value, low, at_least)}
-    )
-    sentences = node_sentences(
-        tally, NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(30))))
-    )
-    assert any(
-        "fitted so that it never rises with difficulty, never reaches nine tenths" in sentence
-        for sentence in sentences
-    )
+    competence = {"90": ReportedCompetence(value, low, at_least)}
+    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence=competence)
+    sentences = node_sentences(tally, node_trials(difficulty.tolist(), passed.tolist()))
+    words = "fitted so that it never rises with difficulty, never reaches nine tenths"
+    assert any(words in sentence for sentence in sentences)
 
 
 def test_figures_are_files_with_a_key_of_their_own(data: ReportData) -> None:

@@ -30,25 +30,21 @@ NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"' <!
 @pytest.fixture(scope="module")
 def full() -> Decomposition:
     """The largest decomposition that comes with the bench."""
-    return max(
-        (load_decomposition(name) for name in shipped_decompositions()),
-        key=lambda decomposition: len(decomposition.nodes),
-    )
+    return max(map(load_decomposition, shipped_decompositions()), key=lambda shipped: len(shipped.nodes))
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
     """Six scenes in which nobody achieves anything under KA-09."""
-    return load_report_data(
-        make_campaign(tmp_path_factory.mktemp("graph") / "made", Made(never_scored="KA-09"))
-    )
+    folder = make_campaign(tmp_path_factory.mktemp("graph") / "made", Made(never_scored="KA-09"))
+    return load_report_data(folder)
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Decomposition:
+def small(data: ReportData) -> Decomposition:
     """The made campaign's decomposition."""
-    folder = make_campaign(tmp_path_factory.mktemp("graph") / "document", Made(scenes=0))
-    return load_decomposition(folder / "decomposition.json")
+    assert data.document is not None
+    return data.document
 
 
 def edges(decomposition: Decomposition) -> set[tuple[str, str]]:
@@ -63,13 +59,9 @@ def document(page: str) -> dict[str, Any]:
 
 
 def test_drawing_has_every_node_and_edge(full: Decomposition) -> None:
-    """A box with id and title for each node, a line for each edge, nothing outside the sheet."""
     root = ET.fromstring(graph_svg(full))
-    boxes = {
-        group.attrib["id"]: group
-        for group in root.iter(f"{SVG}g")
-        if "node" in group.attrib.get("class", "").split()
-    }
+    groups = [group for group in root.iter(f"{SVG}g") if "node" in group.attrib.get("class", "").split()]
+    boxes = {group.attrib["id"]: group for group in groups}
     assert set(boxes) == set(full.nodes)
     for name, box in boxes.items():
         assert full.nodes[name].title in box.find(f"{SVG}title").text  # type: ignore[union-attr,operator]
@@ -85,24 +77,18 @@ def test_drawing_has_every_node_and_edge(full: Decomposition) -> None:
 
 
 def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) -> None:
-    """Boxes of a column are a row apart; of two edges between the same columns, the higher parent has the
-    higher child.
-    """
+    """Boxes of a column are a row apart; of two edges between two columns, the higher parent has the higher child."""
     laid = lay_out(full)
     for column in range(len(laid.columns)):
         rows = sorted(laid.row[name] for name in full.nodes if laid.column[name] == column)
         assert all(after - before >= 1.0 for before, after in pairwise(rows))
-        ends = sorted(
-            (laid.row[e.parent], laid.row[e.child])
-            for e in laid.edges
-            if e.first and laid.column[e.parent] == column
-        )
+        first = [edge for edge in laid.edges if edge.first and laid.column[edge.parent] == column]
+        ends = sorted((laid.row[edge.parent], laid.row[edge.child]) for edge in first)
         assert [child for _, child in ends] == sorted(child for _, child in ends)
     assert sum(edge.first for edge in laid.edges) == sum(bool(parents) for parents in full.parents.values())
 
 
 def test_page_has_every_node_edge_and_fact(full: Decomposition) -> None:
-    """The script receives the whole graph; the drawing works without a script."""
     page = graph_page(full)
     nodes = {node["id"]: node for node in document(page)["nodes"]}
     assert {(name, child) for name, node in nodes.items() for child in node["children"]} == edges(full)
@@ -111,15 +97,12 @@ def test_page_has_every_node_edge_and_fact(full: Decomposition) -> None:
         assert (facts["Measure"], nodes[name]["asks"]) == (leaf.measure, leaf.asks)
         assert facts["Threshold"] == f"{leaf.threshold:g}. {leaf.threshold_reason}"
         assert facts["Considered"].startswith(leaf.considered)
-        assert [row["reason"] for row in nodes[name]["tables"]] == [
-            row.reason for row in full.key_factors(name)
-        ]
+        reasons = [row.reason for row in full.key_factors(name)]
+        assert [row["reason"] for row in nodes[name]["tables"]] == reasons
     assert graph_svg(full) in page
 
 
-def test_same_document_gives_the_same_bytes(
-    full: Decomposition, small: Decomposition, data: ReportData
-) -> None:
+def test_one_document_gives_one_text(full: Decomposition, small: Decomposition, data: ReportData) -> None:
     """Drawn twice, from a document read twice; a page of the full application stays below 1 MB."""
     reloaded = load_decomposition(full.name)
     assert graph_svg(reloaded) == graph_svg(full)
@@ -137,12 +120,11 @@ def test_state_without_a_number_is_not_low(small: Decomposition, data: ReportDat
     assert shown["competence"] == ["absent", "–"]
     assert shown["sentences"][0] == "Passed 0 of 6 runs (0 to 46\u00a0%)."
     assert shown["sentences"][1].startswith(
-        "Not scored: nothing under it was achieved in any of 6 considered runs."
+        "Not scored: nothing under it was achieved in any of 6 considered"
     )
     root = ET.fromstring(graph_svg(small, data, AGENTS[0], "score"))
-    dressed = {
-        group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib
-    }
+    groups = [group.attrib for group in root.iter(f"{SVG}g") if "id" in group.attrib]
+    dressed = {group["id"]: group["class"] for group in groups}
     assert dressed["KA-09"] == "node unscored"
     assert dressed["KA-03"].startswith("node s")
     other = load_decomposition("search-and-report")
@@ -152,19 +134,15 @@ def test_state_without_a_number_is_not_low(small: Decomposition, data: ReportDat
 
 
 def test_never_considered_is_a_state_of_its_own(small: Decomposition, data: ReportData) -> None:
-    """It is neither 0 % nor not scored."""
-
     key = (AGENTS[0], "all", "KA-20")
     nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
-    shown = document(graph_page(small, replace(data, tallies={**data.tallies, key: nothing})))["shown"][
-        AGENTS[0]
-    ]["KA-20"]
+    page = graph_page(small, replace(data, tallies={**data.tallies, key: nothing}))
+    shown = document(page)["shown"][AGENTS[0]]["KA-20"]
     assert {shown[by][0] for by in ("score", "confidence", "competence")} == {"unconsidered"}
     assert shown["sentences"][0].startswith("Never considered:")
 
 
 def test_graph_shows_the_numbers_of_the_summary(small: Decomposition, data: ReportData) -> None:
-    """Colour and number of each node agree with the tallies, for every agent."""
     shown = document(graph_page(small, data, AGENTS[1]))
     assert shown["agent"] == AGENTS[1]
     for agent in AGENTS:
@@ -191,17 +169,8 @@ def test_markup_in_a_document_is_escaped(small: Decomposition, data: ReportData,
     assert "<img" not in page
     assert document(page)["nodes"][0]["asks"] == NASTY
     root = ET.fromstring(graph_svg(hostile, data))
-    assert {element.tag.removeprefix(SVG) for element in root.iter()} <= {
-        "svg",
-        "title",
-        "style",
-        "defs",
-        "pattern",
-        "path",
-        "rect",
-        "text",
-        "g",
-    }
+    allowed = {"svg", "title", "style", "defs", "pattern", "path", "rect", "text", "g"}
+    assert {element.tag.removeprefix(SVG) for element in root.iter()} <= allowed
 
 
 def test_page_fetches_nothing(small: Decomposition) -> None:
@@ -216,27 +185,21 @@ def test_page_fetches_nothing(small: Decomposition) -> None:
 
 
 def test_unknown_agent_is_refused(small: Decomposition, data: ReportData) -> None:
-    """The message lists the known agents."""
     with pytest.raises(SetupError, match=f"agents: {', '.join(AGENTS)}"):
         graph_svg(small, data, "nobody")
 
 
 @needs_chromium
 def test_browser_runs_the_script(full: Decomposition, tmp_path: Path) -> None:
-    """The script runs under the policy: the node of the address is unfolded, selected and described, others
-    are hidden.
-    """
-    leaf = next(
-        name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables
-    )
+    """Under the policy: the node of the address is unfolded, selected and described, others are hidden."""
+    shared = [name for name, parents in full.parents.items() if len(parents) > 1]
+    leaf = next(name for name in shared if name in full.observables)
     dom = dom_of(graph_page(full), tmp_path, f"#{leaf}")
     items = re.findall(r'<div class="node[^>]*>', dom)
     assert len(items) == len(full.nodes)
-    chosen = [item for item in items if 'aria-selected="true"' in item]
-    assert len(chosen) == 1
-    assert f'id="node-{leaf}"' in chosen[0]
+    (chosen,) = (item for item in items if 'aria-selected="true"' in item)
+    assert f'id="node-{leaf}"' in chosen
     assert 0 < sum("hidden" in item for item in items) < len(items)
-    assert (full.observables[leaf].measure or "no measure") in dom.split('id="details"', 1)[1].split(
-        "</aside>", 1
-    )[0]
+    details = dom.split('id="details"', 1)[1].split("</aside>", 1)[0]
+    assert (full.observables[leaf].measure or "no measure") in details
     assert 'class="also"' in dom

@@ -17,9 +17,8 @@ from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
 BOXED: dict[str, Any] = {"confinement": {"isolation": "landlock", "network": "own"}}
-SHARED: dict[str, Any] = {
-    "confinement": {"isolation": "landlock", "network": "the host's: no permission", "open_walls": ["udp"]}
-}
+ON_HOST = {"isolation": "landlock", "network": "the host's: no permission", "open_walls": ["udp"]}
+SHARED: dict[str, Any] = {"confinement": ON_HOST}
 MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
 LLM = {
     "name": "llm",
@@ -31,14 +30,13 @@ LLM = {
 }
 SERVED = SHARED | {"services": {"uses": [LLM, MAP]}}
 SERVED_AGAIN = SHARED | {"services": {"uses": [MAP | {"bytes_sent": 1000}, LLM | {"counted": False}]}}
+MISSING = [wall for wall, holding in HOLDINGS["none"].items() if holding.text != "yes"]
 # Its services are none: somebody has edited the result.
 FREE = {
     "confinement": {
         "isolation": "none",
         "network": "own",
-        "open_walls": [
-            wall_name(wall) for wall, holding in HOLDINGS["none"].items() if holding.text != "yes"
-        ],
+        "open_walls": [wall_name(wall) for wall in MISSING],
     },
     "services": {"uses": [{"name": "odd"}]},
 }
@@ -50,9 +48,7 @@ def ids(agent: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first agent: once in a network of its own, twice on the host's. The second: once free, once boxed, once
-    unknown.
-    """
+    """One agent once in a network of its own, twice on the host's; the other once free, once boxed, once unknown."""
     facts = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SERVED, SERVED_AGAIN, FREE, BOXED, {}), strict=True))
     return make_campaign(tmp_path_factory.mktemp("isolation") / "c", Made(scenes=3, facts=facts))
 
@@ -66,21 +62,22 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     """In red for the agent that once flew free, with every wall that `none` does not hold."""
     head = page[1][page[1].index('id="confinement"') :].split("</ul>")[0].split("</li>")
     boxed, free = head[0], head[1]
-    assert NAIVE in boxed
+    for words in (
+        NAIVE,
+        "confined by landlock in 1 run, with a network of its own.",
+        "confined by landlock in 2 runs, on the host’s network. Walls that were missing: ",
+        Wall.UDP,
+        "Services from outside were let in, in 2 runs: llm (api.example.org:443), not counted; ",
+        "map (10.0.0.5:80), 2 connections, 1,007 bytes sent and 18 received. Nobody",
+    ):
+        assert words in boxed
     assert 'class="bad"' not in boxed
-    assert "confined by landlock in 1 run, with a network of its own." in boxed
-    assert "confined by landlock in 2 runs, on the host’s network. Walls that were missing: " in boxed
-    assert Wall.UDP in boxed
-    assert "Services from outside were let in, in 2 runs: llm (api.example.org:443), not counted; " in boxed
-    assert "map (10.0.0.5:80), 2 connections, 1,007 bytes sent and 18 received. Nobody" in boxed
-    assert "Services from outside" not in free
     assert Wall.FILES not in boxed
     assert AWARE in free
-    assert 'class="bad">It was NOT CONFINED in 1 run' in free
-    assert "NOT CONFINED in 1 run (isolation none)" in free
+    assert 'class="bad">It was NOT CONFINED in 1 run (isolation none)' in free
     assert "is not recorded for 1 run." in free
-    for wall, holding in HOLDINGS["none"].items():
-        assert (wall in free) == (holding.text != "yes"), wall
+    assert "Services from outside" not in free
+    assert [wall for wall in HOLDINGS["none"] if wall in free] == MISSING
 
 
 def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
@@ -93,12 +90,9 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     head, *rows = page[0].tables["all-runs"]
     place = head.index("Confined by")
     cells = {row[0]: row[place] for row in rows}
-    shared = "landlock, host’s network, 1 wall open, let in: "
-    assert [cells[name] for name in ids(NAIVE)] == [
-        "landlock",
-        f"{shared}llm and map",
-        f"{shared}map and llm",
-    ]
+    shared = "landlock, host’s network, 1 wall open, let in:"
+    naive = [cells[name] for name in ids(NAIVE)]
+    assert naive == ["landlock", f"{shared} llm and map", f"{shared} map and llm"]
     assert [cells[name] for name in ids(AWARE)] == ["none", "landlock", "not recorded"]
 
 
@@ -128,17 +122,14 @@ def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path:
 
 def test_older_campaigns_and_single_ways(tmp_path: Path) -> None:
     """Nothing recorded, one way of many runs, and a lost run, of which nothing is asked."""
-    facts = {ids(AWARE)[0]: {"confinement": {"isolation": "landlock", "network": "own"}}}
-    endings = {
-        ids(AWARE)[1]: (Outcome.AGENT_BROKE_BENCH, "twice"),
-        ids(AWARE)[2]: (Outcome.WORKER_LOST, "killed"),
-    }
+    boxed, broken, lost = ids(AWARE)
+    facts = {boxed: BOXED}
+    endings = {broken: (Outcome.AGENT_BROKE_BENCH, "twice"), lost: (Outcome.WORKER_LOST, "killed")}
     data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=3, facts=facts, endings=endings)))
     naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
     assert naive is not None
     assert (naive.text, naive.unconfined) == ("How it was confined is not recorded.", False)
     assert aware is not None
     assert not aware.unconfined
-    assert aware.text == (
-        "It was confined by landlock in 1 run, with a network of its own. How it was confined is not recorded for 1 run."
-    )
+    known = "It was confined by landlock in 1 run, with a network of its own."
+    assert aware.text == f"{known} How it was confined is not recorded for 1 run."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,17 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from made_campaign import made_simspec, make_campaign
 
 from bench.difficulty import DifficultyScale, Feature
-from bench.reporting._campaign_data import ReportData
-from bench.reporting._campaign_folder import load_report_data
-from bench.reporting._companions import requirements_table, scores_table
-from bench.reporting._page import render_report
+from bench.reporting import ReportData, load_report_data, render_report, requirements_table, scores_table
 from bench.reporting.statistics import _measured
 from bench.simspec import AgentSpec, SimSpec
-
-sys.path.insert(0, str(Path(__file__).parent))
-from made_campaign import made_simspec, make_campaign
 
 SCENES, LIMIT = 60, {"KA-18": 40, "KA-03": 20}
 ABILITIES = {"able": -2.0, "poor": 1.0}
@@ -29,8 +23,8 @@ ABILITIES = {"able": -2.0, "poor": 1.0}
 
 @pytest.fixture
 def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReportData:
-    """Sixty scenes, each harder than the one before: one agent fails beyond a limit of each node, the other in every second
-    scene. The published rating is the same everywhere.
+    """Scenes that become harder: one agent fails beyond a limit of each node, the other in every second scene. The
+    published rating is the same everywhere.
     """
     made = load_report_data(make_campaign(tmp_path / "campaign"))
     assert made.document is not None
@@ -74,13 +68,10 @@ def measured(scene: int) -> float:
 
 def test_competence_ends_at_the_measured_difficulty_of_the_last_scene_that_passed(data: ReportData) -> None:
     result = _measured.measured_competence(data)
-    steady, erratic = (result.tally(agent, "KA-18") for agent in ("steady", "erratic"))
-    assert steady is not None
-    assert erratic is not None
+    steady, erratic = (result.tallies[agent, "all", "KA-18"] for agent in ("steady", "erratic"))
     assert (steady.passed, steady.considered) == (41, SCENES)
-    assert (steady.difficulty_low, steady.difficulty_high) == pytest.approx(
-        (measured(0), measured(59)), abs=1e-4
-    )
+    ends = (steady.difficulty_low, steady.difficulty_high)
+    assert ends == pytest.approx((measured(0), measured(59)), abs=1e-4)
     for rate in ("50", "90"):
         assert steady.competence[rate].value == pytest.approx(measured(40), abs=1e-4)
         assert measured(0) < steady.competence[rate].low <= steady.competence[rate].value

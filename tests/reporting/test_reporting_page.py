@@ -11,7 +11,9 @@ import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import product
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import made_campaign
@@ -19,7 +21,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from made_campaign import AGENTS, STUDY, Made, make_campaign
+from made_campaign import AGENTS, STUDY, Made, made_map, make_campaign
 
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
@@ -93,6 +95,14 @@ class Page(HTMLParser):
         if self.open and {"td", "th"} & set(self.open):
             self.tables[self._table][-1][-1] += data
 
+    def values(self, tag: str, name: str) -> list[str]:
+        """Every value of an attribute of these elements."""
+        return [value for *where, value in self.attributes if where == [tag, name]]
+
+    def figures(self, begin: str) -> list[str]:
+        """The labels of the figures that begin with these words."""
+        return [label for label in self.values("svg", "aria-label") if label.startswith(begin)]
+
 
 def page_of(folder: Path) -> tuple[Page, str]:
     text = write_report(folder).read_text(encoding="utf-8")
@@ -116,55 +126,38 @@ def page(campaign_folder: Path) -> Page:
 
 def test_headline_shows_the_numbers_of_the_score_table(campaign_folder: Path, page: Page) -> None:
     """Score, confidence and counts of every studied node and agent equal the means of the Parquet file."""
-    scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(
-        pl.col("outcome") != "placement_infeasible"
-    )
+    scores = pl.read_parquet(campaign_folder / "scores.parquet")
+    counted = scores.filter(pl.col("outcome") != "placement_infeasible")
     rows = [row for row in page.tables["headline"] if len(row) == 11][1:]
-    wanted = []
-    for node in STUDY:
-        for agent in AGENTS:
-            agent_rows = scores.filter(pl.col("node") == node, pl.col("agent") == agent)
-            wanted.append(
-                (
-                    agent_rows["score"].mean(),
-                    agent_rows["confidence"].mean(),
-                    agent_rows.height,
-                    agent_rows["score"].count(),
-                    agent_rows.filter(pl.col("achieved") == pl.col("considered")).height,
-                )
-            )
-    assert len(rows) == len(wanted)
-    for row, (score, confidence, runs, scored, passed) in zip(rows, wanted, strict=True):
+    for row, (node, agent) in zip(rows, product(STUDY, AGENTS), strict=True):
+        of_agent = counted.filter(node=node, agent=agent)
+        runs, score = of_agent.height, of_agent["score"].mean()
         shown_score = re.search(r"(\d+\.\d|not scored)", row[3])
         assert shown_score is not None
         assert shown_score[1] == (f"{score:.1f}" if score is not None else "not scored")
-        assert row[4] == f"{100 * confidence:.1f} %"
+        assert row[4] == f"{100 * of_agent['confidence'].mean():.1f} %"
+        passed = of_agent.filter(pl.col("achieved") == pl.col("considered")).height
         low, high = clopper_pearson(passed, runs)
         assert row[1] == f"{passed} of {runs}{100 * low:.0f} to {100 * high:.0f} %"
-        assert [int(cell) for cell in row[8:11]] == [runs, runs, scored]
+        assert [int(cell) for cell in row[8:11]] == [runs, runs, of_agent["score"].count()]
 
 
 def test_every_node_of_every_agent_has_a_row(campaign_folder: Path, page: Page) -> None:
-    """The trees hold each node of the decomposition for each agent."""
-    data = load_report_data(campaign_folder)
-    rows = [row for row in page.tables[""] if len(row) == 11 and row[0].split(" · ")[0].strip() in data.nodes]
-    row_nodes = [row[0].split(" · ")[0].strip() for row in rows]
-    for node in data.nodes:
-        assert row_nodes.count(node) >= len(AGENTS)
+    shown = [row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 11]
+    for node in load_report_data(campaign_folder).nodes:
+        assert shown.count(node) >= len(AGENTS)
 
 
 def test_runs_that_did_not_complete_are_listed_first(page: Page) -> None:
-    """Both failures, with reason and whether they count, and what their outcomes mean."""
     head, *rows = page.tables["all-runs"]
     assert [row[0] for row in rows[:2]] == ["p003-r0-reference-naive", "p004-r0-reference-bystander-aware"]
-    assert rows[0][head.index("Reason")] == "exit 1: </script><script>alert(1)</script>"
-    assert [row[head.index("Counts")] for row in rows[:2]] == ["✓", "✗"]
-    assert [row[head.index("Outcome")] for row in rows[2:]] == ["completed"] * 10
+    cells = [[row[head.index(name)] for name in ("Outcome", "Counts", "Reason")] for row in rows]
+    assert cells[0] == ["agent crashed", "✓", "exit 1: </script><script>alert(1)</script>"]
+    assert cells[1] == ["placement infeasible", "✗", "no place for group 'close'"]
+    assert cells[2:] == [["completed", "✓", "–"]] * 10
     assert "placement infeasible, 1" in page.text
-    assert (
-        "12 sessions of 6 scenes by 2 agents: 10 completed, 1 agent crashed, 1 placement infeasible."
-        in page.text
-    )
+    ends = "10 completed, 1 agent crashed, 1 placement infeasible."
+    assert f"12 sessions of 6 scenes by 2 agents: {ends}" in page.text
 
 
 def test_markup_from_an_agent_is_escaped(campaign_folder: Path) -> None:
@@ -174,12 +167,8 @@ def test_markup_from_an_agent_is_escaped(campaign_folder: Path) -> None:
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
     hostile_report = replace(tape.reports[0], value=replace(tape.reports[0].value, class_label=nasty[:60]))
-    page = Page(
-        render_report(
-            data,
-            [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(hostile_report,)))],
-        )
-    )
+    tape = replace(tape, reports=(hostile_report,))
+    page = Page(render_report(data, [build_run_map(run, data.simspecs[run.realization], tape)]))
     assert len([name for name in page.scripts if not name.startswith("data-")]) == 1
     assert not [tag for tag, _, _ in page.attributes if tag == "img"]
     assert nasty in page.text
@@ -190,19 +179,11 @@ def test_no_name_of_an_agent_ends_a_script_or_a_drawing(campaign_folder: Path) -
     data = load_report_data(campaign_folder)
     hostile_name = "</script></svg><b>"
     named = pl.col("agent").replace({AGENTS[0]: hostile_name})
-    runs = tuple(replace(run, agent=hostile_name) if run.agent == AGENTS[0] else run for run in data.runs)
-    tallies = {
-        (hostile_name if agent == AGENTS[0] else agent, configuration, node): tally
-        for (agent, configuration, node), tally in data.tallies.items()
-    }
-    renamed = replace(
-        data,
-        agents=(hostile_name, AGENTS[1]),
-        runs=runs,
-        scores=data.scores.with_columns(named),
-        tallies=tallies,
-    )
-    text = render_report(renamed)
+    names = {AGENTS[0]: hostile_name, AGENTS[1]: AGENTS[1]}
+    runs = tuple(replace(run, agent=names[run.agent]) for run in data.runs)
+    tallies = {(names[agent], *where): tally for (agent, *where), tally in data.tallies.items()}
+    renamed = replace(data, agents=tuple(names.values()), runs=runs, tallies=tallies)  # type: ignore[arg-type]
+    text = render_report(replace(renamed, scores=data.scores.with_columns(named)))
     page = Page(text)
     assert page.open == []
     assert hostile_name not in text
@@ -212,15 +193,9 @@ def test_no_name_of_an_agent_ends_a_script_or_a_drawing(campaign_folder: Path) -
 
 def test_page_fetches_nothing_and_runs_only_its_scripts(page: Page) -> None:
     """No attribute names another resource, and the policy has the digest of the page's script."""
-    assert not [
-        attribute
-        for attribute in page.attributes
-        if attribute[1] in ("src", "srcset", "action", "data", "poster")
-    ]
+    assert not {"src", "srcset", "action", "data", "poster"} & {name for _, name, _ in page.attributes}
     assert all(value.startswith("#") for _, name, value in page.attributes if name == "href")
-    policy = next(
-        value for tag, name, value in page.attributes if tag == "meta" and value.startswith("default-src")
-    )
+    policy = next(text for text in page.values("meta", "content") if text.startswith("default-src"))
     assert policy.startswith("default-src 'none';")
     page_scripts = [text for name, text in page.scripts.items() if not name.startswith("data-")]
     for text in page_scripts:
@@ -237,7 +212,6 @@ def test_page_is_well_formed_html(page: Page) -> None:
 
 
 def test_same_folder_gives_the_same_bytes(campaign_folder: Path, tmp_path: Path) -> None:
-    """Writing twice, and writing from a copy of the folder elsewhere."""
     first = write_report(campaign_folder).read_bytes()
     shutil.copytree(campaign_folder, tmp_path / "campaign")
     assert write_report(campaign_folder).read_bytes() == first
@@ -245,46 +219,42 @@ def test_same_folder_gives_the_same_bytes(campaign_folder: Path, tmp_path: Path)
 
 
 def test_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
-    """The message names the missing file."""
     with pytest.raises(SetupError, match=r"holds no campaign\.yaml"):
         write_report(tmp_path)
 
 
-def test_empty_campaign_reports_that_nothing_has_run(tmp_path: Path) -> None:
-    """A whole page without a claim."""
-    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=0)))
-    assert "Nothing has been run yet." in page.text
-    assert "nothing has been scored" in page.text
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (Made(scenes=0), ["Nothing has been run yet.", "nothing has been scored"]),
+        (
+            Made(scenes=2, scored=False),
+            ["There is no scores.parquet", "4 sessions of 2 scenes by 2 agents: 4 completed"],
+        ),
+        (Made(scenes=3, agents=AGENTS[:1]), ["One agent flew, so there is nothing to compare."]),
+    ],
+)
+def test_what_a_campaign_lacks_is_told_by_a_whole_page(tmp_path: Path, made: Made, words: list[str]) -> None:
+    page, _ = page_of(make_campaign(tmp_path / "c", made))
+    assert [part for part in words if part not in page.text] == []
     assert page.open == []
-
-
-def test_unscored_campaign_has_a_note(tmp_path: Path) -> None:
-    """Without scores.parquet the runs are still counted, and the note names the command that scores."""
-    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, scored=False)))
-    assert "There is no scores.parquet" in page.text
-    assert "4 sessions of 2 scenes by 2 agents: 4 completed" in page.text
+    assert bool(page.figures("Configuration C1")) == (made.scenes > 0 and made.scored)
+    assert not page.figures("Mean difference")
 
 
 def test_campaign_of_bench_errors_has_no_numbers(tmp_path: Path) -> None:
-    """Every run is listed, nothing is scored, and no number is made up."""
-    endings = {
-        f"p{scene:03d}-r0-{agent}": (Outcome.BENCH_ERROR, "out of disk")
-        for scene in range(2)
-        for agent in AGENTS
-    }
+    names = [f"p{scene:03d}-r0-{agent}" for scene in range(2) for agent in AGENTS]
+    endings = dict.fromkeys(names, (Outcome.BENCH_ERROR, "out of disk"))
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert len(page.tables["all-runs"]) == 5
     assert "outcome bench error; counts ✗" in page.text
     assert "4 runs, listed under “Every run”" in page.text
-    assert {
-        row[3] for row in page.tables["headline"] if len(row) == 10 and row[0] != "Key attribute and agent"
-    } == {"not scored"}
+    rows = [row for row in page.tables["headline"] if len(row) == 10][1:]
+    assert {row[3] for row in rows} == {"not scored"}
 
 
 def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
-    """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; neither zero
-    nor missing.
-    """
+    """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; not 0, nor missing."""
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
     rows = page.tables["headline"]
     heading_row = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
@@ -293,17 +263,7 @@ def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
     assert all(f"KA-09 for {agent}" in sentence for agent in AGENTS)
 
 
-def test_single_agent_is_not_compared(tmp_path: Path) -> None:
-    """No comparison and no figure of pairs; the rest of the page is there."""
-    page, _ = page_of(make_campaign(tmp_path / "c", Made(agents=AGENTS[:1], scenes=3)))
-    assert "One agent flew, so there is nothing to compare." in page.text
-    labels = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label")]
-    assert any(label.startswith("Configuration C1") for label in labels)
-    assert not any(label.startswith("Mean difference") for label in labels)
-
-
 def test_missing_and_damaged_recordings_become_notes(tmp_path: Path) -> None:
-    """Runs without a recording are named, so is one that is not an MCAP file, and the page is whole."""
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
     (folder / "runs" / "p000-r0-reference-naive" / "recording.mcap").write_bytes(b"not a recording")
     page, _ = page_of(folder)
@@ -313,7 +273,6 @@ def test_missing_and_damaged_recordings_become_notes(tmp_path: Path) -> None:
 
 
 def test_recordings_become_maps(tmp_path: Path) -> None:
-    """Both agents of a scene and their reports; a recording that is cut off has a note."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1))
     for agent in AGENTS:
         simspec = made_campaign.made_simspec(0, agent)
@@ -323,19 +282,15 @@ def test_recordings_become_maps(tmp_path: Path) -> None:
         if agent == AGENTS[1]:
             path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     page, _ = page_of(folder)
-    labels = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label")]
-    assert len([label for label in labels if label.startswith("Map of ")]) == 2
+    assert len(page.figures("Map of ")) == 2
     assert set(json.loads(page.scripts["data-runs"])["maps"].values()) == {"map-1-box", "map-2-box"}
     assert page.text.count("The recording is truncated") == 1
     assert "Messages that could not be decoded: 1 on /vehicle_1/agent/reports" in page.text
     assert any("marked, against the rule" in row[3] for row in page.tables[""] if len(row) == 8)
 
 
-@pytest.mark.parametrize(
-    "name", ["manifest.json", "scores.parquet", "runs/p000-r0-reference-naive/result.json"]
-)
+@pytest.mark.parametrize("name", ["manifest.json", "scores.parquet", f"runs/p000-r0-{AGENTS[0]}/result.json"])
 def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
-    """The report names a damaged file and loses only its content."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1))
     (folder / name).write_bytes(b"{ damaged")
     page, _ = page_of(folder)
@@ -344,7 +299,6 @@ def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
 
 
 def test_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
-    """Without the decomposition, nodes have ids and no titles, and the report gives the reason."""
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
     (folder / "decomposition.json").unlink()
     page, _ = page_of(folder)
@@ -353,73 +307,49 @@ def test_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
 
 
 def test_page_size_is_bounded(campaign_folder: Path) -> None:
-    """A campaign of a dozen runs with six maps stays below half a megabyte."""
     data = load_report_data(campaign_folder)
-    charts = [
-        build_run_map(
-            run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
-        )
-        for run in data.runs[:6]
-    ]
+    charts = [made_map(data, run) for run in data.runs[:6]]
     assert len(render_report(data, charts).encode()) < 500_000
 
 
 def test_each_studied_node_has_its_sentences(campaign_folder: Path, page: Page) -> None:
-    """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives
-    the other mean.
-    """
+    """Competence, its bound and the remark on the curve are beside every figure; the flag gives the other mean."""
     data = load_report_data(campaign_folder)
-    section = (
-        page.text.split("Results for each key attribute under study", 1)[1]
-        .split("What was run", 1)[0]
-        .replace("\u00a0", " ")
-    )
-    for node in STUDY:
-        for agent in AGENTS:
-            tally = data.tally(agent, node)
-            assert tally is not None
-            half = tally.competence.get("50")
-            if half is None:
-                assert "No competence is given: " in section
-            else:
-                prefix = "at least " if half.at_least else ""
-                assert f"Competence 50: {prefix}{half.value:.1f}" in section or not half.value
-            if tally.raised:
-                assert f"exactly at its threshold, the score would be {tally.passed_score:.1f}." in section
-    assert any(
-        tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY
-    )
-    assert section.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(
-        AGENTS
-    )
+    section = page.text.split("Results for each key attribute under study", 1)[1]
+    section = section.split("What was run", 1)[0].replace("\u00a0", " ")
+    tallies = [data.tallies[agent, "all", node] for agent, node in product(AGENTS, STUDY)]
+    for tally in tallies:
+        half = tally.competence.get("50")
+        if half is None:
+            assert "No competence is given: " in section
+        else:
+            prefix = "at least " if half.at_least else ""
+            assert f"Competence 50: {prefix}{half.value:.1f}" in section or not half.value
+        if tally.raised:
+            assert f"exactly at its threshold, the score would be {tally.passed_score:.1f}." in section
+    assert any(tally.raised for tally in tallies)
+    assert section.count("No curve is drawn: fewer than ten runs considered the node.") == len(tallies)
 
 
 def test_principles_are_folded_branches(campaign_folder: Path, page: Page) -> None:
     """Closed at first, one for each principle and agent, with verdict and score in the summary line."""
-    branches = [attribute for attribute in page.attributes if attribute == ("details", "class", "branch")]
-    assert len(branches) == 2 * len(AGENTS)
-    assert ("details", "open", "") not in [
-        attribute for attribute in page.attributes if attribute[0] == "details" and attribute[2] == "branch"
-    ]
-    tally = load_report_data(campaign_folder).tally(AGENTS[0], "P-RELIABLE")
-    assert tally is not None
-    assert tally.score is not None
+    assert page.values("details", "class").count("branch") == 2 * len(AGENTS)
+    text = (campaign_folder / "report.html").read_text()
+    assert not re.search(r'<details(?=[^>]*class="branch")[^>]*\bopen\b', text)
+    tally = load_report_data(campaign_folder).tallies[AGENTS[0], "all", "P-RELIABLE"]
     low, high = clopper_pearson(tally.verdict_passed or 0, tally.verdict_considered or 0)
     passed = f"passed {tally.verdict_passed} of {tally.verdict_considered} runs ({100 * low:.0f} to {100 * high:.0f} %)"
-    assert f"{passed}; score {tally.score:.1f}{' †' if tally.raised else ''}" in page.text.replace(
-        "\u00a0", " "
-    )
+    score = f"score {tally.score:.1f}{' †' if tally.raised else ''}"
+    assert f"{passed}; {score}" in page.text.replace("\u00a0", " ")
 
 
 def test_the_page_to_sign_comes_first(campaign_folder: Path, page: Page) -> None:
-    """A sheet for each agent, before everything else, with the counts of the score table."""
     scores = pl.read_parquet(campaign_folder / "scores.parquet")
     tables = page.tables_by_class["verdicts"]
     assert len(tables) == len(AGENTS)
     for agent, (heads, *rows) in zip(AGENTS, tables, strict=True):
-        assert heads == [
-            "Principle", "Runs passed", "95 % interval", "Nine tenths pass up to difficulty", "Floor",
-        ]  # fmt: skip
+        assert heads[:3] == ["Principle", "Runs passed", "95 % interval"]
+        assert heads[3:] == ["Nine tenths pass up to difficulty", "Floor"]
         of_agent = scores.filter(agent=agent, level="principle").drop_nulls("verdict")
         assert len(rows) == of_agent["node"].n_unique()
         for row, node in zip(rows, of_agent["node"].unique(maintain_order=True), strict=True):
@@ -458,14 +388,8 @@ def test_a_table_of_verdicts_says_what_it_lacks(campaign_folder: Path) -> None:
 
 def test_map_lists_orders_outages_and_failures(campaign_folder: Path) -> None:
     """With times and answers; events after the end of the run are marked."""
-    data = load_report_data(campaign_folder)
-    run = data.runs[0]
-    simspec = data.simspecs[run.realization]
-    page = Page(
-        render_report(
-            data, [build_run_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]
-        )
-    )
+    data, reason = load_report_data(campaign_folder), "not near <people>"
+    page = Page(render_report(data, [made_map(data, reason=reason)]))
     rows = [row for row in page.tables[""] if len(row) == 5 and row[2] in ("order", "outage", "fault")]
     assert rows == [
         ["30.0", "–", "order", "hold, within 5 s", "delivered at 30.0 s; not answered"],
@@ -475,7 +399,7 @@ def test_map_lists_orders_outages_and_failures(campaign_folder: Path) -> None:
             "–",
             "order",
             "mark first, within 10 s",
-            "delivered at 50.0 s; refused at 52.0 s: not near <people>",
+            f"delivered at 50.0 s; refused at 52.0 s: {reason}",
         ],
         ["70.0", "75.0", "outage", "the detector is silent", "–"],
         ["100.0", "110.0", "fault", "fixes drift by 0.5 m/s towards 90°", "–"],
@@ -489,10 +413,9 @@ def test_events_are_read_from_recordings(tmp_path: Path) -> None:
     simspec = made_campaign.made_simspec(0, AGENTS[0])
     made_campaign.write_recording(tmp_path / "recording.mcap", simspec, made_campaign.made_tape(simspec))
     run = load_report_data(make_campaign(tmp_path / "c", Made(scenes=1))).runs[0]
-    recorded_events = build_run_map(
-        run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")
-    ).events
-    assert recorded_events == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
+    recording = tmp_path / "recording.mcap"
+    recorded = build_run_map(run, read_simspec(recording), read_tape(recording))
+    assert recorded.events == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
 
 
 def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
@@ -517,32 +440,27 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
     assert len(text.encode()) < 15_000_000
     shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 11}
     assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
-    labels = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label")]
-    assert len([label for label in labels if label.startswith("Pass rate of")]) == len(decomposition.study)
+    assert len(page.figures("Pass rate of")) == len(decomposition.study)
 
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_a_table_of_factors_without_a_row_is_a_sentence(rows: int) -> None:
-    """Its notes say why there is none; with a row it is a table."""
-    row = {
+    row: dict[str, Any] = {
         "factor": "fog",
         "confidence_share": 0.5,
         "confidence_p": 0.01,
-        "score_share": None,
-        "score_p": None,
         "odds": [],
-        "passes_p": None,
         "note": "",
     }
+    row |= dict.fromkeys(("score_share", "score_p", "passes_p"))
     table = {"node": "KA-18", "agent": "a", "runs": 12, "notes": ["No run passed."], "rows": [row] * rows}
-    matter = {
+    matter: dict[str, Any] = {
         "tables": [table],
         "significant_effects": [],
         "score_only_effects": [],
         "too_few": [],
-        "independence": None,
-        "note": "",
     }
+    matter |= {"independence": None, "note": ""}
     text = _environment().get_template("factors.html.j2").render(matter=matter, factors_figure="")
     assert ("<table" in text) == bool(rows)
     assert ("A dash: " in text) == bool(rows)
@@ -553,10 +471,8 @@ def test_words_about_a_table_do_not_scroll_with_it(campaign_folder: Path) -> Non
     """A caption is as wide as its table: a long one inside the scrolling box was cut at 1000 px."""
     text = page_of(campaign_folder)[1]
     assert max(map(len, re.findall(r"<caption>(.*?)</caption>", text, re.DOTALL)), default=0) < 120
+    source = (Path(__file__).parents[2] / "bench/reporting/templates/report.html.j2").read_text()
     for table in ("headline", "sensor"):
-        source = (
-            Path(made_campaign.__file__).parents[2] / "bench/reporting/templates/report.html.j2"
-        ).read_text()
         assert re.search(rf'<p [^>]*id="{table}-words">[^<]{{120,}}</p>\n<div class="scroll"><table ', source)
     assert '<table id="headline" aria-describedby="headline-words">' in text
 
@@ -570,9 +486,7 @@ def test_one_run_is_no_runs(campaign_folder: Path, count: int) -> None:
     assert ("1 run: agent " in text) == (count == 1)
 
 
-def test_the_runs_are_listed_once(
-    campaign_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_are_listed_once(campaign_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Page and companions are made of one table: of a large campaign it takes seconds."""
     listed = Mock(side_effect=runs_table)
     monkeypatch.setattr(_page, "runs_table", listed)

@@ -22,7 +22,6 @@ from bench.camera import decode_jpeg
 from bench.cli._app import run
 from bench.contracts import (
     TF,
-    TRUTH_ODOMETRY,
     TRUTH_PICTURES,
     CameraFrame,
     Detection,
@@ -37,51 +36,22 @@ from bench.contracts import (
 )
 from bench.errors import SetupError
 from bench.recording import open_recording, read_records, read_tape
-from bench.reporting._campaign_data import ReportData, Run
-from bench.reporting._campaign_folder import load_report_data
-from bench.reporting._page import render_report
+from bench.reporting import ReportData, load_report_data, render_report
+from bench.reporting._campaign_data import Run
 from bench.reporting.pictures._boxed_frames import CAPTION_PX, COLOURS, GAP_PX, _at, _drawn, boxed_frames
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, RECORDED, frame_pixels
 from bench.reporting.pictures._recorded_state import RecordedStates
-from bench.reporting.pictures._verdicts import JudgedBox, JudgedFrame, Verdict, judge, worst_frame
+from bench.reporting.pictures._verdicts import JudgedBox, Verdict, judge, worst_frame
 from bench.reporting.pictures._worst_pictures import MAX_PICTURES, WorstPicture, worst_pictures
-from bench.simspec import (
-    ActorGroup,
-    Environment,
-    Outage,
-    Perception,
-    PlacedActor,
-    Point,
-    Polygon,
-    Realized,
-    Role,
-    SimSpec,
-    VehicleSpec,
-    World,
-)
-from bench.simulation import PinholeCamera, SessionPlan, run_session
-from bench.simulation._frames import body_in_map, velocity_in_body
-from bench.streams import (
-    Header,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Quaternion,
-    String,
-    TFMessage,
-    Time,
-    Transform,
-    TransformStamped,
-    Twist,
-    TwistWithCovariance,
-    Vector3,
-    decode,
-    encode,
-)
-from bench.streams import Point as RosPoint
+from bench.simspec import Outage, Perception, SimSpec
+from bench.simulation import SessionPlan, run_session
+from bench.simulation._camera_messages import CameraMessages
+from bench.simulation._truth import TruthRecorder
+from bench.streams import String, TFMessage, decode, encode
 from bench.testing import agent_manifest
 
 Box = tuple[float, float, float, float]
+Recordings = dict[str, tuple[SimSpec, Path]]
 LEFT: Box = (0.0, 0.0, 20.0, 40.0)
 RIGHT: Box = (100.0, 0.0, 120.0, 40.0)
 FAR: Box = (200.0, 0.0, 210.0, 10.0)
@@ -89,10 +59,8 @@ FAR: Box = (200.0, 0.0, 210.0, 10.0)
 
 def frame_of(*sightings: tuple[int, Box, float, float], number: int = 0) -> CameraFrame:
     """Actor, box, height and visible share of each."""
-    rows = tuple(
-        Sighting(actor, 60.0, height_px, visible, box) for actor, box, height_px, visible in sightings
-    )
-    return CameraFrame(number, "front", at_s(0.2 * number), rows)
+    rows = [Sighting(actor, 60.0, height_px, visible, box) for actor, box, height_px, visible in sightings]
+    return CameraFrame(number, "front", at_s(0.2 * number), tuple(rows))
 
 
 def answer(number: int, *detections: Detection) -> DetectionFrame:
@@ -105,14 +73,7 @@ def answer(number: int, *detections: Detection) -> DetectionFrame:
         ((), [Verdict.MISSED, Verdict.MISSED, Verdict.UNCLEAR, Verdict.UNCLEAR]),
         (
             (Detection("civilian", 0.9, LEFT), Detection("mobile_radar", 0.9, RIGHT)),
-            [
-                Verdict.TRUTH,
-                Verdict.TRUTH,
-                Verdict.UNCLEAR,
-                Verdict.UNCLEAR,
-                Verdict.HIT,
-                Verdict.MISLABELLED,
-            ],
+            [*[Verdict.TRUTH] * 2, *[Verdict.UNCLEAR] * 2, Verdict.HIT, Verdict.MISLABELLED],
         ),
         (
             # Too unsure to count; beside everything; on what need not be seen.
@@ -125,9 +86,7 @@ def answer(number: int, *detections: Detection) -> DetectionFrame:
         ),
     ],
 )
-def test_boxes_are_judged_as_the_measures_do(
-    detections: Sequence[Detection], expected: Sequence[Verdict]
-) -> None:
+def test_boxes_are_judged_as_measured(detections: Sequence[Detection], expected: Sequence[Verdict]) -> None:
     cast = made_run.cast(made_run.simspec())
     people = [index for index, member in enumerate(cast) if member.class_label == "civilian"]
     frame = frame_of(
@@ -143,9 +102,8 @@ def test_boxes_are_judged_as_the_measures_do(
 
 
 def test_the_worst_frame_has_the_most_errors_outside_outages() -> None:
-    spec = made_run.simspec().model_copy(
-        update={"outages": (Outage(kind="detections_degraded", at_s=0.6, duration_s=0.2, lost_share=0.5),)}
-    )
+    outage = Outage(kind="detections_degraded", at_s=0.6, duration_s=0.2, lost_share=0.5)
+    spec = made_run.simspec().model_copy(update={"outages": (outage,)})
     people = [i for i, member in enumerate(made_run.cast(spec)) if member.class_label == "civilian"]
     people_sightings = [(people[0], LEFT, 40.0, 1.0), (people[1], RIGHT, 40.0, 1.0)]
     hit, missing = Detection("civilian", 0.9, LEFT), Detection("crate", 0.9, (50.0, 50.0, 60.0, 60.0))
@@ -175,12 +133,13 @@ def test_states_come_back_from_their_records() -> None:
     camera = spec.vehicle.camera.model_copy(update={"gimbal": True})
     spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"camera": camera})})
     random = np.random.default_rng(5)
-    mount = PinholeCamera.of(camera)
     states = [_random_state(random, at_s(0.1 * step)) for step in range(30)]
-    recorded = RecordedStates(spec, spec.vehicle.camera)
+    recorded = RecordedStates(spec, camera)
+    truth, messages = TruthRecorder(spec.vehicle.name, recorded.take), CameraMessages.of(spec, camera)
     for state in states:
-        recorded.take(_odometry_record(state))
-        recorded.take(_mount_record(mount, state, f"vehicle_1/camera_{camera.name}_optical"))
+        truth._odometry(state.time, state)
+        mount = encode(TFMessage((messages.mount(state.time, state),)))
+        recorded.take(Record(state.time, TF, TFMessage.TYPE, mount))
     for state in states:
         recovered = recorded.at(state.time)
         assert recovered is not None
@@ -195,48 +154,14 @@ def test_states_come_back_from_their_records() -> None:
 def _random_state(random: np.random.Generator, time: SimTime) -> VehicleState:
     place, velocity, rates = random.normal(0.0, 20.0, (3, 3)).tolist()
     roll, pitch = random.uniform(-0.6, 0.6, 2).tolist()
-    return VehicleState(
-        time,
-        tuple(place),
-        tuple(velocity),
-        roll,
-        pitch,
-        float(random.uniform(-1.5, 4.5)),
-        tuple(rates),
-        float(random.uniform(-2.0, 2.0)),
-        float(random.uniform(0.0, 1.5)),
-    )
+    yaw, pan, tilt = random.uniform((-1.5, -2.0, 0.0), (4.5, 2.0, 1.5)).tolist()
+    return VehicleState(time, tuple(place), tuple(velocity), roll, pitch, yaw, tuple(rates), pan, tilt)
 
 
 def _numbers(state: VehicleState) -> list[float]:
     angles = (state.roll_rad, state.pitch_rad, state.camera_pan_rad or 0.0, state.camera_tilt_rad or 0.0)
     turned = (float(np.cos(state.yaw_rad)), float(np.sin(state.yaw_rad)))
     return [*state.position_enu_m, *state.velocity_enu_mps, *angles, *turned, *state.rates_body_radps]
-
-
-def _odometry_record(state: VehicleState) -> Record:
-    ahead, left, up = velocity_in_body(state)
-    roll, pitch, yaw = state.rates_body_radps
-    message = Odometry(
-        Header(Time.of(state.time.ns), "map"),
-        "vehicle_1/base_link",
-        PoseWithCovariance(
-            Pose(RosPoint(*state.position_enu_m), body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
-        ),
-        TwistWithCovariance(Twist(Vector3(ahead, left, up), Vector3(roll, -pitch, -yaw))),
-    )
-    return Record(state.time, TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
-
-
-def _mount_record(mount: PinholeCamera, state: VehicleState, frame: str) -> Record:
-    assert state.camera_pan_rad is not None
-    rotation = mount.mount_quaternion(state.camera_pan_rad, state.camera_tilt_rad)
-    transform = TransformStamped(
-        Header(Time.of(state.time.ns), "vehicle_1/base_link"),
-        frame,
-        Transform(Vector3(), Quaternion(*rotation)),
-    )
-    return Record(state.time, TF, TFMessage.TYPE, encode(TFMessage((transform,))))
 
 
 @dataclass(frozen=True)
@@ -249,61 +174,43 @@ class CrateDetector:
         return [Detection("crate", 0.8, self.box)]
 
 
-SQUARE = Polygon(
-    corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)))
-)
-
-
-def watched(*, gimbal: bool = False, **camera: object) -> SimSpec:
+def watched(**camera: object) -> SimSpec:
     """Two people below a vehicle that turns in the wind; frames may freeze."""
-    people = (("man", 29.0, 31.0), ("woman", 31.0, 29.0))
-    return SimSpec(
-        name="watched",
-        world=World(area=SQUARE),
-        environment=Environment(rain_level=3.0),
-        perception=Perception(source="detector", detector="crates", begin_detections=1),
-        vehicle=VehicleSpec.model_validate(
-            {
+    people = (("man", {"east_m": 29.0, "north_m": 31.0}), ("woman", {"east_m": 31.0, "north_m": 29.0}))
+    placed = [{"id": f"{name}-1", "group": name, "heading_deg": 40.0, **at} for name, at in people]
+    corners = [{"east_m": x, "north_m": y} for x, y in ((0, 0), (60, 0), (60, 60), (0, 60))]
+    return SimSpec.model_validate(
+        {
+            "name": "watched",
+            "world": {"area": {"corners": corners}},
+            "environment": {"rain_level": 3.0},
+            "perception": {"source": "detector", "detector": "crates", "begin_detections": 1},
+            "vehicle": {
                 "model": "still",
                 "home": {"east_m": 30.0, "north_m": 30.0, "heading_deg": 20.0},
                 "parameters": {"STILL_UP_M": 14.0, "STILL_TURN_DEGPS": 30.0, "STILL_PAN_DEG": 15.0},
-                "camera": {"tilt_deg": 80.0, "gimbal": gimbal, **camera},
-            }
-        ),
-        mission={"time_limit_s": 1.6},
-        actors=tuple(
-            ActorGroup(id=asset, asset=asset, role=Role.BYSTANDER, count=1) for asset, _, _ in people
-        ),
-        realized=Realized(
-            actors=tuple(
-                PlacedActor(id=f"{asset}-1", group=asset, east_m=east, north_m=north, heading_deg=40.0)
-                for asset, east, north in people
-            )
-        ),
+                "camera": {"tilt_deg": 80.0, **camera},
+            },
+            "mission": {"time_limit_s": 1.6},
+            "actors": [{"id": name, "asset": name, "role": "bystander", "count": 1} for name, _ in people],
+            "realized": {"actors": placed},
+        }
     )
 
 
 def flown(folder: Path, spec: SimSpec) -> Path:
     folder.mkdir()
     path = folder / "recording.mcap"
+    detector, agent = CrateDetector((5.0, 5.0, 45.0, 35.0)), agent_manifest("idle")
     with open_recording(path, simspec=spec, versions={}) as recording:
-        end = run_session(
-            SessionPlan(
-                spec,
-                agent_manifest("idle"),
-                folder,
-                open_agent,
-                folder / "scratch",
-                recording,
-                open_on_pixels=lambda _: CrateDetector((5.0, 5.0, 45.0, 35.0)),
-            )
-        )
+        plan = SessionPlan(spec, agent, folder, open_agent, folder / "scratch", recording)
+        end = run_session(replace(plan, open_on_pixels=lambda _: detector))
     assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
     return path
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[SimSpec, Path]]:
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
     """Frames that were not recorded, of a camera that freezes and of one on a gimbal; and frames that were."""
     root = tmp_path_factory.mktemp("pictures")
     specs = {
@@ -325,7 +232,7 @@ def pictures_of(recording: Path) -> list[tuple[SimTime, PictureDocument]]:
 
 
 @pytest.mark.parametrize("name", ["frozen", "gimbal"])
-def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec, Path]], name: str) -> None:
+def test_frames_are_drawn_again_to_the_pixel(recordings: Recordings, name: str) -> None:
     """By the recorded digest: also frozen ones, which show the picture of an older frame."""
     spec, recording = recordings[name]
     pictures = pictures_of(recording)
@@ -339,13 +246,12 @@ def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec
         assert pixels.origin == DRAWN_AGAIN
 
 
-def test_recorded_frames_are_taken_as_they_are(recordings: dict[str, tuple[SimSpec, Path]]) -> None:
+def test_recorded_frames_are_taken_as_they_are(recordings: Recordings) -> None:
     spec, recording = recordings["kept"]
     exposed, picture = pictures_of(recording)[2]
     pixels = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame, exposed)
-    other = frame_pixels(
-        recording, spec, spec.vehicle.camera, picture.frame + 1, pictures_of(recording)[3][0]
-    )
+    later = pictures_of(recording)[3][0]
+    other = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame + 1, later)
     assert pixels is not None
     assert other is not None
     assert (pixels.origin, pixels.bgr.shape) == (RECORDED, (400, 1200, 3))
@@ -353,7 +259,7 @@ def test_recorded_frames_are_taken_as_they_are(recordings: dict[str, tuple[SimSp
     assert float(np.abs(pixels.bgr.astype(float) - other.bgr).mean()) > 3.0
 
 
-def made_data(folder: Path, recordings: dict[str, tuple[SimSpec, Path]], copies: int = 1) -> ReportData:
+def made_data(folder: Path, recordings: Recordings, copies: int = 1) -> ReportData:
     """A campaign's data whose runs are these, each `copies` times."""
     data = load_report_data(make_campaign(folder, Made(scenes=1)))
     runs = [
@@ -367,7 +273,7 @@ def made_data(folder: Path, recordings: dict[str, tuple[SimSpec, Path]], copies:
 
 @pytest.fixture(scope="module")
 def shown(
-    tmp_path_factory: pytest.TempPathFactory, recordings: dict[str, tuple[SimSpec, Path]]
+    tmp_path_factory: pytest.TempPathFactory, recordings: Recordings
 ) -> tuple[ReportData, list[WorstPicture]]:
     data = made_data(tmp_path_factory.mktemp("shown") / "c", recordings)
     pictures, notes = worst_pictures(data)
@@ -388,51 +294,37 @@ def test_the_page_shows_the_picture_with_its_boxes(shown: tuple[ReportData, list
         assert jpeg is not None
         width_px = (picture.run.design_point == "kept" and 960) or picture.width_px
         assert jpeg.shape[:2] == (round(picture.height_px * width_px / picture.width_px), width_px)
-        assert picture.summary == "2 missed and 1 false"
-        assert "<title>false: crate 0.80</title>" in page
-        assert len(picture.labels) == 3
+        assert (picture.summary, len(picture.labels)) == ("2 missed and 1 false", 3)
+    assert "<title>false: crate 0.80</title>" in page
     assert page.count("<title>missed: man-1 (civilian)") == 3
     # 1.5 MB are the library for the figures.
     assert len(page) < 3e6
 
 
-def test_few_runs_are_shown_and_a_damaged_recording_is_named(
-    tmp_path: Path, recordings: dict[str, tuple[SimSpec, Path]]
-) -> None:
+def test_few_runs_are_shown_and_a_damaged_recording_is_named(tmp_path: Path, recordings: Recordings) -> None:
     """At most four pictures, of the runs with the lowest shares; runs without pictures have none."""
     small = {"gimbal": recordings["gimbal"]}
     data = made_data(tmp_path / "c", small, copies=MAX_PICTURES + 2)
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(b"no recording")
     runs = (replace(data.runs[0], recording=damaged), *data.runs[1:])
-    scores = data.scores.clear().select(pl.all())
+    failed = {"node": "OBS-9", "standing": "configured sensor", "considered": 1, "achieved": 0}
     rows = [
-        {
-            "realization": run.realization,
-            "agent": run.agent,
-            "node": "OBS-9",
-            "standing": "configured sensor",
-            "considered": 1,
-            "achieved": 0,
-            "x": 0.1 * place,
-        }
+        failed | {"realization": run.realization, "agent": run.agent, "x": 0.1 * place}
         for place, run in enumerate(runs)
     ]
-    scores = pl.concat([scores, pl.DataFrame(rows)], how="diagonal_relaxed")
+    scores = pl.concat([data.scores.clear(), pl.DataFrame(rows)], how="diagonal_relaxed")
     simulated = watched().model_copy(update={"perception": Perception()})
     specs = {**data.simspecs, runs[2].realization: simulated}
     pictures, notes = worst_pictures(replace(data, runs=runs, scores=scores, simspecs=specs))
-    assert [picture.run.realization for picture in pictures] == [
-        runs[place].realization for place in (1, 3, 4, 5)
-    ]
+    wanted = [runs[place].realization for place in (1, 3, 4, 5)]
+    assert [picture.run.realization for picture in pictures] == wanted
     assert pictures[0].failed == "OBS-9"
     assert len(notes) == 1
     assert notes[0].startswith(f"No picture of {runs[0].realization}: ")
 
 
-def test_frames_of_two_runs_stand_in_rows_with_their_boxes(
-    recordings: dict[str, tuple[SimSpec, Path]], tmp_path: Path
-) -> None:
+def test_frames_of_two_runs_stand_in_rows_with_their_boxes(recordings: Recordings, tmp_path: Path) -> None:
     """The pixels are those of the frame; the crate that is nowhere is drawn in its colour, and on top stands what is what."""
     files = [recordings[name][1] for name in ("gimbal", "kept")]
     sheet = boxed_frames(files, (0.6, 1.2))
@@ -448,9 +340,8 @@ def test_frames_of_two_runs_stand_in_rows_with_their_boxes(
         # Words of another box may stand on a part of it.
         assert (shown[5:36, 5] == COLOURS[Verdict.FALSE]).all(axis=1).mean() > 0.5
         # Below the crate, where people and their labels are not.
-        assert (
-            shown[60 : height_px // 3, : width_px // 3] == pixels.bgr[60 : height_px // 3, : width_px // 3]
-        ).all()
+        corner = slice(60, height_px // 3), slice(width_px // 3)
+        assert (shown[corner] == pixels.bgr[corner]).all()
     # Without a time the frame with the most errors.
     assert boxed_frames(files[:1]).shape == (300 + CAPTION_PX, 400, 3)
     out = tmp_path / "new" / "frames.png"
@@ -461,9 +352,7 @@ def test_frames_of_two_runs_stand_in_rows_with_their_boxes(
         boxed_frames(files, (0.6, -1.0))
 
 
-def test_a_label_stays_in_the_frame(
-    recordings: dict[str, tuple[SimSpec, Path]],
-) -> None:
+def test_a_label_stays_in_the_frame(recordings: Recordings) -> None:
     """Of a box that leaves the frame it is as large as of any other; and its outline is no wider than its letters."""
     spec, recording = recordings["gimbal"]
     frame = _at(spec, read_tape(recording, spec), 0.6)
@@ -471,16 +360,9 @@ def test_a_label_stays_in_the_frame(
     width_px, height_px = spec.vehicle.camera.width_px, spec.vehicle.camera.height_px
     label = "mobile_radar 0.84"
 
-    def ink(box: tuple[float, float, float, float]) -> Bools:
-        drawn, bare = (
-            _drawn(
-                recording,
-                spec,
-                JudgedFrame(frame.camera, frame.number, frame.exposed, (JudgedBox(box, Verdict.HIT, text),)),
-                "",
-            )[CAPTION_PX:]
-            for text in (label, "")
-        )
+    def ink(box: Box) -> Bools:
+        frames = (replace(frame, boxes=(JudgedBox(box, Verdict.HIT, text),)) for text in (label, ""))
+        drawn, bare = (_drawn(recording, spec, judged, "")[CAPTION_PX:] for judged in frames)
         changed: Bools = (drawn != bare).any(axis=2)
         return changed
 
@@ -489,17 +371,12 @@ def test_a_label_stays_in_the_frame(
     columns = np.flatnonzero(inside.any(axis=0))
     assert columns.min() >= 148
     assert columns.max() <= 150 + text_width_px + 1
-    for box in (
-        (-40.0, 100.0, 20.0, 150.0),
-        (width_px - 5.0, 100.0, width_px + 30.0, 150.0),
-        (100.0, -20.0, 150.0, height_px + 9.0),
-    ):
+    left, right = (-40.0, 100.0, 20.0, 150.0), (width_px - 5.0, 100.0, width_px + 30.0, 150.0)
+    for box in (left, right, (100.0, -20.0, 150.0, height_px + 9.0)):
         assert ink(box).sum() > 0.8 * inside.sum() > 40
 
 
-def test_an_agent_that_looks_for_itself_is_told_no_errors(
-    recordings: dict[str, tuple[SimSpec, Path]],
-) -> None:
+def test_an_agent_that_looks_for_itself_is_told_no_errors(recordings: Recordings) -> None:
     spec, recording = recordings["gimbal"]
     own = spec.model_copy(update={"perception": Perception(source="agent")})
     frame = _at(own, read_tape(recording, spec), 1.2)

@@ -11,7 +11,7 @@ from made_campaign import AGENTS, OBSERVABLES, Made, make_campaign
 from test_reporting_page import Page, page_of
 
 from bench.reporting import load_report_data
-from bench.reporting.statistics._sensor import detector_sentences, only_about_sensor, sensor_observables
+from bench.reporting.statistics._sensor import detector_sentences, only_about_sensor
 from bench.scoring import Standing
 from bench.simspec import DetectionModel, Perception
 
@@ -25,11 +25,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "scores.parquet"
     mixed = (pl.col("node") == ABOUT_SENSOR[1]) & (pl.col("design_point") == "p004")
     about_sensor = pl.col("node").is_in(ABOUT_SENSOR) & ~mixed
-    pl.read_parquet(path).with_columns(
-        standing=pl.when(about_sensor)
-        .then(pl.lit(str(Standing.CONFIGURED_SENSOR)))
-        .otherwise(pl.col("standing"))
-    ).write_parquet(path)
+    sensor = pl.when(about_sensor).then(pl.lit(str(Standing.CONFIGURED_SENSOR)))
+    scores = pl.read_parquet(path)
+    scores.with_columns(standing=sensor.otherwise(pl.col("standing"))).write_parquet(path)
     return folder
 
 
@@ -66,12 +64,6 @@ def test_tree_of_an_agent_leaves_the_sensor_out(page: Page) -> None:
     assert "sensor" in page.ids
 
 
-def test_only_whole_observables_are_left_to_the_sensor(folder: Path) -> None:
-    data = load_report_data(folder)
-    assert only_about_sensor(data.scores) == {(agent, ABOUT_SENSOR[0]) for agent in AGENTS}
-    assert [row.node.id for row in sensor_observables(data)] == list(ABOUT_SENSOR)
-
-
 def test_campaign_without_such_observables_says_so(tmp_path: Path) -> None:
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=1)))
     assert "No observable of this decomposition measures the detector of the bench." in page.text
@@ -79,14 +71,12 @@ def test_campaign_without_such_observables_says_so(tmp_path: Path) -> None:
 
 
 def test_subject_in_the_document_makes_the_section(tmp_path: Path) -> None:
-    """From the decomposition on, not from a table that was written by hand."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1, about_sensor=ABOUT_SENSOR))
     document = json.loads((folder / "decomposition.json").read_text())
     subjects = {row["id"]: row.get("subject") for row in document["observables"]}
     assert [name for name, subject in subjects.items() if subject == "perception"] == list(ABOUT_SENSOR)
-    assert only_about_sensor(load_report_data(folder).scores) == {
-        (agent, name) for agent in AGENTS for name in ABOUT_SENSOR
-    }
+    scores = load_report_data(folder).scores
+    assert only_about_sensor(scores) == {(agent, name) for agent in AGENTS for name in ABOUT_SENSOR}
 
 
 def test_detectors_are_described_once_each() -> None:

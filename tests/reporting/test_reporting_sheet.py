@@ -14,7 +14,7 @@ from typing import Any
 
 import polars as pl
 import pytest
-from made_campaign import AGENTS, Made, make_campaign
+from made_campaign import AGENTS, PRINCIPLES, Made, make_campaign
 from test_reporting_page import page_of
 
 from bench.campaign.storage._folder import MADE_FROM_RESULTS
@@ -28,6 +28,7 @@ from bench.reporting import (
     render_report,
     requirements_table,
     runs_table,
+    write_report,
 )
 from bench.scoring import NodeFloor
 
@@ -44,16 +45,10 @@ def sheet_texts(page: str) -> list[str]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Everything that weakens an answer: a lost run, an agent that saw the truth, one that flew free, a crash."""
-    facts: dict[str, dict[str, Any]] = {
-        CAUGHT: {
-            "saw_the_truth": {"texts": ["a honeypot"]},
-            "confinement": {"isolation": "none", "network": "host"},
-            "truth": {"agent": AGENTS[0]},
-        },
-        "p001-r0-reference-naive": {
-            "confinement": {"isolation": "landlock", "network": "own", "open_walls": ["tcp"]}
-        },
-    }
+    boxed = {"isolation": "landlock", "network": "own", "open_walls": ["tcp"]}
+    free = {"isolation": "none", "network": "host"}
+    saw: dict[str, Any] = {"saw_the_truth": {"texts": ["a honeypot"]}, "truth": {"agent": AGENTS[0]}}
+    facts = {CAUGHT: saw | {"confinement": free}, "p001-r0-reference-naive": {"confinement": boxed}}
     endings = {
         "p002-r0-reference-naive": (Outcome.WORKER_LOST, "killed"),
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, HOSTILE),
@@ -73,15 +68,10 @@ def test_the_page_to_sign_has_at_most_250_words(folder: Path) -> None:
         for key, tally in data.tallies.items()
     }
     flat = {"level": "observable", "floor": 0.9, "floor_agents": ("null-idle",), "ceiling": 1.0, "scenes": 5}
-    floors = {
-        name: NodeFloor(id=name, **flat) for name, node in data.nodes.items() if node.level == "observable"
-    }
-    worst = replace(
-        data,
-        tallies=unseen,
-        floors=floors,
-        scores=data.scores.with_columns(until_settled=True),
-    )
+    observables = [name for name, node in data.nodes.items() if node.level == "observable"]
+    floors = {name: NodeFloor(id=name, **flat) for name in observables}
+    scores = data.scores.with_columns(until_settled=True)
+    worst = replace(data, tallies=unseen, floors=floors, scores=scores)
     # Surrogates replaced the sessions, so nothing was confined, lost or given to an agent.
     surrogates = tuple(replace(run, facts={}, outcome=Outcome.COMPLETED) for run in data.runs)
     overhead = replace(worst, runs=surrogates, campaign={**data.campaign, "fidelity": "overhead"}, notes=())
@@ -96,16 +86,19 @@ def test_the_page_to_sign_has_at_most_250_words(folder: Path) -> None:
 def test_who_reads_it_alone_knows_what_weakens_it(folder: Path) -> None:
     """Lost runs, the truth, missing walls, remarks elsewhere, what was not considered, the digest, the signature."""
     naive, aware = sheet_texts(page_of(folder)[1])
-    assert "INCOMPLETE: 1 of 12 runs are missing (1 worker lost)" in naive
-    assert "It saw the truth in 1 run." in naive
-    assert "It was given the truth: this is no agent’s result." in naive
-    assert "5 runs count of 6, on 5 scenes" in naive
-    assert "NOT CONFINED in 1 run; not recorded in 3 runs; landlock, 1 wall open in 1 run" in naive
-    assert "2 remarks: see the appendix." in naive
-    assert "ab" * 32 in naive
-    assert "None when this was written" in naive
-    assert "What an agent without merit would reach." in naive
-    assert "of rebar-bench 0.1.0" in naive
+    for words in (
+        "INCOMPLETE: 1 of 12 runs are missing (1 worker lost)",
+        "It saw the truth in 1 run.",
+        "It was given the truth: this is no agent’s result.",
+        "5 runs count of 6, on 5 scenes",
+        "NOT CONFINED in 1 run; not recorded in 3 runs; landlock, 1 wall open in 1 run",
+        "2 remarks: see the appendix.",
+        "ab" * 32,
+        "None when this was written",
+        "What an agent without merit would reach.",
+        "of rebar-bench 0.1.0",
+    ):
+        assert words in naive
     assert naive.endswith("Name Date Signature")
     assert "saw the truth" not in aware
     assert "NOT CONFINED" not in aware
@@ -132,32 +125,26 @@ def test_files_beside_the_report_hold_its_numbers(folder: Path) -> None:
         assert row["passed.low"] == pytest.approx(tally.passes.low)
     runs = pl.read_csv(folder / "runs.csv", infer_schema_length=None)
     assert runs.height == 12
-    assert runs.filter(run="p003-r0-reference-naive")["reason"].to_list() == [
-        next(run.reason for run in data.runs if run.outcome is Outcome.AGENT_CRASHED)
-    ]
+    reasons = [run.reason for run in data.runs if run.outcome is Outcome.AGENT_CRASHED]
+    assert runs.filter(run="p003-r0-reference-naive")["reason"].to_list() == reasons
     assert runs["run"][0] == CAUGHT
-    verdicts = data.scores.filter(node="P-RESPONSIBLE").select("realization", "verdict").iter_rows()
-    shown = dict(runs.select("run", "P-RESPONSIBLE.passed").iter_rows())
-    assert {name: verdict for name, verdict in verdicts if verdict is not None} == {
-        name: passed for name, passed in shown.items() if passed is not None
-    }
+    verdicts = data.scores.filter(node="P-RESPONSIBLE").select("realization", "verdict").drop_nulls()
+    shown = runs.select("run", "P-RESPONSIBLE.passed").drop_nulls()
+    assert dict(shown.iter_rows()) == dict(verdicts.iter_rows())
     suites = ElementTree.parse(folder / "junit.xml").getroot()
     assert [suite.get("tests") for suite in suites] == ["6", "6"]
     assert suites[0].get("errors") == "1"
-    for suite in suites:
-        for case in suite:
-            verdicts_of = (
-                runs.filter(run=case.get("name")).select("P-RESPONSIBLE.passed", "P-RELIABLE.passed").row(0)
-            )
-            assert (case.find("failure") is not None) == (False in verdicts_of)
+    for case in (case for suite in suites for case in suite):
+        (passed,) = (
+            runs.filter(run=case.get("name")).select(*(f"{name}.passed" for name in PRINCIPLES)).rows()
+        )
+        assert (case.find("failure") is not None) == (False in passed)
     card = (folder / "card.md").read_text()
     assert "It saw the truth in 1 run." in card
     assert card.count("| Is responsible |") == len(AGENTS)
 
 
 def test_a_page_elsewhere_writes_nothing_beside_it(folder: Path, tmp_path: Path) -> None:
-    from bench.reporting import write_report
-
     write_report(folder, tmp_path / "page.html")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
@@ -194,11 +181,8 @@ def test_a_condition_chooses_what_python_would(table: pl.DataFrame, condition: s
 
 def test_empty_cells_meet_no_comparison() -> None:
     frame = pl.DataFrame({"x": [1.0, None]})
-    counts = {
-        text: len(matching(frame, text, "-"))
-        for text in ("x > 0", "not x > 0", "x != 1", "x == none", "x != none")
-    }
-    assert counts == {"x > 0": 1, "not x > 0": 0, "x != 1": 0, "x == none": 1, "x != none": 1}
+    counts = {"x > 0": 1, "not x > 0": 0, "x != 1": 0, "x == none": 1, "x != none": 1}
+    assert {text: len(matching(frame, text, "-")) for text in counts} == counts
 
 
 @pytest.mark.parametrize(
@@ -218,7 +202,7 @@ def test_empty_cells_meet_no_comparison() -> None:
         ("__import__('os').system('x') == 1", "cannot be read from"),
         ("(" * 41 + "fog > 3" + ")" * 41, "is nested deeper than 40"),
         ("not " * 41 + "fog > 3", "is nested deeper than 40"),
-        ("(" * 20_000, "is nested deeper than 40"),
+        ("(" * 20_000, "is nested deeper than 40 (leave out brackets)"),
     ],
 )
 def test_a_condition_that_cannot_be_read_says_why(table: pl.DataFrame, condition: str, words: str) -> None:
@@ -233,7 +217,8 @@ def test_nesting_and_length_have_a_bound_that_no_person_meets(table: pl.DataFram
     """Forty levels, brackets side by side, and a long row of alternatives are read."""
     fog = len(matching(table, "fog > 1", "--where"))
     deepest = "(" * 20 + "not not " * 10 + "fog > 1" + ")" * 20
-    for condition in (deepest, " and ".join(["(fog > 1)"] * 60), " or ".join(["fog > 1"] * 2000)):
+    # Two thousand comparisons in one expression took minutes.
+    for condition in (deepest, *(word.join(["(fog > 1)"] * 3000) for word in (" and ", " or "))):
         assert len(matching(table, condition, "--where")) == fog > 0
 
 

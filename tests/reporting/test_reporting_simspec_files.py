@@ -54,13 +54,10 @@ def test_files_of_one_situation_are_read_once(tmp_path: Path) -> None:
     paths: dict[str, Path] = {}
     for number in range(8):
         base = simspec()
-        spec = base.model_copy(
-            update={
-                "name": f"scene-{number}",
-                "seeds": base.seeds.model_copy(update={"root": number}),
-                "environment": base.environment.model_copy(update={"fog_level": float(number // 2)}),
-            }
-        )
+        seeds = base.seeds.model_copy(update={"root": number})
+        weather = base.environment.model_copy(update={"fog_level": float(number // 2)})
+        changes = {"name": f"scene-{number}", "seeds": seeds, "environment": weather}
+        spec = base.model_copy(update=changes)
         paths[f"p{number:03d}"] = tmp_path / f"{number}.json"
         paths[f"p{number:03d}"].write_text(spec.model_dump_json())
     files = SimSpecFiles(paths, kept=3)
@@ -70,9 +67,8 @@ def test_files_of_one_situation_are_read_once(tmp_path: Path) -> None:
     files = files.of(list(paths)[:7])
     # The fourth situation is not kept, so the file is read again.
     situations = dict(situations_of(files))
-    assert {name: spec.environment.fog_level for name, spec in situations.items()} == {
-        name: fogs[name] for name in list(paths)[:7]
-    }
+    read = {name: spec.environment.fog_level for name, spec in situations.items()}
+    assert read == {name: fogs[name] for name in list(paths)[:7]}
     assert situations["p000"] is situations["p001"]
     assert situations["p000"] is not situations["p002"]
     assert dict(situations_of({"a": simspec()})) == {"a": simspec()}
@@ -96,6 +92,5 @@ def test_every_part_of_a_situation_tells_it_apart(tmp_path: Path, part: str, val
     for name, spec in specs.items():
         (tmp_path / name).write_text(spec.model_dump_json())
     files = SimSpecFiles({name: tmp_path / name for name in specs})
-    assert (
-        [files[name] for name in specs] == [files.situation(name) for name in specs] == list(specs.values())
-    )
+    for name, spec in specs.items():
+        assert files[name] == files.situation(name) == spec

@@ -36,17 +36,13 @@ def test_a_constant_has_no_skill_and_knowledge_has() -> None:
     rows = statement_reports(
         (agent, (f"p{number:03}", 1), told(agent, number)) for agent in AGENTS for number in range(SCENES)
     )
-    assert [(row.agent, row.of) for row in rows] == [
-        (agent, of) for agent in AGENTS for of in ("confidence", "position_sigma_m")
-    ]
+    wanted = [(agent, of) for agent in AGENTS for of in ("confidence", "position_sigma_m")]
+    assert [(row.agent, row.of) for row in rows] == wanted
     for row in rows:
         assert row.scenes == SCENES
         assert row.skill_low is not None
         assert row.skill_high is not None
         assert row.skill_high <= 0.0 if row.agent == ALWAYS else row.skill_low > 0.0
-
-
-def test_runs_without_statements_have_no_row() -> None:
     assert statement_reports([(ALWAYS, ("p000", 1), None)]) == ()
 
 

@@ -10,27 +10,27 @@ from typing import Any, Literal
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_decompositions import factor_row, leaf, made_decomposition, rated
+from made_decompositions import explained, factor_row, leaf, made_decomposition, rated
 
 from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     Difficulty,
     ScoredRun,
-    Sources,
     Standing,
     absence_of,
     configuration_of,
     configuration_tension,
     difficulty_of,
     difficulty_of_values,
-    explain,
+    hardest_value,
     node_reports,
     rate,
     score_table,
     studied_key_attributes,
     summary_frame,
     tension_of,
+    value_for_rating,
 )
 from bench.simspec import FACTORS, PerceptionSource, SimSpec
 from decompositions import (
@@ -115,48 +115,16 @@ def test_a_value_that_is_no_number_is_refused() -> None:
         rate(RAIN, math.nan)
 
 
-@settings(deadline=None)
-@given(
-    values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
-    falling=st.booleans(),
-    mapping=st.sampled_from(["linear", "step"]),
-    low=st.floats(-60, 60),
-    more=st.floats(0, 60),
-)
-def test_harder_never_rates_lower(
-    values: list[int], falling: bool, mapping: str, low: float, more: float
-) -> None:
-    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
-    ordered = [float(v) for v in sorted(values, reverse=falling)]
-    ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
-    row = table(ratings, ordered, mapping=mapping)
-    sign = -1.0 if falling else 1.0
-    easy, hard = rate(row, low), rate(row, low + sign * more)
-    assert easy <= hard + 1e-9
-    assert easy == 0.0 or ratings[0] - 1e-9 <= easy <= 100.0 + 1e-9
-
-
 @pytest.mark.parametrize(
-    ("hours", "rain", "fog", "altitude_m", "expected", "ruler"),
-    [(5, 1, 2, 3000, 20.0, "rain_level"), (5, 2, 1, 3000, 20.0, "fog_level"), (8, 9, 9, 6000, 100.0, None)],
-)
+    ("situation", "expected", "ruler"),
+    [((5, 1, 2, 3000), 20.0, "rain_level"), ((5, 2, 1, 3000), 20.0, "fog_level"), ((8, 9, 9, 6000), 100.0, None)],
+)  # fmt: skip
 def test_the_papers_table(
-    paper: Decomposition,
-    hours: float,
-    rain: float,
-    fog: float,
-    altitude_m: float,
-    expected: float,
-    ruler: str | None,
+    paper: Decomposition, situation: tuple[int, ...], expected: float, ruler: str | None
 ) -> None:
     """The paper's two SimSpecs both come out at 20, the first ruled by rain, the second by fog."""
-    values = {
-        "hours_from_solar_noon": hours,
-        "rain_level": rain,
-        "fog_level": fog,
-        "uav_altitude_m": altitude_m,
-    }
-    difficulties = difficulty_of_values(paper, values)
+    factors = ("hours_from_solar_noon", "rain_level", "fog_level", "uav_altitude_m")
+    difficulties = difficulty_of_values(paper, dict(zip(factors, map(float, situation), strict=True)))
     assert difficulties.of("OBS-vehicles") == difficulties.of("KA-09") == expected
     if ruler:
         assert difficulties.observables["OBS-vehicles"].ruled_by == (ruler,)
@@ -236,21 +204,14 @@ def at(
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
-    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
+    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes: some easy
+    (about 25 in every studied attribute that bystanders touch), some hard (to 80).
+    """
     configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
     counted = Counter(configuration_of(decomposition, difficulties) for difficulties in configurations)
-    assert len(configurations) == 18
-    assert len(counted) == 12
     assert sorted(counted.values()) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3]
-
-
-def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decomposition) -> None:
-    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
-    configurations = [
-        at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
-    ]
     values = [rated(difficulties, node) for difficulties in configurations for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
@@ -281,31 +242,21 @@ def test_only_key_attributes_are_studied(decomposition: Decomposition) -> None:
 
 def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> None:
     """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
+    people = {"density_per_km2": 390.1, "placement": {"mean_distance": {"of": "targets", "mean_m": 259.1}}}
+    corners = ((0, 0), (600, 0), (600, 250), (0, 250))
     spec = SimSpec.model_validate(
         {
             "name": "small",
-            "world": {
-                "area": {
-                    "corners": [
-                        {"east_m": e, "north_m": n} for e, n in ((0, 0), (600, 0), (600, 250), (0, 250))
-                    ]
-                }
-            },
+            "world": {"area": {"corners": [{"east_m": east, "north_m": north} for east, north in corners]}},
             "actors": [
                 {
                     "id": "targets",
                     "asset": "radar-vehicle",
                     "role": "adversary",
-                    "count": 1,
                     "concealment": 0.5,
+                    "count": 1,
                 },
-                {
-                    "id": "people",
-                    "asset": "civilian",
-                    "role": "bystander",
-                    "density_per_km2": 390.1,
-                    "placement": {"mean_distance": {"of": "targets", "mean_m": 259.1}},
-                },
+                {"id": "people", "asset": "civilian", "role": "bystander", **people},
             ],
             "intelligence": [{"id": "tip", "about": "targets", "uncertainty_m": 60}],
             "mission": {"altitude_m": 60, "time_limit_s": 300},
@@ -353,9 +304,8 @@ def test_without_orders_a_node_about_orders_has_no_difficulty() -> None:
 def test_a_factor_without_a_value_is_absent_only_where_the_table_says_so() -> None:
     decomposition = with_orders()
     assert difficulty_of_values(decomposition, {"fog_level": 5.0}).of("O-ORDER") is None
-    with pytest.raises(SetupError) as caught:
+    with pytest.raises(SetupError, match="'fog_level' has no value"):
         difficulty_of_values(decomposition, {"orders": 0.0})
-    assert "'fog_level' has no value" in str(caught.value)
     with pytest.raises(SetupError):
         difficulty_of_values(decomposition, {"fog_level": 5.0, "orders": math.nan})
 
@@ -404,20 +354,103 @@ def test_a_measure_is_overruled_where_nothing_is_to_be_exercised() -> None:
     scores = score_table(decomposition, [run])
     reports = node_reports(scores, summary_frame(scores, decomposition))
     whole = {report.id: report for report in reports if report.configuration == "all"}
-
-    assert (whole["O-ORDER"].considered, whole["O-ORDER"].overruled, whole["O-ORDER"].exercisable) == (
-        0,
-        1,
-        0,
-    )
+    order = whole["O-ORDER"]
+    assert (order.considered, order.overruled, order.exercisable) == (0, 1, 0)
     assert (whole["KA-1"].considered, whole["KA-1"].passed, whole["KA-1"].confidence) == (1, 1, 1.0)
     assert (whole["KA-2"].considered, whole["KA-2"].difficulty_low, whole["KA-2"].score) == (0, None, None)
     assert (whole["O-SEEN"].considered, whole["O-SEEN"].confidence) == (1, 0.0)
     assert whole["O-SEEN"].configured_sensor
     assert whole["KA-3"].considered == 0
-    explanation = explain(decomposition, "KA-1", [run], scores, [whole["KA-1"]], Sources(), source="made")
-    leaves = {leaf.id: leaf for leaf in explanation.agents[0].runs[0].observables}
+    (told,) = explained(decomposition, [run], "KA-1").agents[0].runs
+    leaves = {leaf.id: leaf for leaf in told.observables}
     assert (leaves["O-ORDER"].state, leaves["O-ORDER"].overruled) == ("not exercisable", True)
     assert "overrules its measure: orders = 0 1" in leaves["O-ORDER"].reason
     assert leaves["O-SEEN"].standing == "configured sensor"
-    assert explanation.agents[0].runs[0].ruled_by == ("KA-1", "V-KA-1", "O-FOG")
+    assert told.ruled_by == ("KA-1", "V-KA-1", "O-FOG")
+
+
+TABLES = st.builds(
+    lambda values, falling, mapping: table(
+        [100.0 * (i + 1) / len(values) for i in range(len(values))],
+        [float(value) for value in sorted(values, reverse=falling)],
+        mapping=mapping,
+    ),
+    st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda values: len(set(values)) > 1),
+    st.booleans(),
+    st.sampled_from(["linear", "step"]),
+)
+POLICIES = st.sampled_from([Policies(shared_value="lower"), Policies(shared_value="higher")])
+
+
+def harder(row: KeyFactor) -> float:
+    """1 where larger values are harder, else -1."""
+    return 1.0 if row.values[-1] > row.values[0] else -1.0
+
+
+@settings(deadline=None)
+@given(row=TABLES, low=st.floats(-60, 60), more=st.floats(0, 60))
+def test_harder_never_rates_lower(row: KeyFactor, low: float, more: float) -> None:
+    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
+    easy, hard = rate(row, low), rate(row, low + harder(row) * more)
+    assert easy <= hard + 1e-9
+    assert easy == 0.0 or row.ratings[0] - 1e-9 <= easy <= 100.0 + 1e-9
+
+
+@settings(deadline=None)
+@given(row=TABLES, policies=POLICIES, rating=st.floats(0.5, 100), exceeded=st.booleans())
+def test_reading_backwards_is_the_inverse(
+    row: KeyFactor, policies: Policies, rating: float, exceeded: bool
+) -> None:
+    """There, or just past it, the rating is reached; a little easier, it is not."""
+    sign = harder(row)
+    target = value_for_rating(row, rating, policies, exceeded=exceeded)
+    if target is None:
+        assert rating > 100.0 or exceeded
+        assert rate(row, row.values[-1] + sign, policies) <= rating
+        return
+    value, past = target
+    reached = rate(row, value + (sign * 1e-6 if past else 0.0), policies)
+    assert reached >= rating - 1e-9
+    assert rate(row, value - sign * 1e-6, policies) <= rating + 1e-9
+    if exceeded:
+        assert past or reached > rating
+
+
+@settings(deadline=None)
+@given(row=TABLES, policies=POLICIES, rating=st.floats(0.5, 100))
+def test_the_hardest_value_is_the_last_one_rated_so_low(
+    row: KeyFactor, policies: Policies, rating: float
+) -> None:
+    """There, or just short of it, the rating is not exceeded; a little harder, it is."""
+    sign = harder(row)
+    target = hardest_value(row, rating, policies)
+    if target is None:
+        assert row.ratings[0] > rating
+        return
+    value, short = target
+    if math.isinf(value):
+        assert sign * value > 0.0
+        assert rate(row, row.values[-1] + sign, policies) <= rating
+        return
+    assert rate(row, value - (sign * 1e-6 if short else 0.0), policies) <= rating + 1e-9
+    assert rate(row, value + sign * 1e-6, policies) >= rating - 1e-9
+    if short:
+        assert rate(row, value, policies) > rating
+
+
+@pytest.mark.parametrize(
+    ("rating", "exceeded", "expected"),
+    [
+        (20.0, False, (1.0, False)),
+        (20.0, True, (1.0, True)),
+        (40.0, True, (4.0, True)),
+        (50.0, False, (4.0, True)),  # 4 stands twice and has the lower rating
+        (60.0, True, None),
+    ],
+)
+def test_a_table_is_read_backwards(
+    rating: float, exceeded: bool, expected: tuple[float, bool] | None
+) -> None:
+    """The easiest value with a rating, and whether it must be passed."""
+    rain = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
+    assert value_for_rating(rain, rating, exceeded=exceeded) == expected

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
 import pytest
-from made_decompositions import factor_row, leaf, node, worked_decomposition
+from made_decompositions import factor_row, leaf, made_decomposition, node, worked_decomposition
+from pydantic import ValidationError
 
 from bench.errors import Fault, SetupError
-from bench.scoring import absent_pairs, read_table, score_run, score_table, summary_frame
+from bench.reporting import graph_page, graph_svg
+from bench.scoring import absent_pairs, configuration_of, read_table, score_run, score_table, summary_frame
 from bench.scoring._external import ExternalTable
-from decompositions import Decomposition
+from decompositions import Decomposition, DecompositionVocabulary
 
 FOG, RAIN = (factor_row(factor, [10, 100], [0, 9]) for factor in ("fog_level", "rain_level"))
 
@@ -56,12 +63,6 @@ def test_lines_are_those_of_the_file(external: Decomposition) -> None:
     """Blank lines and quoted line breaks do not shift the lines that are told."""
     text = 'run,observable,difficulty,x\n\n"a\nb",OBS1,30,1\nc,OBS1,30,1\n'
     assert dict(read_table(text, external).lines) == {("a\nb", "OBS1"): 3, ("c", "OBS1"): 5}
-
-
-def test_ids_are_text(external: Decomposition) -> None:
-    """7 is not 007."""
-    table = read_table("run,observable,difficulty,x\n7,OBS1,30,1\n007,OBS1,30,0\n", external)
-    assert [run.realization for run in table.runs] == ["7", "007"]
 
 
 def test_a_missing_row_is_not_considered_and_is_counted(external: Decomposition) -> None:
@@ -190,3 +191,91 @@ def test_what_stands_beside_a_row_that_is_not_considered_is_ignored(external: De
         "run,observable,difficulty,x,considered\na,OBS1,30,0.2,FALSE\na,OBS2,30,,No\na,OBS3,30,,0\n", external
     )
     assert all(not row.considered and row.x is None for row in table.runs[0].observations)
+
+
+NASTY = (
+    '3.2 (a), "quoted"',
+    "<script>alert('x')</script>",
+    "../up/and=down|#%20&amp;",
+    "Überblick 東京 🚁",
+    "007",
+    "7",
+)
+
+
+def foreign(
+    ids: Sequence[str] = NASTY,
+    factor: str = "operator load (tasks)",
+    units: Sequence[str] = ("tasks", "tasks", "tasks"),
+    vocabulary: DecompositionVocabulary | None = None,
+) -> Decomposition:
+    principle, attribute, vab, *leaves = ids
+    tables = [factor_row(factor, [20, 80], [1, 5], unit) for unit in units]
+    return made_decomposition(
+        [leaf(name, row) for name, row in zip(leaves, tables, strict=True)],
+        {vab: leaves},
+        {attribute: [vab]},
+        {principle: [attribute]},
+        vocabulary=vocabulary,
+        study=[attribute],
+    )
+
+
+def test_a_table_with_its_own_ids_and_factors_is_scored() -> None:
+    """Ids keep every character, 7 is not 007, and a factor that the bench does not know is rated all the same."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(["run", "observable", "x", "operator load (tasks)"])
+    for run, load in (("r 1", 1), ("r,2", 3)):
+        for name, x in (("Überblick 東京 🚁", 1), ("007", 0), ("7", 1)):
+            writer.writerow([run, name, x, load])
+    decomposition = foreign()
+    table = read_table(text.getvalue(), decomposition)
+    scores = score_table(decomposition, table.runs)
+    by_node = {
+        (row["realization"], row["node"]): (row["difficulty"], row["achieved"])
+        for row in scores.iter_rows(named=True)
+    }
+    assert by_node["r 1", "007"] == (20.0, 0)
+    assert by_node["r,2", "7"] == (50.0, 1)
+    assert by_node["r,2", NASTY[0]] == (50.0, 2)
+    summary = summary_frame(scores, decomposition)
+    assert set(summary["node"]) == set(NASTY)
+    back = list(csv.DictReader(io.StringIO(summary.write_csv())))
+    assert {row["node"] for row in back} == set(NASTY)
+    assert configuration_of(decomposition, table.runs[0].difficulty) == f"{NASTY[1]}=20"
+
+
+def test_drawings_show_ids_as_text() -> None:
+    """Both are well formed, and no id becomes markup or script."""
+    decomposition = foreign()
+    svg = graph_svg(decomposition)
+    assert ElementTree.fromstring(svg).tag.endswith("svg")
+    page = graph_page(decomposition)
+    assert "<script>alert" not in svg + page
+    assert "<script>alert" not in graph_svg(foreign(tuple(reversed(NASTY))))
+
+
+@pytest.mark.parametrize("name", ["", " a", "a ", "a\nb", "a\tb", "a\x00", "a\u202eb", "a\u2028b", "x" * 121])
+def test_an_id_that_breaks_a_line_or_hides_is_refused(name: str) -> None:
+    """Empty, blanks at an end, line breaks, control characters, text direction, too long."""
+    with pytest.raises(ValidationError):
+        foreign((name, *NASTY[1:]))
+
+
+def test_only_given_values_may_have_factors_of_their_own() -> None:
+    """A campaign rates from the SimSpec, which has no such factor; a known one keeps its unit everywhere."""
+    known = {"rain": "mm"}
+    foreign(vocabulary=DecompositionVocabulary(known, difficulty="given"))
+    with pytest.raises(SetupError, match="there is no key factor 'operator load"):
+        foreign(vocabulary=DecompositionVocabulary(known))
+    with pytest.raises(SetupError, match="the unit 'tasks' is not the unit of the key factor 'rain'"):
+        foreign(factor="rain", vocabulary=DecompositionVocabulary(known, difficulty="given"))
+
+
+def test_factors_that_cannot_be_read_are_refused() -> None:
+    """One with the name of another column, and one in two units."""
+    with pytest.raises(SetupError, match="the key factor 'x' of made has the name of another column"):
+        read_table("run,observable,x\nr,7,1\n", foreign(factor="x"))
+    with pytest.raises(SetupError, match="give 'load' in h, tasks"):
+        read_table("run,observable,x,load\nr,7,1,2\n", foreign(factor="load", units=("tasks", "h", "tasks")))

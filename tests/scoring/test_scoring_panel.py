@@ -65,16 +65,10 @@ def panel_of_observables(columns: dict[str, list[float | None]]) -> Panel:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_correlations_and_participation_ratio_agree_with_numpy(seed: int) -> None:
-    """All values known: numpy's correlations, and the ratio by the eigenvalues."""
+def test_the_participation_ratio_is_that_of_the_eigenvalues(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    x = rng.normal(size=(30, 4)) @ rng.normal(size=(4, 7)) + 100.0
-
-    correlations = pairwise_correlations(x)
-
-    expected = np.corrcoef(x, rowvar=False)
-    np.testing.assert_allclose(correlations, expected, atol=1e-9)
-    eigenvalues = np.linalg.eigvalsh(expected)
+    correlations = pairwise_correlations(rng.normal(size=(30, 4)) @ rng.normal(size=(4, 7)))
+    eigenvalues = np.linalg.eigvalsh(correlations)
     ratio = eigenvalues.sum() ** 2 / (eigenvalues**2).sum()
     assert participation_ratio(correlations) == pytest.approx(ratio)
 
@@ -82,7 +76,7 @@ def test_correlations_and_participation_ratio_agree_with_numpy(seed: int) -> Non
 @pytest.mark.parametrize("seed", range(5))
 def test_correlations_are_over_the_common_sessions_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    x = rng.normal(size=(40, 6)) @ rng.normal(size=(6, 6))
+    x = rng.normal(size=(40, 6)) @ rng.normal(size=(6, 6)) + 100.0
     x[rng.random(x.shape) < 0.5] = np.nan
 
     correlations = pairwise_correlations(x)

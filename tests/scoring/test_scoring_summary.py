@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from made_decompositions import WORKED, factor_row, leaf, observed, worked_decomposition
+from competence_trials import competence_of
+from made_decompositions import (
+    WORKED,
+    factor_row,
+    leaf,
+    made_decomposition,
+    observed,
+    rated,
+    worked_decomposition,
+)
 
-from bench.contracts import Outcome
+from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     SCORE_COLUMNS,
@@ -27,7 +37,6 @@ from bench.scoring._summary import SUMMARY_COLUMNS
 from bench.statistics import (
     bounded_mean,
     clopper_pearson,
-    effective_size,
     mean_bounds,
     pass_rate_bounds,
 )
@@ -65,10 +74,14 @@ def everything(decomposition: Decomposition, x: float | None = 1.0) -> dict[str,
 
 def line(
     summary: pl.DataFrame, node: str, configuration: str = "all", agent: str = "naive"
-) -> dict[str, object]:
+) -> dict[str, Any]:
     rows = summary.filter(node=node, configuration=configuration, agent=agent)
     assert rows.height == 1
     return rows.row(0, named=True)
+
+
+def summary_of(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> pl.DataFrame:
+    return summary_frame(score_table(decomposition, runs), decomposition)
 
 
 def worked() -> tuple[Decomposition, list[ScoredRun]]:
@@ -85,8 +98,7 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
 def test_the_worked_example_over_both_runs() -> None:
     """Final ARL score 40, confidence 83.3 %; VAB1 rose because something failed, and is flagged for it."""
     decomposition, runs = worked()
-    table = score_table(decomposition, runs)
-    summary = summary_frame(table, decomposition)
+    summary = summary_of(decomposition, runs)
     whole = line(summary, "KA1")
     assert whole["score_mean"] == 40.0
     assert whole["confidence_mean"] == pytest.approx(5 / 6, abs=1e-15)
@@ -96,50 +108,18 @@ def test_the_worked_example_over_both_runs() -> None:
     assert whole["passed_score_mean"] == 30.0
     assert line(summary, "OBS3")["raised_by_failure"] is False
     assert line(summary, "OBS1")["confidence_mean"] == 0.5
+    assert line(summary, "OBS1")["method"] == line(summary, "VAB2")["method"] == "clopper-pearson"
     assert (line(summary, "OBS1")["scored"], line(summary, "OBS1")["considered"]) == (1, 2)
 
 
-def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
-    """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
-    summary = hard(decomposition)
-    xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
-    table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
-    assert table.schema == pl.Schema(SCORE_COLUMNS)
-    assert table.height == 2 * len(decomposition.nodes)
-    alone = score_run(decomposition, summary, run("b", summary, xs).observations)
-    for row in table.filter(realization="b").iter_rows(named=True):
-        expected = alone[row["node"]]
-        assert (row["score"], row["confidence"]) == (expected.score, expected.confidence)
-        assert (row["achieved"], row["considered"]) == (expected.achieved, expected.considered)
-        assert row["difficulty"] == summary.of(row["node"])
-        assert row["x"] == xs.get(row["node"])
-        assert row["configuration"] == configuration_of(decomposition, summary)
-    assert not any(
-        table[name].is_nan().any() for name in ("score", "confidence", "x", "difficulty", "passed_score")
-    )
-
-
-def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposition) -> None:
-    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
+def test_absent_observations_are_counted(decomposition: Decomposition) -> None:
+    """What the bench did not write is not considered, and is known by number, but for runs of the bench's own fault."""
     summary = hard(decomposition)
     runs = [
-        run("a", summary, everything(decomposition)),
-        run("b", summary, everything(decomposition, 0.0), outcome=Outcome.BENCH_ERROR),
-        run("c", summary, everything(decomposition, 0.0), outcome=Outcome.AGENT_CRASHED),
-        run("d", summary, {}, outcome=Outcome.PLACEMENT_INFEASIBLE),
+        run("a", summary, {"OBS-031": 1.0}),
+        run("b", summary, everything(decomposition)),
+        run("c", summary, {}, outcome=Outcome.PLACEMENT_INFEASIBLE),
     ]
-    table = score_table(decomposition, runs)
-    assert table["realization"].n_unique() == 4
-    whole = line(summary_frame(table, decomposition), "KA-20")
-    assert (whole["runs"], whole["excluded"], whole["considered"], whole["scored"]) == (2, 2, 2, 1)
-    assert whole["confidence_mean"] == 0.5
-    assert absent_pairs(decomposition, runs) == 0
-
-
-def test_absent_observations_are_counted(decomposition: Decomposition) -> None:
-    """What the bench did not write is not considered, and is known by number."""
-    summary = hard(decomposition)
-    runs = [run("a", summary, {"OBS-031": 1.0}), run("b", summary, everything(decomposition))]
     assert absent_pairs(decomposition, runs) == len(decomposition.observables) - 1
 
 
@@ -153,7 +133,7 @@ def test_runs_are_grouped_by_configuration_and_agent(decomposition: Decompositio
         run("b", other, everything(decomposition)),
         run("c", other, everything(decomposition, 0.0), agent="aware"),
     ]
-    summary = summary_frame(score_table(decomposition, runs), decomposition)
+    summary = summary_of(decomposition, runs)
     assert summary.schema == pl.Schema(SUMMARY_COLUMNS)
     keys = (configuration_of(decomposition, easy), configuration_of(decomposition, other))
     assert summary["configuration"].unique(maintain_order=True).to_list() == ["all", *keys]
@@ -170,13 +150,8 @@ def test_runs_are_grouped_by_configuration_and_agent(decomposition: Decompositio
 
 def test_what_was_never_considered_has_no_mean(decomposition: Decomposition) -> None:
     """Null means, an interval that says nothing, and a method that says why."""
-    table = hard(decomposition)
-    summary = summary_frame(
-        score_table(
-            decomposition, [run("a", table, everything(decomposition) | {"OBS-181": None, "OBS-182": None})]
-        ),
-        decomposition,
-    )
+    xs = everything(decomposition) | {"OBS-181": None, "OBS-182": None}
+    summary = summary_of(decomposition, [run("a", hard(decomposition), xs)])
     row = line(summary, "KA-18")
     assert (row["score_mean"], row["confidence_mean"], row["considered"], row["runs"]) == (None, None, 0, 1)
     assert (row["confidence_low"], row["confidence_high"], row["method"]) == (0.0, 1.0, "none considered")
@@ -200,63 +175,6 @@ def test_a_realization_counts_once(decomposition: Decomposition) -> None:
         score_table(decomposition, [run("a", summary, {})], study=["KA-77"])
 
 
-def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
-    """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
-    from io import BytesIO
-
-    table = score_table(
-        decomposition,
-        [
-            run("a", hard(decomposition), everything(decomposition)),
-            run("b", hard(decomposition, 1.0), everything(decomposition, 0.2)),
-        ],
-    )
-    file = BytesIO()
-    table.write_parquet(file)
-    file.seek(0)
-    reread = pl.read_parquet(file)
-    assert reread.equals(table)
-    assert summary_frame(reread).drop("title").equals(summary_frame(table, decomposition).drop("title"))
-
-
-def test_runs_that_hang_together_are_worth_fewer() -> None:
-    """Replicates that agree within their design point count about as one each; independent ones nearly all."""
-    alike = effective_size(
-        0.5, 30, 10, 10 * 1.5**2
-    )  # ten points of three equal runs, half of them all passes
-    apart = effective_size(0.5, 30, 30, 30 * 0.25)
-    assert 5.0 < alike < 10.0
-    assert apart == pytest.approx(30.0)
-    assert effective_size(1.0, 30, 10, 0.0) == 10.0  # no variance to see: replicates may be copies
-    assert effective_size(0.5, 30, 1, 9.0) == 30.0  # one situation, whose replicates are independent
-
-
-def test_the_interval_knows_about_design_points(decomposition: Decomposition) -> None:
-    """The same passes give a wider interval where replicates of one design point agree, and the column says
-    which it is.
-    """
-    summary = hard(decomposition)
-    passed = [everything(decomposition, 1.0 if i < 6 else 0.0) for i in range(12)]
-    apart = [run(f"r{i}", summary, xs) for i, xs in enumerate(passed)]
-    shared = [replace(row, design_point=f"p{i // 3}") for i, row in enumerate(apart)]
-    single = line(summary_frame(score_table(decomposition, apart), decomposition), "OBS-031")
-    clustered = line(summary_frame(score_table(decomposition, shared), decomposition), "OBS-031")
-    inner = line(summary_frame(score_table(decomposition, apart), decomposition), "KA-03")
-    assert (single["method"], clustered["method"], inner["method"]) == (
-        "clopper-pearson",
-        "korn-graubard",
-        "clopper-pearson",  # in each run all of its observables pass, or none: a count of runs
-    )
-    assert single["confidence_low"] == pytest.approx(float(clopper_pearson(6, 12)[0]))
-    assert (
-        clustered["confidence_low"]  # type: ignore[operator]
-        < single["confidence_low"]
-        < 0.5
-        < single["confidence_high"]  # type: ignore[operator]
-        < clustered["confidence_high"]
-    )
-
-
 def test_ratios_have_an_interval_of_their_own(decomposition: Decomposition) -> None:
     """Where runs achieve some of a node's observables, its interval is that of a mean of ratios: narrower than
     counts give, the same in one design point as in as many as there are runs, wider where replicates agree.
@@ -270,10 +188,7 @@ def test_ratios_have_an_interval_of_their_own(decomposition: Decomposition) -> N
     ]
     shared = [replace(row, design_point=f"p{i % len(names)}", replicate=i) for i, row in enumerate(apart)]
     single = [replace(row, design_point="p", replicate=i) for i, row in enumerate(apart)]
-    lines = [
-        line(summary_frame(score_table(decomposition, runs), decomposition), "KA-03")
-        for runs in (apart, single, shared)
-    ]
+    lines = [line(summary_of(decomposition, runs), "KA-03") for runs in (apart, single, shared)]
     assert {row["method"] for row in lines} == {"gaffke"}
     # No run achieves all of them: the share of runs that pass has an interval of counts, of its own.
     none_low, none_high = clopper_pearson(0, 12)
@@ -289,24 +204,7 @@ def test_ratios_have_an_interval_of_their_own(decomposition: Decomposition) -> N
     assert ends[0] == ends[1] == (pytest.approx(float(low)), pytest.approx(float(high)))
     count_low, count_high = clopper_pearson(mean * 12, 12)
     assert count_low < low < mean < high < count_high
-    assert ends[2][0] < low < high < ends[2][1]  # type: ignore[operator]
-
-
-def test_three_hundred_runs_take_well_under_a_second(decomposition: Decomposition) -> None:
-    """Scoring and summing a campaign is nothing beside flying it (CPU time; measured 0.04 s)."""
-    rng = np.random.default_rng(4)
-    situations = [hard(decomposition, c, d) for c in (0.5, 1.0) for d in (313.3, 390.1, 453.3)]
-    runs = [
-        run(
-            f"r{i}",
-            situations[i % 6],
-            dict(zip(decomposition.observables, map(float, rng.random(14)), strict=True)),
-        )
-        for i in range(300)
-    ]
-    began = time.process_time()
-    summary_frame(score_table(decomposition, runs), decomposition)
-    assert time.process_time() - began < 1.0
+    assert ends[2][0] < low < high < ends[2][1]
 
 
 def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Decomposition) -> None:
@@ -326,10 +224,8 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
         for replicate in range(1, 5)
     ]
     runs = [replace(row, until_settled=True) for row in fixed]
-    fixed_count, looked = (
-        summary_frame(score_table(decomposition, subset), decomposition) for subset in (fixed, runs)
-    )
-    alone = summary_frame(score_table(decomposition, runs[:4]), decomposition)
+    fixed_count, looked = (summary_of(decomposition, subset) for subset in (fixed, runs))
+    alone = summary_of(decomposition, runs[:4])
     assert line(looked, "OBS-031")["method"] == line(looked, "KA-03")["method"] == "anytime-valid (mean)"
     assert (line(alone, "OBS-031")["method"], line(alone, "KA-03")["method"]) == (
         "anytime-valid (pass rate)",
@@ -338,7 +234,7 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     # All 24 runs pass. A fixed number of them would say more about these six design points; about others, six
     # design points say less.
     all_runs, points = (float(clopper_pearson(count, count)[0]) for count in (24, 6))
-    assert line(looked, "KA-03")["confidence_low"] < all_runs  # type: ignore[operator]
+    assert line(looked, "KA-03")["confidence_low"] < all_runs
     assert line(fixed_count, "KA-03")["confidence_low"] == pytest.approx(points)
     assert line(looked, "KA-03")["confidence_mean"] == line(fixed_count, "KA-03")["confidence_mean"] == 1.0
     for node in ("OBS-031", "KA-03"):
@@ -346,21 +242,147 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
         assert line(alone, node)["passed_low"] == pytest.approx(float(pass_rate_bounds(4, 4)[0]))
         assert line(fixed_count, node)["passed_low"] == pytest.approx(points)
 
-    bad_first = [
-        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)
-        if row.replicate == 1
-        else row
-        for row in runs
-    ]
-    bad_last = [
-        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)
-        if row.replicate == 4
-        else row
-        for row in runs
-    ]
-    lows = [
-        line(summary_frame(score_table(decomposition, subset), decomposition), "KA-03")["competence_50_low"]
-        for subset in (bad_first, bad_last)
-    ]
+    lows = []
+    for bad in (1, 4):
+        failed = run("x", summary, everything(decomposition, 0.0)).observations
+        subset = [replace(row, observations=failed) if row.replicate == bad else row for row in runs]
+        lows.append(line(summary_of(decomposition, subset), "KA-03")["competence_50_low"])
     assert lows == [0.0, line(looked, "KA-03")["competence_50_low"]]
     assert lows[1] != 0.0
+
+
+HALF, NINE_TENTHS = (1, 2), (9, 10)
+
+
+def test_the_summary_has_it_for_all_runs_together(decomposition: Decomposition) -> None:
+    """One row for each node over all configurations; null in a configuration's own row and where never considered."""
+    situations = [hard(decomposition, share) for share in (0.5, 0.75, 1.0)]
+    xs: dict[str, float | None] = dict.fromkeys(decomposition.observables, 1.0) | {
+        "OBS-181": None,
+        "OBS-182": None,
+    }
+    runs = [run(f"r{i}", situations[i % 3], xs, design_point=f"p{i}") for i in range(36)]
+    lost = replace(runs[0], realization="lost", outcome=Outcome.BENCH_ERROR, observations=())
+    frame = summary_frame(score_table(decomposition, [*runs, lost]), decomposition)
+    rows = {(row["configuration"], row["node"]): row for row in frame.iter_rows(named=True)}
+    best = max(rated(name, "KA-05") for name in situations)
+    top = rows["all", "KA-05"]
+    assert (top["competence_50"], top["competence_50_low"], top["competence_50_at_least"]) == (
+        best,
+        best,
+        True,
+    )
+    assert top["competence_90_low"] == min(
+        rated(name, "KA-05") for name in situations
+    )  # 36 straight at the easiest and up
+    assert rows["all", "KA-18"]["competence_50"] is None
+    assert rows["all", "KA-18"]["competence_90_at_least"] is None
+    assert frame.filter(pl.col("configuration") != "all")["competence_50"].null_count() == frame.height - len(
+        decomposition.nodes
+    )
+
+
+def test_the_order_of_rows_and_the_type_of_texts_do_not_matter(decomposition: Decomposition) -> None:
+    """A table that was shuffled, or whose texts are categories, has the same summary; a null configuration is
+    in `all` alone.
+    """
+    situations = [hard(decomposition, share) for share in (0.5, 0.75, 1.0)]
+    xs = [dict.fromkeys(decomposition.observables, float(i % 4 > 0)) for i in range(24)]
+    table = score_table(
+        decomposition,
+        [run(f"r{i}", situations[i % 3], subset, design_point=f"p{i % 6}") for i, subset in enumerate(xs)],  # type: ignore[arg-type]
+    )
+    texts = [name for name, dtype in table.schema.items() if dtype == pl.String]
+    first = summary_frame(table, decomposition)
+    assert summary_frame(table.with_columns(pl.col(texts).cast(pl.Categorical)), decomposition).equals(first)
+    keys = ["configuration", "node"]
+    shuffled = summary_frame(table.sample(fraction=1.0, shuffle=True, seed=6), decomposition)
+    numbers = [
+        name for name in first.columns if name.startswith(("competence", "score_", "considered", "design"))
+    ]
+    assert shuffled.sort(keys).select(numbers).equals(first.sort(keys).select(numbers))
+    unknown = summary_frame(table.with_columns(pl.lit(None, pl.String).alias("configuration")), decomposition)
+    assert unknown.equals(first.filter(configuration="all"))
+
+
+def test_a_design_point_may_have_several_difficulties(decomposition: Decomposition) -> None:
+    """As in a table from elsewhere: each difficulty is a cell of its own, and the numbers are those of
+    `competence_of`.
+    """
+    situations = [hard(decomposition, share) for share in (0.5, 0.75, 1.0)]
+    rng = np.random.default_rng(7)
+    chosen, ok = [situations[i % 3] for i in range(60)], rng.random(60) < 0.9
+    points = [f"p{i // 6}" for i in range(60)]
+    runs = [
+        run(
+            f"r{i}", chosen[i], dict.fromkeys(decomposition.observables, float(ok[i])), design_point=points[i]
+        )
+        for i in range(60)
+    ]
+    row = line(summary_of(decomposition, runs), "KA-05")
+    for name, share in (("competence_50", HALF), ("competence_90", NINE_TENTHS)):
+        alone = competence_of([rated(difficulty, "KA-05") for difficulty in chosen], ok, points, share)
+        assert (row[name], row[f"{name}_low"], row[f"{name}_at_least"]) == alone
+    assert row["competence_50_low"] > 0
+
+
+@pytest.fixture
+def worked_graph() -> Decomposition:
+    """The graph of the paper's scoring example."""
+    return worked_decomposition()
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"),
+    [
+        (1.0, {"OBS1": (30, 1, 1), "OBS2": (80, 1, 1), "VAB1": (30, 2, 2), "VAB2": (50, 1, 1), "KA1": (30, 3, 3)}),
+        (0.0, {"OBS1": (None, 0, 1), "OBS2": (80, 1, 1), "VAB1": (80, 1, 2), "VAB2": (50, 1, 1), "KA1": (50, 2, 3)}),
+    ],
+)  # fmt: skip
+def test_the_worked_example_to_the_digit(
+    worked_graph: Decomposition, x: float, expected: dict[str, tuple[int | None, int, int]]
+) -> None:
+    """Both runs, OBS1 failing in the second: score, and how many observables are achieved of those considered."""
+    scores = score_run(worked_graph, WORKED, observed({"OBS1": x, "OBS2": 1.0, "OBS3": 1.0}))
+    for node, (score, achieved, considered) in expected.items():
+        assert (scores[node].score, scores[node].achieved, scores[node].considered) == (
+            score,
+            achieved,
+            considered,
+        )
+        assert scores[node].confidence == achieved / considered
+
+
+@pytest.mark.parametrize(
+    ("x", "tau", "near_miss", "score", "achieved"),
+    [
+        (0.5, 0.5, None, 40.0, 1),  # x >= tau exactly
+        (0.9, 0.5, None, 40.0 + 4 * (0.9 - 0.5), 1),
+        (0.4999999999999999, 0.5, None, None, 0),  # no slack at the threshold
+        (0.45, 0.5, 0.1, 40.0 + 4 * (0.45 - 0.5), 0),  # scores below d; its confidence stays 0
+        (0.39, 0.5, 0.1, None, 0),
+        (0.7, 0.8, 0.1, 40.0 + 4 * (0.7 - 0.8), 0),  # 0.8 - 0.1 is a hair above 0.7: the slack of 1e-12
+    ],
+)
+def test_credit_and_near_misses(
+    x: float, tau: float, near_miss: float | None, score: float | None, achieved: int
+) -> None:
+    """d + 4 (x - tau) with partial credit; near misses only where asked for."""
+    decomposition = made_decomposition(
+        [leaf("O", threshold=tau, partial_credit=True, near_miss=near_miss)], {"V": ["O"]}, {"KA": ["V"]}, given=True
+    )  # fmt: skip
+    scores = score_run(decomposition, {"O": 40.0}, observed({"O": x}))
+    assert scores["O"].score == scores["KA"].score == score
+    assert scores["O"].achieved == scores["O"].confidence == achieved
+
+
+def test_what_cannot_be_scored_is_refused(worked_graph: Decomposition) -> None:
+    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
+    with pytest.raises(ValueError, match="OBS9"):
+        score_run(worked_graph, WORKED, observed({"OBS9": 1.0}))
+    with pytest.raises(ValueError, match="two observations of OBS1"):
+        score_run(worked_graph, WORKED, observed({"OBS1": 1.0}) * 2)
+    with pytest.raises(ValueError, match="has no value"):
+        score_run(worked_graph, WORKED, [Observation(observable="OBS1", considered=True)])
+    with pytest.raises(ValueError, match="no difficulty of OBS3"):
+        score_run(worked_graph, {"OBS1": 30.0, "OBS2": 80.0}, ())

@@ -9,14 +9,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_decompositions import leaf, made_decomposition, node, observed
+from made_decompositions import explained, leaf, made_decomposition, node, observed
 
 from bench.contracts import Outcome
 from bench.scoring import (
     ScoredRun,
-    Sources,
     Standing,
-    explain,
     node_floors,
     node_reports,
     score_table,
@@ -151,9 +149,7 @@ def test_the_floor_has_the_best_verdict_of_a_null_agent() -> None:
 def test_an_explanation_begins_with_what_broke_the_verdict() -> None:
     """A run that fails at something else comes after it, and the essential observable before all others."""
     runs = [run(0, (0.0, 1.0, 1.0, 0.0)), run(1, (0.0, 0.0, 1.0, 1.0)), run(2, (None, None, None, 1.0))]
-    table = score_table(DUTIES, runs)
-    summaries = node_reports(table, summary_frame(table, DUTIES).filter(node="P", configuration="all"))
-    explanation = explain(DUTIES, "P", runs, table, summaries, Sources())
+    explanation = explained(DUTIES, runs, "P")
     assert (explanation.essential, explanation.essential_reason) == (("K2",), "Given.")
     (agent,) = explanation.agents
     assert [(shown.run, shown.verdict) for shown in agent.runs] == [
@@ -165,7 +161,7 @@ def test_an_explanation_begins_with_what_broke_the_verdict() -> None:
         ("O2", True),
         ("O1", False),
     ]
-    of_attribute = explain(DUTIES, "K1", runs, table, summaries, Sources())
+    of_attribute = explained(DUTIES, runs, "K1")
     assert (of_attribute.essential, of_attribute.essential_reason) == ((), "")
 
 

@@ -22,30 +22,30 @@ def situation() -> SimSpec:
     return load_simspec(EXAMPLE)
 
 
-def test_factor_paths_name_the_fields_of_the_situation(situation: SimSpec) -> None:
-    """Groups of the role, by id; of two fields for one number, the one that the situation uses."""
-    assert factor_paths(situation, "target_concealment") == (
-        "actors[radar].concealment",
-        "actors[truck].concealment",
-    )
-    assert factor_paths(situation, "bystander_density_per_km2") == ("actors[civilians].density_per_km2",)
-    counted = situation.model_copy(
-        update={"actors": tuple(group for group in situation.actors if group.id != "civilians")}
-    )
-    assert factor_paths(counted, "bystander_density_per_km2") == ("actors[neighbours].count",)
+@pytest.mark.parametrize(
+    ("path", "factor", "expected"),
+    [
+        # Groups of the role, by id.
+        (EXAMPLE, "target_concealment", ("actors[radar].concealment", "actors[truck].concealment")),
+        (EXAMPLE, "bystander_density_per_km2", ("actors[civilians].density_per_km2",)),
+        # The escorted group, and nobody else's motion.
+        (ESCORT, "convoy_speed_mps", ("actors[convoy].motion.speed_mps",)),
+        (ESCORT, "escort_within_m", ("mission.escort.within_m",)),
+        # Without an escort or orders: the field that there would be.
+        (EXAMPLE, "convoy_departure_s", ("actors[escorted].motion.depart_s",)),
+        (EXAMPLE, "order_urgency_per_min", ("orders[*].within_s",)),
+    ],
+)
+def test_factor_paths_name_the_fields_of_the_situation(
+    path: Path, factor: str, expected: tuple[str, ...]
+) -> None:
+    assert factor_paths(load_simspec(path), factor) == expected
 
 
-def test_factor_paths_of_an_escort_name_the_escorted_group(situation: SimSpec) -> None:
-    """And nobody else's motion; without an escort the path as it is stated."""
-    escorting = load_simspec(ESCORT)
-    assert factor_paths(escorting, "convoy_speed_mps") == ("actors[convoy].motion.speed_mps",)
-    assert factor_paths(escorting, "escort_within_m") == ("mission.escort.within_m",)
-    assert factor_paths(situation, "convoy_departure_s") == ("actors[escorted].motion.depart_s",)
-
-
-def test_factor_path_is_generic_where_the_situation_has_no_field(situation: SimSpec) -> None:
-    """Without orders, the field that an order would have."""
-    assert factor_paths(situation, "order_urgency_per_min") == ("orders[*].within_s",)
+def test_of_two_fields_for_one_number_the_path_is_the_one_in_use(situation: SimSpec) -> None:
+    counted = tuple(group for group in situation.actors if group.id != "civilians")
+    situation = situation.model_copy(update={"actors": counted})
+    assert factor_paths(situation, "bystander_density_per_km2") == ("actors[neighbours].count",)
 
 
 @pytest.mark.parametrize("factor", FACTORS)

@@ -8,9 +8,7 @@ import math
 
 import numpy as np
 import pytest
-import shapely
-import shapely.affinity
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.documents import dump_yaml, read_document
@@ -62,31 +60,19 @@ def test_placements_round_trip(placement: str) -> None:
         ("inside: {}", "inside", "either area (one of world.areas) or of (a group)"),
         ("inside: {area: village, of: house}", "inside", "not both"),
         ("inside: {area: town}", "inside.area", "'town', which is not one of world.areas ['village']"),
-        (
-            "inside: {of: shed}",
-            "inside.of",
-            "inside group 'shed', which is not one of ['house', 'radar', 'people']",
-        ),
+        ("inside: {of: shed}", "inside.of", "inside group 'shed', which is not one of ['house'"),
         ("inside: {of: home}", "inside.of", "inside group 'home', which is not one of"),
         ("inside: {of: people}", "inside.of", "relates to itself"),
         (
             "between: {first: house, second: barn}",
             "between.second",
-            "'barn', which is neither one of the groups ['house', 'radar', 'people']",
+            "'barn', which is neither one of the groups ['house'",
         ),
         ("between: {first: people, second: house}", "between.first", "relates to itself"),
-        (
-            "between: {first: home, second: home}",
-            "between.second",
-            "there is nothing between 'home' and itself",
-        ),
+        ("between: {first: home, second: home}", "between.second", "nothing between 'home' and itself"),
         ("between: {first: house, second: radar, within_m: 0}", "between.within_m", "greater than 0"),
-        (
-            "facing: {of: radar, heading_deg: 3}",
-            "facing",
-            "one of the three: of (a group or home), point or heading_deg",
-        ),
-        ("facing: {}", "facing", "one of the three: of (a group or home), point or heading_deg"),
+        ("facing: {of: radar, heading_deg: 3}", "facing", "one of the three: of (a group"),
+        ("facing: {}", "facing", "one of the three: of (a group"),
         ("facing: {heading_deg: 360}", "facing.heading_deg", "less than 360"),
         ("distances: [{of: radar, point: {east_m: 1, north_m: 1}, min_m: 3}]", "distances[0]", "not both"),
         ("distances: [{min_m: 3}]", "distances[0]", "either of (a group, a role or home) or point"),
@@ -98,12 +84,9 @@ def test_contradictory_placements_are_refused(placement: str, where: str, messag
     """With file, line, field and reason."""
     with pytest.raises(SetupError) as caught:
         read_document(text(placement), SimSpec, source="scene.yaml")
-    messages = [str(fault) for fault in caught.value.faults]
     field = f"placement{'.' if where else ''}{where}"
-    assert any(
-        sentence.startswith("scene.yaml:8: ") and field in sentence and message in sentence
-        for sentence in messages
-    )
+    faults = [str(fault) for fault in caught.value.faults if field in str(fault) and message in str(fault)]
+    assert any(fault.startswith("scene.yaml:8: ") for fault in faults)
 
 
 def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
@@ -129,6 +112,9 @@ def flat_asset(length_m: float, width_m: float) -> Asset:
     return Asset(class_label="slab", length_m=length_m, width_m=width_m, height_m=1.0)
 
 
+# Longer than its host: one fits at a slanted heading only, one not even so.
+@example((10.0, 10.0, 12.0, 1.5))
+@example((10.0, 10.0, 14.2, 0.1))
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(1.0, 10.0) for _ in range(4))))
 def test_room_for_a_guest_agrees_with_a_search_over_headings(
@@ -148,15 +134,6 @@ def test_room_for_a_guest_agrees_with_a_search_over_headings(
         assert spare(-0.02)
     else:
         assert not spare(0.01)
-
-
-def test_long_guest_fits_diagonally() -> None:
-    """A narrow guest that is longer than its host fits at a slanted heading only."""
-    host, guest = flat_asset(10.0, 10.0), flat_asset(12.0, 1.5)
-    assert host.has_room_for(guest)
-    turned = shapely.affinity.rotate(shapely.box(-6, -0.75, 6, 0.75), 45)
-    assert shapely.box(-5, -5, 5, 5).covers(turned)
-    assert not host.has_room_for(flat_asset(14.2, 0.1))
 
 
 SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"
@@ -182,6 +159,13 @@ SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"
         ("near: {of: truck, min_m: 10, max_m: 40}, distances: [{of: truck, min_m: 5}]", SECOND, 5.0),
         ("distances: [{of: adversary, whom: some, min_m: 25}]", SECOND, 0.0),
         ("near: {of: house, min_m: 1, max_m: 40}, distances: [{of: adversary, min_m: 25}]", "", 25.0),
+        ("avoid: [{of: radar, at_least_m: 30}, {of: home, at_least_m: 5}]", "", 30.0),
+        ("avoid: [{of: home, at_least_m: 5}]", "", None),
+        (
+            "avoid: [{of: adversary, at_least_m: 70}]",
+            "- {id: more, asset: child, role: bystander, count: 2, placement: {avoid: [{of: radar, at_least_m: 30}]}}",
+            30.0,
+        ),
         (
             "",
             "- {id: more, asset: child, role: bystander, count: 0, placement: {near: {of: radar, max_m: 40}}}",
@@ -199,13 +183,11 @@ def test_nearest_bystander_is_the_guaranteed_distance(
 
 def test_fixed_places_guarantee_the_distance_between_them() -> None:
     """A fixed bystander near a fixed target."""
-    spec = text(
-        "",
-        more="- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}",
+    more = (
+        "- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}\n"
     )
-    spec += (
-        "\n- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
-    )
+    more += "- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
+    spec = text("", more=more)
     assert factor_values(read_document(spec, SimSpec))["nearest_bystander_m"] == pytest.approx(5.0)
 
 

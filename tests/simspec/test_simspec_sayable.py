@@ -99,9 +99,7 @@ def seen_at(**distance: float) -> dict[str, Any]:
     point = {"east_m": 80, "north_m": -40}
     placement = {"distances": [{"point": point, **distance}]} if distance else {}
     return {
-        "actors": [
-            {"id": "woman", "asset": "woman", "role": "sought", "count": 1, "placement": placement},
-        ],
+        "actors": [{"id": "woman", "asset": "woman", "role": "sought", "count": 1, "placement": placement}],
         "intelligence": [{"id": "seen", "about": "woman", "uncertainty_m": 60, "at": point}],
     }
 
@@ -121,12 +119,3 @@ def test_a_report_of_where_somebody_was_last_seen_is_delivered_with_that_place()
 def test_a_report_at_a_place_needs_a_placement_that_keeps_it_true(distance: dict[str, float]) -> None:
     with pytest.raises(ValidationError, match="nothing keeps 'woman' within 60 m of it"):
         simspec(**seen_at(**distance))
-
-
-def test_simspecs_without_these_fields_keep_their_bytes() -> None:
-    text = simspec(
-        actors=[{"id": "a", "asset": "van", "role": "clutter", "count": 1}],
-        intelligence=[{"id": "r", "about": "a"}],
-    ).model_dump_json()
-    assert not any(f'"{name}"' in text for name in ("visibility_m", "color"))
-    assert '"at"' not in text.partition('"intelligence"')[2].partition('"orders"')[0]

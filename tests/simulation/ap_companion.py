@@ -6,18 +6,15 @@ place by latitude and longitude, and lands. `early` as an argument: it arms wher
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import socket
 import struct
 import sys
-import threading
+from collections.abc import Iterator
 from typing import Any
 
 import zenoh
+from zenoh_companion import DOMAIN, HEADER, ZenohCompanion
 
-DOMAIN = os.environ["ROS_DOMAIN_ID"]
 TYPES = {
     "/ap/pose/filtered": "geometry_msgs::msg::dds_::PoseStamped_/RIHS01_"
     "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
@@ -40,67 +37,25 @@ TYPES = {
 }
 OUT = ("/ap/pose/filtered", "/ap/geopose/filtered", "/ap/status")
 SERVICES = ("/ap/prearm_check", "/ap/mode_switch", "/ap/arm_motors", "/ap/experimental/takeoff")
-HEADER, GID = bytes((0, 1, 0, 0)), bytes(range(16))
 GUIDED, LAND = 4, 9
 # The stamp, and a frame of four or nine letters; every message here begins so.
 EARTH, BODY = struct.pack("<iII4s", 0, 0, 4, b"map"), struct.pack("<iII12s", 0, 0, 10, b"base_link")
 
 
-class Companion:
+class Companion(ZenohCompanion):
+    services = SERVICES
+
     def __init__(self) -> None:
-        config = zenoh.Config()
-        for name, value in (
-            ("mode", "client"),
-            ("connect/endpoints", [os.environ["REBAR_ZENOH"]]),
-            ("transport/auth/usrpwd/user", os.environ["REBAR_ZENOH_USER"]),
-            ("transport/auth/usrpwd/password", os.environ["REBAR_ZENOH_PASSWORD"]),
-            ("transport/shared_memory/enabled", False),
-        ):
-            config.insert_json5(name, json.dumps(value))
-        self.session = zenoh.open(config)
-        self.arrival = threading.Condition()
-        self.came: dict[str, list[bytes]] = {topic: [] for topic in (*OUT, *SERVICES)}
-        self.sent: dict[str, int] = {}
-        self.publishers: dict[str, Any] = {}
-        self.subscribers = [
-            self.session.declare_subscriber(self.key(topic), self.hearer(topic)) for topic in OUT
-        ]
+        super().__init__()
+        for topic in OUT:
+            self.subscribe(topic, self.key(topic))
 
     @staticmethod
     def key(topic: str) -> str:
         return f"{DOMAIN}{topic}/{TYPES[topic]}"
 
-    def hearer(self, topic: str) -> Any:
-        def hear(sample: zenoh.Sample) -> None:
-            attachment = sample.attachment
-            assert attachment is not None
-            number, _, size, gid = struct.unpack("<qqB16s", attachment.to_bytes())
-            with self.arrival:
-                self.came[topic].append(sample.payload.to_bytes())
-                assert (number, size) == (len(self.came[topic]), 16)
-                # Of an answer both are those of the request.
-                assert topic not in SERVICES or gid == GID
-                self.arrival.notify_all()
-
-        return hear
-
-    def wait(self, counts: dict[str, int]) -> None:
-        """Until everything that a tick states has come."""
-
-        def complete() -> bool:
-            return all(len(self.came[topic]) >= count for topic, count in counts.items())
-
-        with self.arrival:
-            assert self.arrival.wait_for(complete, 60.0)
-
-    def attachment(self, topic: str) -> bytes:
-        self.sent[topic] = self.sent.get(topic, 0) + 1
-        return struct.pack("<qqB16s", self.sent[topic], 0, 16, GID)
-
     def publish(self, topic: str, data: bytes) -> None:
-        if topic not in self.publishers:
-            self.publishers[topic] = self.session.declare_publisher(self.key(topic))
-        self.publishers[topic].put(HEADER + data, attachment=self.attachment(topic))
+        self.put(topic, self.key(topic), data)
 
     def call(self, service: str, form: str, *values: Any) -> Any:
         """Ask, and wait tick by tick for the answer, which is returned without its header."""
@@ -135,7 +90,7 @@ class Companion:
         values = (6, 0x0DF8, latitude, longitude, height_m, *(0.0,) * 12, 0.0)
         self.publish("/ap/cmd_gps_pose", EARTH + struct.pack("<BxH4x2df4x12df", *values))
 
-    def fly(self, early: bool) -> Any:
+    def flight(self, early: bool) -> Iterator[None]:
         """One thing after the other; yields at the end of each tick."""
         if early:
             # Refused: neither armed nor in GUIDED.
@@ -165,26 +120,6 @@ class Companion:
         print("armed, mode, flying", *self.status())
 
 
-def main() -> None:
-    companion = Companion()
-    host, port = os.environ["REBAR_TICK"].split(":")
-    line = socket.create_connection((host, int(port))).makefile("rw", encoding="utf-8")
-    hello = {"kind": "hello", "protocol": 1, "agent": "companion", "secret": os.environ["REBAR_TICK_SECRET"]}
-    print(json.dumps({**hello, "subscribes": list(companion.came)}), file=line, flush=True)
-    flight = companion.fly("early" in sys.argv)
-    for text in line:
-        message = json.loads(text)
-        if message["kind"] == "end":
-            break
-        companion.wait(message["topics"])
-        try:
-            next(flight)
-        except StopIteration:
-            break
-        ack = {"kind": "ack", "number": message["number"], "topics": companion.sent, "links": {}}
-        print(json.dumps(ack), file=line, flush=True)
-    companion.session.close()  # type: ignore[no-untyped-call]
-
-
 if __name__ == "__main__":
-    main()
+    companion = Companion()
+    companion.fly(companion.flight("early" in sys.argv))

@@ -6,16 +6,13 @@ square and a landing. `stop` as an argument: silent at the first corner. What it
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import socket
 import struct
 import sys
-import threading
+from collections.abc import Iterator
 from typing import Any
 
-import zenoh
+from zenoh_companion import DOMAIN, ZenohCompanion
 
 HASHES = {
     "VehicleStatus": "828bddbb7d4c2aa6ad93757955f6893be1ec5d8f11885ec7715bcdd76b5226c9",
@@ -26,70 +23,31 @@ HASHES = {
     "TrajectorySetpoint": "9a7deb0cb7db5e52b441169a284b90188c4efdf06b302d55cb1db33ca0358c1a",
     "VehicleCommand": "1f0ab537807e2e20e04826633ea2c52e5431bea8eb0187152ff23bd07f1dd30b",
 }
-DOMAIN = os.environ["ROS_DOMAIN_ID"]
 CORNERS = ((5.0, 0.0), (5.0, 5.0), (0.0, 5.0), (0.0, 0.0))
-HEADER = bytes((0, 1, 0, 0))
 
 
-def key(topic: str, kind: str) -> str:
-    return f"{DOMAIN}{topic}/px4_msgs::msg::dds_::{kind}_/RIHS01_{HASHES[kind]}"
+class Companion(ZenohCompanion):
+    hears: tuple[tuple[str, str], ...] = (
+        ("vehicle_status", "VehicleStatus"),
+        ("vehicle_local_position", "VehicleLocalPosition"),
+        ("vehicle_land_detected", "VehicleLandDetected"),
+        ("vehicle_command_ack", "VehicleCommandAck"),
+    )
 
-
-class Companion:
     def __init__(self) -> None:
-        config = zenoh.Config()
-        for name, value in (
-            ("mode", "client"),
-            ("connect/endpoints", [os.environ["REBAR_ZENOH"]]),
-            ("transport/auth/usrpwd/user", os.environ["REBAR_ZENOH_USER"]),
-            ("transport/auth/usrpwd/password", os.environ["REBAR_ZENOH_PASSWORD"]),
-            ("transport/shared_memory/enabled", False),
-        ):
-            config.insert_json5(name, json.dumps(value))
-        self.session = zenoh.open(config)
-        self.arrival = threading.Condition()
-        self.came: dict[str, list[bytes]] = {}
-        self.sent: dict[str, int] = {}
-        self.publishers: dict[str, Any] = {}
-        self.subscribers = [
-            self.subscribe(f"/fmu/out/{topic}", kind)
-            for topic, kind in (
-                ("vehicle_status", "VehicleStatus"),
-                ("vehicle_local_position", "VehicleLocalPosition"),
-                ("vehicle_land_detected", "VehicleLandDetected"),
-                ("vehicle_command_ack", "VehicleCommandAck"),
-            )
-        ]
+        super().__init__()
+        for topic, kind in self.hears:
+            self.subscribe(f"/fmu/out/{topic}", self.key(f"/fmu/out/{topic}", kind))
 
-    def subscribe(self, topic: str, kind: str) -> Any:
-        self.came[topic] = []
-
-        def hear(sample: zenoh.Sample) -> None:
-            attachment = sample.attachment
-            assert attachment is not None
-            number, _, size, _ = struct.unpack("<qqB16s", attachment.to_bytes())
-            with self.arrival:
-                self.came[topic].append(sample.payload.to_bytes())
-                assert (number, size) == (len(self.came[topic]), 16)
-                self.arrival.notify_all()
-
-        return self.session.declare_subscriber(key(topic, kind), hear)
-
-    def wait(self, counts: dict[str, int]) -> None:
-        """Until everything that a tick states has come."""
-
-        def complete() -> bool:
-            return all(len(self.came[topic]) >= count for topic, count in counts.items())
-
-        with self.arrival:
-            assert self.arrival.wait_for(complete, 60.0)
+    @staticmethod
+    def key(topic: str, kind: str) -> str:
+        return f"{DOMAIN}{topic}/px4_msgs::msg::dds_::{kind}_/RIHS01_{HASHES[kind]}"
 
     def publish(self, topic: str, kind: str, form: str, *values: Any) -> None:
-        if topic not in self.publishers:
-            self.publishers[topic] = self.session.declare_publisher(key(topic, kind))
-        self.sent[topic] = self.sent.get(topic, 0) + 1
-        attachment = struct.pack("<qqB16s", self.sent[topic], 0, 16, bytes(range(16)))
-        self.publishers[topic].put(HEADER + struct.pack(form, *values), attachment=attachment)
+        self.put(topic, self.key(topic, kind), struct.pack(form, *values))
+
+    def acks(self) -> list[tuple[Any, ...]]:
+        return [struct.unpack_from("<IB", sample, 12) for sample in self.came["/fmu/out/vehicle_command_ack"]]
 
     def hold(self, north: float, east: float) -> None:
         """As the example: everything that it leaves out is zero, and no NaN."""
@@ -107,7 +65,7 @@ class Companion:
         samples = self.came[f"/fmu/out/{topic}"]
         return struct.unpack_from(form, samples[-1], 4 + offset) if samples else ()
 
-    def fly(self, stops: bool) -> Any:
+    def flight(self, stops: bool) -> Iterator[None]:
         """One thing after the other; yields at the end of each tick."""
         while not (self.last("vehicle_status", "<?", 79) or (False,))[0]:
             yield
@@ -137,30 +95,9 @@ class Companion:
             "vehicle_land_detected", "<?", 11
         ) != (True,):
             yield
-        acks = [struct.unpack_from("<IB", sample, 12) for sample in self.came["/fmu/out/vehicle_command_ack"]]
-        print("acks", *acks)
-
-
-def main() -> None:
-    companion = Companion()
-    host, port = os.environ["REBAR_TICK"].split(":")
-    line = socket.create_connection((host, int(port))).makefile("rw", encoding="utf-8")
-    hello = {"kind": "hello", "protocol": 1, "agent": "companion", "secret": os.environ["REBAR_TICK_SECRET"]}
-    print(json.dumps({**hello, "subscribes": list(companion.came)}), file=line, flush=True)
-    flight = companion.fly("stop" in sys.argv)
-    for text in line:
-        message = json.loads(text)
-        if message["kind"] == "end":
-            break
-        companion.wait(message["topics"])
-        try:
-            next(flight)
-        except StopIteration:
-            break
-        ack = {"kind": "ack", "number": message["number"], "topics": companion.sent, "links": {}}
-        print(json.dumps(ack), file=line, flush=True)
-    companion.session.close()  # type: ignore[no-untyped-call]
+        print("acks", *self.acks())
 
 
 if __name__ == "__main__":
-    main()
+    companion = Companion()
+    companion.fly(companion.flight("stop" in sys.argv))

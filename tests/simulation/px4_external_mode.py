@@ -7,12 +7,10 @@ checks any more at the first place. What it saw is printed.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import socket
 import struct
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 from px4_companion import HASHES, Companion
@@ -33,35 +31,26 @@ STATUS, PLACE, LANDED = (
     "vehicle_land_detected",
 )
 REQUEST, REPLY = f"arming_check_request{VERSION}", f"/fmu/in/arming_check_reply{VERSION}"
-NAME = b"Two places"
+NAME = b"Two places".ljust(25, b"\0")
 GOALS = ((0.0, 0.0, -5.0), (6.0, 3.0, -7.0))
 API_VERSION, SET_NAV_STATE, ARM, LAND = 1, 100001, 400, 21
 NAN = math.nan
 
 
 class External(Companion):
-    def __init__(self) -> None:
-        super().__init__()
-        for subscriber in self.subscribers:
-            subscriber.undeclare()
-        self.came.clear()
-        self.subscribers = [
-            self.subscribe(f"/fmu/out/{topic}", kind)
-            for topic, kind in (
-                (STATUS, "VehicleStatus"),
-                (PLACE, "VehicleLocalPosition"),
-                (LANDED, "VehicleLandDetected"),
-                ("vehicle_command_ack", "VehicleCommandAck"),
-                ("register_ext_component_reply", "RegisterExtComponentReply"),
-                (REQUEST, "ArmingCheckRequest"),
-                ("mode_completed", "ModeCompleted"),
-            )
-        ]
-        self.answered, self.silent = 0, False
+    hears = (
+        (STATUS, "VehicleStatus"),
+        (PLACE, "VehicleLocalPosition"),
+        (LANDED, "VehicleLandDetected"),
+        ("vehicle_command_ack", "VehicleCommandAck"),
+        ("register_ext_component_reply", "RegisterExtComponentReply"),
+        (REQUEST, "ArmingCheckRequest"),
+        ("mode_completed", "ModeCompleted"),
+    )
+    answered, silent = 0, False
 
     def register(self) -> None:
-        name = NAME.ljust(25, b"\0")
-        values = (0, 4711, name, API_VERSION, True, True, False, False, 0, False)
+        values = (0, 4711, NAME, API_VERSION, True, True, False, False, 0, False)
         self.publish(
             "/fmu/in/register_ext_component_request", "RegisterExtComponentRequest", "<QQ25sxH4?B?", *values
         )
@@ -85,7 +74,7 @@ class External(Companion):
         """Asked for, and flown."""
         return self.last(STATUS, "<2B", 40)
 
-    def fly(self, stops: bool) -> Any:
+    def flight(self, stops: bool) -> Iterator[None]:
         """One thing after the other; yields at the end of each tick."""
         self.register()
         while not self.came["/fmu/out/register_ext_component_reply"]:
@@ -124,44 +113,14 @@ class External(Companion):
             yield
         completed = [struct.unpack_from("<2B", sample, 12) for sample in self.came["/fmu/out/mode_completed"]]
         print("completed", *completed)
-        acks = [struct.unpack_from("<IB", sample, 12) for sample in self.came["/fmu/out/vehicle_command_ack"]]
-        print("acks", *acks)
-        name = NAME.ljust(25, b"\0")
-        self.publish(
-            "/fmu/in/unregister_ext_component",
-            "UnregisterExtComponent",
-            "<Q25s3b",
-            0,
-            name,
-            self.check,
-            mode,
-            -1,
-        )
+        print("acks", *self.acks())
+        own = (NAME, self.check, mode, -1)
+        self.publish("/fmu/in/unregister_ext_component", "UnregisterExtComponent", "<Q25s3b", 0, *own)
         for _ in range(2):
             yield
         print("can be asked for", self.last(STATUS, "<I", 48)[0] >> mode & 1)
 
 
-def main() -> None:
-    external = External()
-    host, port = os.environ["REBAR_TICK"].split(":")
-    line = socket.create_connection((host, int(port))).makefile("rw", encoding="utf-8")
-    hello = {"kind": "hello", "protocol": 1, "agent": "companion", "secret": os.environ["REBAR_TICK_SECRET"]}
-    print(json.dumps({**hello, "subscribes": list(external.came)}), file=line, flush=True)
-    flight = external.fly("silent" in sys.argv)
-    for text in line:
-        message = json.loads(text)
-        if message["kind"] == "end":
-            break
-        external.wait(message["topics"])
-        try:
-            next(flight)
-        except StopIteration:
-            break
-        ack = {"kind": "ack", "number": message["number"], "topics": external.sent, "links": {}}
-        print(json.dumps(ack), file=line, flush=True)
-    external.session.close()  # type: ignore[no-untyped-call]
-
-
 if __name__ == "__main__":
-    main()
+    external = External()
+    external.fly(external.flight("silent" in sys.argv))

@@ -27,7 +27,6 @@ Placement = tuple[str, float, float, float]
 
 
 def square(side_m: float) -> Polygon:
-    """A square area centred on the origin."""
     half = side_m / 2.0
     return Polygon(
         corners=tuple(
@@ -40,7 +39,6 @@ def scene_simspec(
     placements: Sequence[Placement],
     *,
     motion: Motion | None = None,
-    moving_asset: str = "",
     concealment: float = 0.0,
     area: Polygon | None = None,
     camera: Camera | None = None,
@@ -48,7 +46,7 @@ def scene_simspec(
     perception: Perception | None = None,
     root: int = 0,
 ) -> SimSpec:
-    """One group for each asset; the members of `moving_asset` have `motion`, others stand still."""
+    """One group for each asset; houses stand still, others have `motion`."""
     assets = list(dict.fromkeys(asset for asset, *_ in placements))
     groups = tuple(
         ActorGroup(
@@ -57,7 +55,7 @@ def scene_simspec(
             role=Role.CLUTTER,
             count=sum(placement[0] == asset for placement in placements),
             concealment=concealment,
-            motion=motion if motion is not None and asset == moving_asset else Motion(),
+            motion=motion if motion is not None and asset != "house" else Motion(),
         )
         for asset in assets
     )

@@ -241,7 +241,6 @@ def test_what_flies_the_vehicle_is_always_recorded() -> None:
 
 
 def test_the_page_states_the_limits() -> None:
-    """docs/streams.md has the numbers of the code."""
     page = (Path(__file__).parents[2] / "docs" / "streams.md").read_text("utf-8")
     mib, kib = 1024 * 1024, 1024
     rows = (

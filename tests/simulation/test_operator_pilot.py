@@ -29,7 +29,6 @@ from bench.testing import StillVehicle
 
 HAND_OVER = Order(id="yours", at_s=20.0, kind="hand_over", within_s=8.0)
 TAKE_BACK = Order(id="mine", at_s=50.0, kind="take_back")
-METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0
 
 
 def situation(rules: Rules | None = None, orders: tuple[Order, ...] = (HAND_OVER, TAKE_BACK)) -> SimSpec:
@@ -68,13 +67,22 @@ def pilot_of(spec: SimSpec, station: socket.socket) -> OperatorPilot:
     return OperatorPilot(spec, station, f"udpout:127.0.0.1:{station.getsockname()[1]}")
 
 
-def reposition(station: socket.socket) -> tuple[Any, float, float]:
-    """The command that came, and its place in metres east and north of the origin (spherical)."""
+def reposition(station: socket.socket, spec: SimSpec | None = None) -> tuple[Any, float, float]:
+    """The command that came, and its place in metres east and north of the origin."""
     command: Any = mavlink.MAVLink(None).decode(bytearray(station.recv(512)))
-    origin = situation().world.origin
-    north_m = (command.y * 0 + command.x * 1e-7 - origin.latitude_deg) * METRES_PER_DEGREE
-    east_m = (command.y * 1e-7 - origin.longitude_deg) * METRES_PER_DEGREE
-    return command, east_m * math.cos(math.radians(origin.latitude_deg)), north_m
+    origin = (spec or situation()).world.origin
+    place = (command.x * 1e-7, command.y * 1e-7, origin.altitude_m)
+    east_m, north_m, _ = pymap3d.geodetic2enu(
+        *place, origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+    )
+    return command, float(east_m), float(north_m)
+
+
+def handed_over(spec: SimSpec, station: socket.socket) -> tuple[OperatorPilot, HoveringVehicle]:
+    """The operator's pilot, who was told at the start that the vehicle is handed over in eight seconds."""
+    pilot = pilot_of(spec, station)
+    pilot.receive(document(HAND_OVER), SimTime(0))
+    return pilot, HoveringVehicle(VehiclePlan(spec, ()))
 
 
 def test_the_operator_flies_towards_home_once_the_handover_is_due(station: socket.socket) -> None:
@@ -102,22 +110,22 @@ def test_the_operator_flies_towards_home_once_the_handover_is_due(station: socke
     assert pilot.sent == 1
 
 
+def rectangle(west: float, east: float, north: float) -> Polygon:
+    """As far south as north."""
+    corners = ((west, -north), (east, -north), (east, north), (west, north))
+    return Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in corners))
+
+
 def test_the_operator_keeps_the_rules(station: socket.socket) -> None:
     """A no-fly area on the way home turns the operator aside; a fence on all sides keeps it in place."""
-    area = Polygon(
-        corners=tuple(Point(east_m=e, north_m=n) for e, n in ((75, -3), (85, -3), (85, 3), (75, 3)))
-    )
-    pilot = pilot_of(situation(Rules(no_fly=(NoFlyArea(id="clinic", area=area),))), station)
-    vehicle = HoveringVehicle(VehiclePlan(situation(), ()))
-    pilot.receive(document(HAND_OVER), SimTime(0))
+    clinic = (NoFlyArea(id="clinic", area=rectangle(75, 85, 3)),)
+    pilot, vehicle = handed_over(situation(Rules(no_fly=clinic)), station)
     pilot.act(SimTime(10_000_000_000), vehicle)
     _, east_m, north_m = reposition(station)
     assert math.dist((east_m, north_m), (100.0, 0.0)) == pytest.approx(MOVE_M, rel=0.01)
     assert abs(north_m) > 10.0
-    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((-20, -10), (110, -10), (110, 10), (-20, 10)))
-    fenced = Rules(geofence=Polygon(corners=corners), no_fly=(NoFlyArea(id="clinic", area=area),))
-    pilot = pilot_of(situation(fenced), station)
-    pilot.receive(document(HAND_OVER), SimTime(0))
+    fenced = situation(Rules(geofence=rectangle(-20, 110, 10), no_fly=clinic))
+    pilot, vehicle = handed_over(fenced, station)
     action = pilot.act(SimTime(10_000_000_000), vehicle)
     assert action is not None
     assert "0 m away" in action.text
@@ -132,9 +140,8 @@ def test_the_operator_leaves_alone_what_it_cannot_fly(
     station: socket.socket, landed: bool, failsafe: str, words: str
 ) -> None:
     """A vehicle on the ground, or under a failsafe, is not commanded, and the log says why."""
-    pilot, vehicle = pilot_of(situation(), station), HoveringVehicle(VehiclePlan(situation(), ()))
+    pilot, vehicle = handed_over(situation(), station)
     vehicle.landed, vehicle.failsafe = landed, failsafe
-    pilot.receive(document(HAND_OVER), SimTime(0))
     action = pilot.act(SimTime(10_000_000_000), vehicle)
     assert action is not None
     assert words in action.text
@@ -156,17 +163,8 @@ def test_the_operator_flies_across_the_date_line(station: socket.socket, longitu
     usual = situation()
     origin = usual.world.origin.model_copy(update={"longitude_deg": longitude_deg})
     spec = usual.model_copy(update={"world": usual.world.model_copy(update={"origin": origin})})
-    pilot, vehicle = pilot_of(spec, station), HoveringVehicle(VehiclePlan(spec, ()))
-    pilot.receive(document(HAND_OVER), SimTime(20_000_000_000))
-    assert pilot.act(SimTime(28_000_000_000), vehicle) is not None
-    command: Any = mavlink.MAVLink(None).decode(bytearray(station.recv(512)))
+    pilot, vehicle = handed_over(spec, station)
+    assert pilot.act(SimTime(8_000_000_000), vehicle) is not None
+    command, east_m, north_m = reposition(station, spec)
     assert abs(command.y) <= 1_800_000_000
-    east_m, north_m, _ = pymap3d.geodetic2enu(
-        command.x * 1e-7,
-        command.y * 1e-7,
-        origin.altitude_m,
-        origin.latitude_deg,
-        longitude_deg,
-        origin.altitude_m,
-    )
     assert math.dist((east_m, north_m), (100.0, 0.0)) == pytest.approx(MOVE_M, rel=0.01)

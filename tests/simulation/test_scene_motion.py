@@ -21,6 +21,13 @@ WANDER = Motion(kind="wander", speed_mps=2.0, radius_m=20.0, pause_s=3.0)
 CIVILIANS = [("civilian", 10.0 * a, 10.0 * b, 30.0 * (a + 3)) for a in range(-3, 4) for b in range(-3, 4)]
 
 
+WANDERERS = scene_simspec(CIVILIANS, motion=WANDER)
+
+
+def points(*places_m: tuple[float, float]) -> tuple[Point, ...]:
+    return tuple(Point(east_m=east_m, north_m=north_m) for east_m, north_m in places_m)
+
+
 def poses_at(simspec: SimSpec, seconds: list[float]) -> NDArray[np.float64]:
     """East, north, up and heading of each actor at each time; shape (times, actors, 4)."""
     scene = open_plain_scene(simspec)
@@ -36,48 +43,32 @@ def poses_every(simspec: SimSpec, until_s: float, step_s: float) -> NDArray[np.f
 
 
 def test_positions_do_not_depend_on_the_step_size() -> None:
-    """Fine steps, coarse steps and a single jump give bit-identical poses."""
-    simspec = scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian")
-
-    fine = poses_every(simspec, 120.0, 0.05)[-1]
-    coarse = poses_at(simspec, [0.3, 47.1, 120.0])[-1]
-    once = poses_at(simspec, [120.0])[-1]
-
-    assert np.array_equal(fine, coarse)
-    assert np.array_equal(fine, once)
+    fine = poses_every(WANDERERS, 120.0, 0.05)[-1]
+    assert np.array_equal(fine, poses_at(WANDERERS, [0.3, 47.1, 120.0])[-1])
+    assert np.array_equal(fine, poses_at(WANDERERS, [120.0])[-1])
 
 
 def test_motion_depends_on_the_motion_seed_alone() -> None:
-    """Another motion seed moves actors elsewhere, other seeds do not; each has its own stream."""
-    simspec = scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian")
-    other = simspec.model_copy(update={"seeds": simspec.seeds.model_copy(update={"motion": 99})})
-    perception = simspec.model_copy(
-        update={"seeds": simspec.seeds.model_copy(update={"perception": 99, "placement": 7})}
-    )
+    """Another motion seed moves actors elsewhere, other seeds do not; each actor has its own stream."""
 
-    ends = poses_at(simspec, [60.0])[0]
+    def ends(**seeds: int) -> NDArray[np.float64]:
+        seeded = WANDERERS.model_copy(update={"seeds": WANDERERS.seeds.model_copy(update=seeds)})
+        (poses,) = poses_at(seeded, [60.0])
+        return np.asarray(poses)
 
-    assert np.array_equal(ends, poses_at(simspec, [60.0])[0])
-    assert np.array_equal(ends, poses_at(perception, [60.0])[0])
-    assert not np.isclose(ends, poses_at(other, [60.0])[0]).all(axis=1).any()
+    usual = ends()
+    assert np.array_equal(usual, ends(perception=99, placement=7))
+    assert not np.isclose(usual, ends(motion=99)).all(axis=1).any()
     starts = np.array([placement[1:3] for placement in CIVILIANS])
-    assert len(np.unique(np.round(ends[:, :2] - starts, 6), axis=0)) == len(CIVILIANS)
-
-
-def test_an_added_actor_does_not_change_the_motion_of_the_others() -> None:
-    """Each actor has its own random stream, so a longer cast does not redraw the rest."""
-    few = poses_at(scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian"), [90.0])[0]
-    more = poses_at(
-        scene_simspec([*CIVILIANS, ("civilian", 90.0, 90.0, 0.0)], motion=WANDER, moving_asset="civilian"),
-        [90.0],
-    )[0]
-
-    assert np.array_equal(few, more[:-1])
+    assert len(np.unique(np.round(usual[:, :2] - starts, 6), axis=0)) == len(CIVILIANS)
+    # A longer cast does not redraw the rest.
+    more = scene_simspec([*CIVILIANS, ("civilian", 90.0, 90.0, 0.0)], motion=WANDER)
+    assert np.array_equal(usual, poses_at(more, [60.0])[0][:-1])
 
 
 def test_wanderers_stay_in_their_disc_below_their_speed_and_on_the_ground() -> None:
     """No actor leaves its disc, exceeds its speed, leaves the ground or stops for good; actors do pause."""
-    path = poses_every(scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian"), 300.0, 0.25)
+    path = poses_every(WANDERERS, 300.0, 0.25)
     starts = path[0, :, :2]
     away = np.hypot(*(path[..., :2] - starts).transpose(2, 0, 1))
     pace = np.hypot(*np.diff(path[..., :2], axis=0).transpose(2, 0, 1)) / 0.25
@@ -91,8 +82,7 @@ def test_wanderers_stay_in_their_disc_below_their_speed_and_on_the_ground() -> N
 
 
 def test_headings_follow_the_direction_of_motion() -> None:
-    """While walking, the heading points along the displacement, clockwise from north."""
-    path = poses_every(scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian"), 60.0, 0.1)
+    path = poses_every(WANDERERS, 60.0, 0.1)
     step = np.diff(path[..., :2], axis=0)
     straight = (path[:-1, :, 3] == path[1:, :, 3]) & (np.hypot(step[..., 0], step[..., 1]) > 0.19)
     bearing = np.arctan2(step[..., 0], step[..., 1]) % (2 * np.pi)
@@ -103,24 +93,19 @@ def test_headings_follow_the_direction_of_motion() -> None:
 
 
 def test_still_actors_keep_their_realized_pose() -> None:
-    """Actors without motion keep the place and heading of the realization exactly."""
     path = poses_every(scene_simspec(CIVILIANS), 100.0, 25.0)
-
     assert (path == path[0]).all()
-    assert path[0, 3, :2].tolist() == [*CIVILIANS[3][1:3]]
-    assert path[0, :, 3] == pytest.approx(
-        np.radians([placement[3] for placement in CIVILIANS]) % (2 * math.pi)
-    )
+    assert path[0, :, :2].tolist() == [[east_m, north_m] for _, east_m, north_m, _ in CIVILIANS]
+    assert path[0, :, 3] == pytest.approx(np.radians([heading for *_, heading in CIVILIANS]) % (2 * math.pi))
 
 
 def test_wanderers_stay_inside_a_concave_area() -> None:
     """In an L-shaped area no leg cuts the corner."""
-    corners = ((0, 0), (100, 0), (100, 30), (30, 30), (30, 100), (0, 100))
-    area = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in corners))
+    area = Polygon(corners=points((0, 0), (100, 0), (100, 30), (30, 30), (30, 100), (0, 100)))
     walkers = [("civilian", e, n, 0.0) for e, n in itertools.product((5.0, 15.0, 25.0), (5.0, 15.0, 25.0))]
     motion = Motion(kind="wander", speed_mps=5.0, radius_m=80.0, pause_s=0.5)
 
-    path = poses_every(scene_simspec(walkers, motion=motion, moving_asset="civilian", area=area), 400.0, 0.5)
+    path = poses_every(scene_simspec(walkers, motion=motion, area=area), 400.0, 0.5)
     east, north = path[..., 0], path[..., 1]
 
     assert (east > -1e-6).all()
@@ -130,12 +115,10 @@ def test_wanderers_stay_inside_a_concave_area() -> None:
 
 
 def test_walkers_go_round_solid_houses() -> None:
-    """No actor enters the footprint of a rotated house that stands inside their discs."""
     people = [("civilian", 12.0 * math.sin(a), 12.0 * math.cos(a), 0.0) for a in np.linspace(0, 6, 12)]
     simspec = scene_simspec(
         [("house", 0.0, 0.0, 30.0), *people],
         motion=Motion(kind="wander", speed_mps=3.0, radius_m=30.0, pause_s=0.1),
-        moving_asset="civilian",
     )
     path = poses_every(simspec, 600.0, 0.2)[:, 1:, :2]
     heading = math.radians(30.0)
@@ -149,20 +132,23 @@ def test_walkers_go_round_solid_houses() -> None:
     assert ahead.max() > 10.0
 
 
-def test_an_actor_inside_a_house_stays_there() -> None:
-    """An actor inside a house has no free leg; it stays, and the search ends in bounded time."""
-    simspec = scene_simspec(
-        [("house", 0.0, 0.0, 0.0), ("civilian", 0.0, 0.0, 0.0)], motion=WANDER, moving_asset="civilian"
-    )
-
-    assert poses_at(simspec, [600.0])[0, 1, :2].tolist() == [0.0, 0.0]
+@pytest.mark.parametrize(
+    ("east_m", "motion"),
+    [
+        (0.0, WANDER),
+        (30.0, Motion(kind="patrol", speed_mps=5.0, pause_s=0.0, route=points((0, 0), (1, 1)))),
+    ],
+    ids=["inside the house", "a patrol whose points are inside"],
+)
+def test_an_actor_without_a_way_stays_in_place(east_m: float, motion: Motion) -> None:
+    """The search for a free leg ends in bounded time."""
+    placements = [("house", 0.0, 0.0, 0.0), ("civilian", east_m, 0.0, 0.0)]
+    assert poses_at(scene_simspec(placements, motion=motion), [600.0])[0, 1, :2].tolist() == [east_m, 0.0]
 
 
 def test_an_actor_against_a_wall_can_walk_away() -> None:
     """A civilian closer to a house than its half width still leaves, and not through the house."""
-    simspec = scene_simspec(
-        [("house", 0.0, 0.0, 0.0), ("civilian", 4.6, 0.0, 0.0)], motion=WANDER, moving_asset="civilian"
-    )
+    simspec = scene_simspec([("house", 0.0, 0.0, 0.0), ("civilian", 4.6, 0.0, 0.0)], motion=WANDER)
     path = poses_every(simspec, 200.0, 0.1)[:, 1, :2]
 
     assert np.hypot(*np.ptp(path, axis=0)) > 5.0
@@ -171,10 +157,10 @@ def test_an_actor_against_a_wall_can_walk_away() -> None:
 
 def test_a_patrol_walks_its_route_in_a_loop_from_the_nearest_point() -> None:
     """A patrol starts at the nearest point and repeats the route in order, without a pause."""
-    route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (40, 0), (40, 40), (0, 40)))
+    route = points((0, 0), (40, 0), (40, 40), (0, 40))
     motion = Motion(kind="patrol", speed_mps=4.0, pause_s=0.0, route=route)
     path = poses_at(
-        scene_simspec([("soldier", 40.0, -4.0, 0.0)], motion=motion, moving_asset="soldier"),
+        scene_simspec([("soldier", 40.0, -4.0, 0.0)], motion=motion),
         [1.0, 11.0, 21.0, 31.0, 41.0, 46.0],
     )
 
@@ -185,12 +171,11 @@ def test_a_patrol_walks_its_route_in_a_loop_from_the_nearest_point() -> None:
 
 def test_a_patrol_stays_inside_the_area_and_skips_unreachable_points() -> None:
     """A point beyond the border is moved inside it; a point inside a house is skipped."""
-    route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, -20), (90, 0), (0, 20), (-30, 0)))
+    route = points((0, -20), (90, 0), (0, 20), (-30, 0))
     motion = Motion(kind="patrol", speed_mps=5.0, pause_s=0.0, route=route)
     simspec = scene_simspec(
         [("soldier", 0.0, -21.0, 0.0), ("house", -30.0, 0.0, 0.0)],
         motion=motion,
-        moving_asset="soldier",
         area=square(100.0),
     )
     path = poses_every(simspec, 200.0, 0.1)[:, 0, :2]
@@ -201,36 +186,23 @@ def test_a_patrol_stays_inside_the_area_and_skips_unreachable_points() -> None:
     assert path[:, 1].max() == pytest.approx(20.0, abs=0.5)
 
 
-def test_a_patrol_without_reachable_points_stays_in_place() -> None:
-    """When all points lie inside a house, the soldier stays where he is."""
-    route = (Point(east_m=0.0, north_m=0.0), Point(east_m=1.0, north_m=1.0))
-    motion = Motion(kind="patrol", speed_mps=5.0, pause_s=0.0, route=route)
-    simspec = scene_simspec(
-        [("soldier", 30.0, 0.0, 0.0), ("house", 0.0, 0.0, 0.0)], motion=motion, moving_asset="soldier"
-    )
-
-    assert poses_at(simspec, [500.0])[0, 0, :2].tolist() == [30.0, 0.0]
-
-
 @pytest.mark.parametrize(
     "motion",
     [
         Motion(kind="wander", speed_mps=40.0, radius_m=1e-6, pause_s=0.0),
-        Motion(kind="patrol", speed_mps=40.0, pause_s=0.0, route=(Point(east_m=0.0, north_m=0.0),) * 2),
+        Motion(kind="patrol", speed_mps=40.0, pause_s=0.0, route=points((0, 0), (0, 0))),
     ],
 )
 def test_tiny_legs_take_bounded_time(motion: Motion) -> None:
     """A vanishing disc or a route of equal points costs at most four legs a second."""
-    simspec = scene_simspec([("civilian", 0.0, 0.0, 0.0)], motion=motion, moving_asset="civilian")
     began = time.process_time()
-    poses_at(simspec, [600.0])
-
+    poses_at(scene_simspec([("civilian", 0.0, 0.0, 0.0)], motion=motion), [600.0])
     assert time.process_time() - began < 5.0
 
 
 def test_time_cannot_go_back_and_returned_positions_are_read_only() -> None:
     """Advancing backwards is a caller error; returned arrays do not change later and cannot be written."""
-    scene = open_plain_scene(scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian"))
+    scene = open_plain_scene(WANDERERS)
     scene.advance(SimTime(10**9))
     before, copy = scene.positions(), scene.positions().copy()
     scene.advance(SimTime(20 * 10**9))
@@ -243,30 +215,18 @@ def test_time_cannot_go_back_and_returned_positions_are_read_only() -> None:
         scene.positions()[0, 0] = 1.0
 
 
-def test_a_simspec_that_is_not_realized_is_refused() -> None:
-    """A scene needs a realization, and the error message says what to do."""
-    simspec = scene_simspec(CIVILIANS).model_copy(update={"realized": None})
-
-    with pytest.raises(SetupError, match="is not realized"):
-        open_plain_scene(simspec)
-
-
-def test_all_unknown_names_are_reported_together() -> None:
-    """An actor with an unknown group and a group with an unknown asset are two faults of one error."""
+def test_a_simspec_that_no_scene_can_be_is_refused() -> None:
+    """Not realized; or an actor with an unknown group and a group with an unknown asset, two faults of one error."""
     valid = scene_simspec(CIVILIANS[:2])
     assert valid.realized is not None
-    placed = valid.realized.actors
-    odd = placed[0].model_copy(update={"group": "nobody"})
+    with pytest.raises(SetupError, match="is not realized"):
+        open_plain_scene(valid.model_copy(update={"realized": None}))
+    first, second = valid.realized.actors
+    actors = (first.model_copy(update={"group": "nobody"}), second)
     unicorn = ActorGroup(id="unicorn", asset="unicorn", role=Role.CLUTTER, count=0)
-    invalid = valid.model_copy(
-        update={
-            "actors": (*valid.actors, unicorn),
-            "realized": valid.realized.model_copy(update={"actors": (odd, placed[1])}),
-        }
-    )
-
+    realized = valid.realized.model_copy(update={"actors": actors})
     with pytest.raises(SetupError) as caught:
-        open_plain_scene(invalid)
+        open_plain_scene(valid.model_copy(update={"actors": (*valid.actors, unicorn), "realized": realized}))
     assert [fault.where for fault in caught.value.faults] == ["realized.actors[0].group", "actors[1].asset"]
 
 
@@ -284,21 +244,13 @@ def test_the_cast_keeps_the_order_of_the_realization() -> None:
 @pytest.mark.parametrize("kind", ["wander", "patrol"])
 def test_an_actor_moves_between_departure_and_halt_only(kind: str) -> None:
     """Before, it stands at its start; after, where it was; between, as without them, only later."""
-    route = (
-        ()
-        if kind == "wander"
-        else tuple(Point(east_m=e, north_m=n) for e, n in ((-40, 0), (40, 30), (0, 60)))
-    )
+    route = () if kind == "wander" else points((-40, 0), (40, 30), (0, 60))
     plain = Motion.model_validate({**WANDER.model_dump(), "kind": kind, "route": route})
     timed = plain.model_copy(update={"depart_s": 30.0, "halt_s": 75.3})
-    usual, later = (
-        scene_simspec(CIVILIANS, motion=motion, moving_asset="civilian") for motion in (plain, timed)
-    )
-    usual_poses = poses_at(usual, [0.0, 10.0, 45.3])
-    poses = poses_at(later, [0.0, 29.9, 40.0, 75.3, 200.0])
+    usual_poses = poses_at(scene_simspec(CIVILIANS, motion=plain), [10.0, 45.3])
+    poses = poses_at(scene_simspec(CIVILIANS, motion=timed), [0.0, 29.9, 40.0, 75.3, 200.0])
     assert np.array_equal(poses[0], poses[1])
-    np.testing.assert_allclose(poses[2][:, :3], usual_poses[1][:, :3], atol=1e-6)
-    np.testing.assert_allclose(poses[3][:, :3], usual_poses[2][:, :3], atol=1e-6)
+    np.testing.assert_allclose(poses[2:4, :, :3], usual_poses[:, :, :3], atol=1e-6)
     assert np.array_equal(poses[3][:, :3], poses[4][:, :3])
 
 
@@ -306,16 +258,14 @@ def test_an_actor_moves_between_departure_and_halt_only(kind: str) -> None:
 def test_a_convoy_drives_as_the_agent_is_told(seed: int) -> None:
     """The plan of an escort against the simulation: random starts, routes, speeds and times."""
     rng = np.random.default_rng(seed)
-    route = tuple(
-        Point(east_m=float(e), north_m=float(n)) for e, n in rng.uniform(-200.0, 200.0, (2 + seed % 3, 2))
-    )
+    route = points(*rng.uniform(-200.0, 200.0, (2 + seed % 3, 2)).tolist())
     starts = rng.uniform(-200.0, 200.0, (2, 2))
     cars = [("civilian-car", float(east), float(north), 0.0) for east, north in starts]
     motion = Motion(
         kind="patrol", pause_s=0.0, route=route, speed_mps=float(rng.uniform(2.0, 20.0)),
         depart_s=float(rng.uniform(0.0, 40.0)), halt_s=float(rng.uniform(60.0, 150.0)),
     )  # fmt: skip
-    spec = scene_simspec(cars, motion=motion, moving_asset="civilian-car", area=square(600.0))
+    spec = scene_simspec(cars, motion=motion, area=square(600.0))
     spec = spec.model_copy(
         update={"mission": spec.mission.model_copy(update={"escort": Escort(group="civilian-car")})}
     )

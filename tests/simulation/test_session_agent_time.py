@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pytest
 from test_session import session_simspec
@@ -19,24 +19,23 @@ from bench.simulation._tick_server import TickServer
 
 
 @pytest.mark.parametrize(
-    ("usage", "own_s"),
+    ("usage", "bench_starved_s", "own_s"),
     [
-        (AgentUsage(), 10.0),  # asleep throughout
-        (AgentUsage(cpu_s=10.0), 10.0),  # running throughout
-        (AgentUsage(cpu_s=1.0, starved_s=9.0), 1.0),  # the host let it run for a second
-        (AgentUsage(cpu_s=1.0, starved_s=4.0), 6.0),  # and it slept for five
-        (AgentUsage(cpu_s=20.0, starved_s=500.0), 10.0),  # fifty children that keep two cores busy
-        (AgentUsage(cpu_s=5.0, starved_s=500.0), 5.0),  # the same among as many strangers
+        (AgentUsage(), 0.0, 10.0),  # asleep throughout
+        (AgentUsage(cpu_s=10.0), 0.0, 10.0),  # running throughout
+        (AgentUsage(cpu_s=1.0, starved_s=9.0), 0.0, 1.0),  # the host let it run for a second
+        (AgentUsage(cpu_s=1.0, starved_s=4.0), 0.0, 6.0),  # and it slept for five
+        (AgentUsage(cpu_s=20.0, starved_s=500.0), 0.0, 10.0),  # fifty children that keep two cores busy
+        (AgentUsage(cpu_s=5.0, starved_s=500.0), 0.0, 5.0),  # the same among as many strangers
+        # It sleeps because the air network has no core to bring it what it waits for.
+        (AgentUsage(cpu_s=1.0), 6.0, 4.0),
     ],
 )
-def test_own_time_is_what_the_agent_ran_or_slept(usage: AgentUsage, own_s: float) -> None:
+def test_own_time_is_what_the_agent_ran_or_slept(
+    usage: AgentUsage, bench_starved_s: float, own_s: float
+) -> None:
     """Ten seconds of waiting. Starved time never excuses more than what was not spent running."""
-    assert own_time_s(10.0, usage) == own_s
-
-
-def test_starved_threads_of_the_bench_excuse_the_agent_too() -> None:
-    """The agent sleeps because the air network has no core to bring it what it waits for."""
-    assert own_time_s(10.0, AgentUsage(cpu_s=1.0), bench_starved_s=6.0) == 4.0
+    assert own_time_s(10.0, usage, bench_starved_s) == own_s
 
 
 def test_a_wait_compares_with_its_first_look() -> None:
@@ -61,7 +60,9 @@ class Connection:
     server: TickServer
     peer: socket.socket
     host: Host
-    looks: list[float] = field(default_factory=list)
+
+
+TICK = Tick(number=3, time_ns=0, topics={}, links={})
 
 
 @pytest.fixture
@@ -81,38 +82,35 @@ def timed_out(
 ) -> StopSession:
     connection.server.watch(check, AgentTime(connection.host.clock, look))
     with pytest.raises(StopSession) as end:
-        connection.server.exchange(Tick(number=3, time_ns=0, topics={}, links={}), 0.4)
+        connection.server.exchange(TICK, 0.4)
     return end.value
 
 
-def test_two_silent_agents_one_asleep_and_one_starved(connection: Connection) -> None:
-    """A second of the host's time passes at each look. Asleep, the agent is out of time at the first look;
-    starved, it is at the tenth of its running time, and ends no earlier.
-    """
-    host = connection.host
-    looks = 0
+@pytest.mark.parametrize(
+    ("each_s", "looks"),
+    [
+        (AgentUsage(), 2),  # asleep: out of time at the first look
+        (
+            AgentUsage(cpu_s=0.0625, starved_s=0.9375),
+            8,
+        ),  # starved: at the tenth of its running time, no earlier
+    ],
+)
+def test_two_silent_agents_one_asleep_and_one_starved(
+    connection: Connection, each_s: AgentUsage, looks: int
+) -> None:
+    """A second of the host's time passes at each look."""
+    looked = 0
 
-    def asleep() -> AgentUsage:
-        nonlocal looks
-        looks += 1
-        host.spend(1.0)
-        return AgentUsage()
+    def look() -> AgentUsage:
+        nonlocal looked
+        looked += 1
+        connection.host.spend(1.0)
+        return AgentUsage(each_s.cpu_s * looked, each_s.starved_s * looked)
 
-    end = timed_out(connection, asleep, lambda: None)
-    assert (end.outcome, looks) == (Outcome.AGENT_TIMEOUT, 2)
+    end = timed_out(connection, look, lambda: None)
+    assert (end.outcome, looked) == (Outcome.AGENT_TIMEOUT, looks)
     assert end.reason == "no answer to tick 3 within 0.4 s of the agent's own time"
-
-    looks = 0
-
-    def starved() -> AgentUsage:
-        nonlocal looks
-        looks += 1
-        host.spend(1.0)
-        return AgentUsage(cpu_s=0.0625 * looks, starved_s=0.9375 * looks)
-
-    end = timed_out(connection, starved, lambda: None)
-    assert end.outcome is Outcome.AGENT_TIMEOUT
-    assert looks == 8
 
 
 def test_an_agent_that_never_gets_a_core_is_ended_by_the_session(connection: Connection) -> None:
@@ -142,8 +140,7 @@ def test_an_answer_that_is_there_counts_however_late_it_is_read(connection: Conn
         return host.now_s
 
     connection.server.watch(lambda: None, AgentTime(HostClock(now_s), AgentUsage))
-    tick = Tick(number=3, time_ns=0, topics={}, links={})
-    assert connection.server.exchange(tick, 0.4) == Ack(number=3, topics={}, links={})
+    assert connection.server.exchange(TICK, 0.4) == Ack(number=3, topics={}, links={})
 
 
 def test_an_answer_that_comes_byte_by_byte_does_not_last_for_ever(connection: Connection) -> None:
@@ -159,7 +156,7 @@ def test_an_answer_that_comes_byte_by_byte_does_not_last_for_ever(connection: Co
 
     connection.server.watch(lambda: None, AgentTime(HostClock(now_s), AgentUsage))
     with pytest.raises(StopSession) as end:
-        connection.server.exchange(Tick(number=3, time_ns=0, topics={}, links={}), 0.4)
+        connection.server.exchange(TICK, 0.4)
     assert end.value.outcome is Outcome.AGENT_TIMEOUT
     assert host.now_s < 2.0
 

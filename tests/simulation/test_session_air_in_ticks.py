@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -37,9 +36,9 @@ for line in lines:
 STATUS, REPORTS = "/vehicle_1/agent/status", "/vehicle_1/agent/reports"
 
 
-def manifest(**changes: Any) -> AgentManifest:
+def manifest(program: str = SPEAKER, **changes: Any) -> AgentManifest:
     fields = {"name": "speaker", "pace": ["lockstep"], "air": "tick", "mavlink": []} | changes
-    command = [sys.executable, "-I", "-S", "-c", SPEAKER, "{folder}/plan.json"]
+    command = [sys.executable, "-I", "-S", "-c", program, "{folder}/plan.json"]
     return AgentManifest.model_validate(fields | {"command": command})
 
 
@@ -54,29 +53,32 @@ def status(phase: str, topic: str = STATUS) -> dict[str, Any]:
 
 
 def flown(
-    folder: Path, reads: list[str], acks: dict[int, dict[str, Any]] | None = None, **changes: Any
+    folder: Path,
+    reads: list[str],
+    acks: dict[int, list[dict[str, Any]]] | None = None,
+    mode: str = "lockstep",
+    hello: dict[str, Any] | None = None,
+    program: str = SPEAKER,
+    situation: dict[str, Any] | None = None,
+    **changes: Any,
 ) -> tuple[SessionResult, list[Record], list[dict[str, Any]]]:
-    """The result, the records, and what the agent read: what it was given first, then the ticks."""
+    """The result, the records, and what the agent read: what it was given first, then the ticks. In its acks it says the
+    messages of `acks`; the manifest and the situation may be changed.
+    """
+    folder.mkdir(exist_ok=True)
+    said = {str(number): {"air": messages} for number, messages in (acks or {}).items()}
     # In a file: on its command line a text may not be as long as the longest document.
-    plan: dict[str, Any] = {
-        "reads": reads,
-        "acks": {str(number): ack for number, ack in (acks or {}).items()},
-    }
-    plan["hello"] = changes.pop("hello", {})
-    (folder / "plan.json").write_text(json.dumps(plan))
+    (folder / "plan.json").write_text(json.dumps({"reads": reads, "acks": said, "hello": hello or {}}))
     spec = session_simspec(
-        intelligence=(Intelligence(id="told", about="target", priority=1, uncertainty_m=20.0),)
+        intelligence=(Intelligence(id="told", about="target", priority=1, uncertainty_m=20.0),),
+        # The host may be as slow as it likes.
+        pace=Pace(mode=mode, max_late_share=1.0),
+        **(situation or {}),
     )
     assert spec.realized is not None
     reports = (PlacedReport(id="told", east_m=52.0, north_m=49.0),)
-    spec = spec.model_copy(
-        update={
-            "realized": spec.realized.model_copy(update={"reports": reports}),
-            # The host may be as slow as it likes.
-            "pace": Pace(mode=changes.pop("mode", "lockstep"), max_late_share=1.0),
-        }
-    )
-    end, records = run(folder, manifest(**changes), spec)
+    spec = spec.model_copy(update={"realized": spec.realized.model_copy(update={"reports": reports})})
+    end, records = run(folder, manifest(program, pace=[mode], **changes), spec)
     lines = (folder / "agent.log").read_text().splitlines()
     return end, records, [json.loads(line) for line in lines if line.startswith("{")]
 
@@ -107,7 +109,7 @@ def test_an_agent_reads_in_its_ticks_what_is_recorded_of_the_topics_that_it_name
 def test_what_its_acks_bring_is_recorded_and_ends_the_mission(tmp_path: Path) -> None:
     """By topic, and in the order of each."""
     tracks = {"topic": "/vehicle_1/agent/tracks", "message": {"time_s": 0.0, "tracks": []}}
-    acks = {1: {"air": [status("transit"), tracks, status("searching")]}, 3: {"air": [status("complete")]}}
+    acks = {1: [status("transit"), tracks, status("searching")], 3: [status("complete")]}
     end, records, _ = flown(tmp_path, [], acks)
     assert end.outcome is Outcome.COMPLETED, end.reason
     own = [record for record in records if record.topic.startswith("/vehicle_1/agent/")]
@@ -117,74 +119,53 @@ def test_what_its_acks_bring_is_recorded_and_ends_the_mission(tmp_path: Path) ->
     assert [topic for topic, _ in texts[:3]] == [STATUS, STATUS, "/vehicle_1/agent/tracks"]
 
 
+LONGEST = 256 * 1024
+TOO_LONG = {"topic": REPORTS, "message": {"reason": "x" * (LONGEST - len(json.dumps({"reason": ""})) + 1)}}
+NOT_ITS_OWN = status("transit", "/vehicle_1/orders")
+
+
 @pytest.mark.parametrize(
-    ("message", "words"),
+    ("message", "changes", "words"),
     [
-        (
-            status("transit", "/vehicle_1/agent/state"),
-            "publishes on '/vehicle_1/agent/state', a topic that it may not write; did you mean /vehicle_1/agent/status?",
-        ),
-        (status("transit", "/vehicle_1/orders"), "a topic that it may not write"),
-        ({"topic": REPORTS, "message": {"reason": "x" * 300_000}}, "at most 262144 are taken"),
+        (status("transit", "/vehicle_1/agent/state"), {}, "did you mean /vehicle_1/agent/status?"),
+        (NOT_ITS_OWN, {}, "a topic that it may not write"),
+        (NOT_ITS_OWN, {"mode": "realtime"}, "a topic that it may not write"),
+        (NOT_ITS_OWN, {"mode": "warp"}, "a topic that it may not write"),
+        (TOO_LONG, {}, "at most 262144 are taken"),
+        ({"topic": REPORTS, "message": "x" * (LONGEST + 1)}, {}, "at most 262144 are taken"),
+        # They would be lost without a word.
+        (status("transit"), {"air": "zenoh"}, "its manifest has no `air: tick`"),
     ],
+    ids=["unknown", "not its own", "in real time", "in warp", "too long", "a long text", "on zenoh"],
 )
 def test_what_it_may_not_say_ends_the_session_with_the_reason(
-    tmp_path: Path, message: dict[str, Any], words: str
+    tmp_path: Path, message: dict[str, Any], changes: dict[str, Any], words: str
 ) -> None:
-    end, _, _ = flown(tmp_path, [], {2: {"air": [message]}})
+    """The agent is told it too."""
+    end, _, lines = flown(tmp_path, [], {2: [message]}, **changes)
     assert end.outcome is Outcome.AGENT_PROTOCOL
     assert words in end.reason
-
-
-def test_a_document_of_just_the_greatest_size_is_taken(tmp_path: Path) -> None:
-    longest = 256 * 1024 - len(json.dumps({"reason": ""}))
-    for extra, outcome in ((0, Outcome.TIME_LIMIT), (1, Outcome.AGENT_PROTOCOL)):
-        folder = tmp_path / str(extra)
-        folder.mkdir()
-        long = {"topic": REPORTS, "message": {"reason": "x" * (longest + extra)}}
-        end, _, _ = flown(folder, [], {2: {"air": [long]}})
-        assert end.outcome is outcome, end.reason
+    assert lines[-1] == {"kind": "end", "reason": end.reason}
 
 
 def test_a_text_is_recorded_to_the_letter(tmp_path: Path) -> None:
-    """With blanks of its own, and whether it is a document or not; what is too long ends the session."""
-    texts = ['{ "phase" :"transit","time_s":0}', 'no JSON: "\u0000\u00fc', "", "x" * (256 * 1024)]
-    (tmp_path / "taken").mkdir()
-    acks = {2: {"air": [{"topic": REPORTS, "message": text} for text in texts]}}
-    end, records, _ = flown(tmp_path / "taken", [], acks)
+    """With blanks of its own, and whether it is a document or not, up to the greatest size."""
+    longest = {"reason": "x" * (LONGEST - len(json.dumps({"reason": ""})))}
+    texts = ['{ "phase" :"transit","time_s":0}', 'no JSON: "\u0000\u00fc', "", "x" * LONGEST]
+    messages = [{"topic": REPORTS, "message": message} for message in (*texts, longest)]
+    end, records, _ = flown(tmp_path, [], {2: messages})
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     recorded = [decode(record.type_name, record.data) for record in records if record.topic == REPORTS]
-    assert recorded == [String(text) for text in texts]
-    (tmp_path / "refused").mkdir()
-    longer = {"topic": REPORTS, "message": texts[-1] + "x"}
-    end, _, _ = flown(tmp_path / "refused", [], {2: {"air": [longer]}})
-    assert end.outcome is Outcome.AGENT_PROTOCOL
-    assert "at most 262144 are taken" in end.reason
-
-
-def test_messages_of_an_agent_on_zenoh_are_refused_in_its_acks(tmp_path: Path) -> None:
-    """They would be lost without a word."""
-    end, _, _ = flown(tmp_path, [], {2: {"air": [status("transit")]}}, air="zenoh")
-    assert end.outcome is Outcome.AGENT_PROTOCOL
-    assert "its manifest has no `air: tick`" in end.reason
-
-
-def test_an_unknown_topic_in_its_hello_is_named(tmp_path: Path) -> None:
-    end, _, _ = flown(tmp_path, ["/vehicle_1/missions"])
-    assert end.outcome is Outcome.AGENT_PROTOCOL
-    assert "did you mean /vehicle_1/mission?" in end.reason
-
-
-def at_pace(mode: str) -> dict[str, Any]:
-    return {"pace": [mode], "mode": mode}
+    assert recorded[:-1] == [String(text) for text in texts]
+    assert json.loads(recorded[-1].data) == longest
 
 
 @pytest.mark.parametrize("mode", ["realtime", "warp"])
 def test_where_time_does_not_wait_an_agent_reads_the_same_without_counts(mode: str, tmp_path: Path) -> None:
     """Everything from the start in the order of the recording, latched ones of before its hello too."""
     reads = ["/clock", "/tf", "/tf_static", "/vehicle_1/mission", "/vehicle_1/intelligence"]
-    acks = {1: {"air": [status("transit")]}, 3: {"air": [status("searching")]}}
-    end, records, (environment, *lines) = flown(tmp_path, reads, acks, **at_pace(mode))
+    acks = {1: [status("transit")], 3: [status("searching")]}
+    end, records, (environment, *lines) = flown(tmp_path, reads, acks, mode=mode)
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     assert environment == {"zenoh": False}
     ticks = lines[:-1]
@@ -206,9 +187,7 @@ def test_where_time_does_not_wait_an_agent_reads_the_same_without_counts(mode: s
 def test_in_warp_ticks_come_at_their_interval_and_sessions_are_alike(tmp_path: Path) -> None:
     sessions = []
     for name in ("first", "second"):
-        (tmp_path / name).mkdir()
-        acks = {4: {"air": [status("transit")]}}
-        end, records, (_, *lines) = flown(tmp_path / name, ["/clock"], acks, **at_pace("warp"))
+        end, records, (_, *lines) = flown(tmp_path / name, ["/clock"], {4: [status("transit")]}, mode="warp")
         assert end.outcome is Outcome.TIME_LIMIT, end.reason
         times_ns = [line["time_ns"] for line in lines[:-1]]
         assert times_ns == [number * 100_000_000 for number in range(30)]
@@ -220,7 +199,7 @@ def test_in_warp_ticks_come_at_their_interval_and_sessions_are_alike(tmp_path: P
 def test_a_hello_may_ask_for_other_ticks(interval_s: float, tmp_path: Path) -> None:
     """At the first step of 20 ms at or after each multiple, with all that was published by then."""
     hello = {"interval_s": interval_s}
-    end, _, (_, *lines) = flown(tmp_path, ["/clock"], hello=hello, **at_pace("warp"))
+    end, _, (_, *lines) = flown(tmp_path, ["/clock"], hello=hello, mode="warp")
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     multiples = range(math.ceil(3.0 / interval_s))
     steps = sorted({math.ceil(Fraction(str(interval_s)) * number / Fraction("0.02")) for number in multiples})
@@ -230,7 +209,7 @@ def test_a_hello_may_ask_for_other_ticks(interval_s: float, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("interval_s", [0.0, 0.0009, 60.1])
 def test_a_hello_with_an_interval_out_of_bounds_is_refused(interval_s: float, tmp_path: Path) -> None:
-    end, _, _ = flown(tmp_path, [], hello={"interval_s": interval_s}, **at_pace("warp"))
+    end, _, _ = flown(tmp_path, [], hello={"interval_s": interval_s}, mode="warp")
     assert end.outcome is not Outcome.TIME_LIMIT
     assert "interval_s" in end.reason
 
@@ -284,15 +263,6 @@ def test_an_agent_that_leaves_the_socket_and_runs_on_breaks_the_protocol(tmp_pat
     assert 11.0 < end.simulated_s < 13.0
 
 
-@pytest.mark.parametrize("mode", ["realtime", "warp"])
-def test_what_it_may_not_say_ends_the_session_at_every_pace(mode: str, tmp_path: Path) -> None:
-    acks = {2: {"air": [status("transit", "/vehicle_1/orders")]}}
-    end, _, lines = flown(tmp_path, [], acks, **at_pace(mode))
-    assert end.outcome is Outcome.AGENT_PROTOCOL
-    assert "a topic that it may not write" in end.reason
-    assert lines[-1] == {"kind": "end", "reason": end.reason}
-
-
 def test_an_outbox_drops_the_oldest_that_is_not_latched() -> None:
     outbox = Outbox()
     outbox.add("/latched", {"n": -1}, 10, latched=True)
@@ -313,23 +283,17 @@ def test_an_outbox_drops_the_oldest_that_is_not_latched() -> None:
 @pytest.mark.parametrize("mode", ["lockstep", "warp"])
 def test_a_tick_may_be_longer_than_what_a_connection_holds(mode: str, tmp_path: Path) -> None:
     """Raw pictures of several megabytes in one line, for an agent that reads on."""
-    speaker = SPEAKER.replace("print(line, end", "print(json.dumps([len(line)]), end")
-    plan = {"reads": ["/vehicle_1/camera/front/image_raw"], "acks": {}}
-    (tmp_path / "plan.json").write_text(json.dumps(plan))
-    fields = {"name": "speaker", "pace": [mode], "air": "tick", "mavlink": []}
-    command = [sys.executable, "-I", "-S", "-c", speaker, "{folder}/plan.json"]
+    speaker = SPEAKER.replace('print(line, end=""', "print(json.dumps({'length': len(line)})")
     vehicle = session_simspec().vehicle
-    camera = vehicle.camera.model_copy(update={"width_px": 1920, "height_px": 1080})
-    spec = session_simspec(
-        pace=Pace(mode=mode, tick_s=0.2),
-        mission=Mission(time_limit_s=1.0),
-        vehicle=vehicle.model_copy(update={"camera": camera}),
-    )
-    end, _ = run(tmp_path, AgentManifest.model_validate(fields | {"command": command}), spec)
+    camera = vehicle.camera.model_copy(update={"width_px": 1920, "height_px": 1080, "rate_hz": 2.0})
+    situation = {
+        "mission": Mission(time_limit_s=1.0),
+        "vehicle": vehicle.model_copy(update={"camera": camera}),
+    }
+    reads = ["/vehicle_1/camera/front/image_raw"]
+    end, _, (_, *lines) = flown(tmp_path, reads, mode=mode, program=speaker, situation=situation)
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
-    log = (tmp_path / "agent.log").read_text()
-    lengths = [int(number) for number in re.findall(r"\[(\d+)\]", log)]
-    assert max(lengths) > 8_000_000
+    assert max(line["length"] for line in lines) > 8_000_000
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
@@ -340,11 +304,7 @@ def test_an_ack_ahead_of_its_tick_breaks_the_protocol_at_every_pace(mode: str, t
         continue
 """
     speaker = SPEAKER.replace('    say(kind="ack"', ahead + '    say(kind="ack"')
-    (tmp_path / "plan.json").write_text('{"reads": [], "acks": {}}')
-    fields = {"name": "speaker", "pace": [mode], "air": "tick", "mavlink": []}
-    command = [sys.executable, "-I", "-S", "-c", speaker, "{folder}/plan.json"]
-    spec = session_simspec(pace=Pace(mode=mode, max_late_share=1.0))
-    end, _ = run(tmp_path, AgentManifest.model_validate(fields | {"command": command}), spec)
+    end, _, _ = flown(tmp_path, [], mode=mode, program=speaker)
     assert end.outcome is Outcome.AGENT_PROTOCOL
     assert "on the tick socket before tick 4 was sent" in end.reason
 
@@ -352,14 +312,17 @@ def test_an_ack_ahead_of_its_tick_breaks_the_protocol_at_every_pace(mode: str, t
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "warp"])
 def test_what_an_agent_never_subscribed_to_is_told(mode: str, tmp_path: Path) -> None:
     reads = ["/vehicle_1/mission", "/vehicle_1/detections", "/tf"]
-    end, _, _ = flown(tmp_path, reads, **at_pace(mode))
+    end, _, _ = flown(tmp_path, reads, mode=mode)
     fact = end.fact(UnreadTopics)
     assert fact is not None
     rest = ("intelligence", "orders", "consents", "operator_link")
     assert fact.topics == tuple(f"/vehicle_1/{name}" for name in rest)
 
 
-def test_nothing_is_told_of_an_agent_that_never_flew(tmp_path: Path) -> None:
+def test_an_unknown_topic_in_its_hello_is_named_and_nothing_is_told_of_what_it_did_not_read(
+    tmp_path: Path,
+) -> None:
     end, _, _ = flown(tmp_path, ["/vehicle_1/missions"])
     assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert "did you mean /vehicle_1/mission?" in end.reason
     assert end.fact(UnreadTopics) is None

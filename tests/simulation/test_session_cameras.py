@@ -12,36 +12,29 @@ import numpy as np
 import pytest
 from gl_renderer import declare, needs_gl
 from scipy.spatial.transform import Rotation
-from test_session_pictures import TOPICS, FlownSession, document, fly, watched_simspec
+from test_session import run, tape_from
+from test_session_pictures import TOPICS, FlownSession, flown_twice, fly, watched_simspec
 
-from bench.agents import open_agent
 from bench.arrays import Floats
 from bench.camera import decode_depth, decode_mask, open_camera
 from bench.contracts import (
-    SESSION_EVENTS,
     START,
     TF,
     TF_STATIC,
-    TRUTH_PICTURES,
     TRUTH_VIEW,
     CameraPose,
-    EventDocument,
     Outcome,
     Picture,
-    PictureDocument,
-    Record,
     VehicleState,
     ViewDocument,
     truth_depth_topic,
     truth_mask_topic,
 )
-from bench.errors import SetupError
-from bench.recording import TapeBuilder
 from bench.simspec import Camera, Distortion, Mission, SimSpec
-from bench.simulation import PinholeCamera, SessionPlan, camera_faults, run_session
+from bench.simulation import camera_faults
 from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._pictures import _build_of
-from bench.streams import CameraInfo, CompressedImage, TFMessage, TransformStamped, decode
+from bench.streams import CameraInfo, CompressedImage, TFMessage, TransformStamped
 from bench.testing import agent_manifest
 
 BARREL = Distortion(k1=-0.25, k2=0.06, p1=0.001, p2=-0.0008, k3=-0.004)
@@ -64,30 +57,26 @@ def two_cameras() -> SimSpec:
     """Two people below a vehicle whose gimbal is turned, so that only its fixed camera looks ahead."""
     spec = watched_simspec(gimbal=True, record_boxes=True)
     parameters = {**spec.vehicle.parameters, "STILL_PAN_DEG": 100.0}
-    vehicle = spec.vehicle.model_copy(update={"parameters": parameters, "more_cameras": (DOWN,)})
     agent = spec.agent.model_copy(update={"options": {"cameras": "down"}})
-    return spec.model_copy(update={"vehicle": vehicle, "agent": agent, "mission": Mission(time_limit_s=2.0)})
+    spec = spec.model_copy(update={"agent": agent, "mission": Mission(time_limit_s=2.0)})
+    return changed_vehicle(spec, parameters=parameters, more_cameras=(DOWN,))
+
+
+def changed_vehicle(spec: SimSpec, **changes: object) -> SimSpec:
+    return spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update=changes)})
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownSession, FlownSession]:
-    """Flown twice, with an agent that listens to the camera `down` alone."""
-    first, second = (fly(tmp_path_factory.mktemp("cameras"), two_cameras(), watched=True) for _ in range(2))
-    return first, second
+    """With an agent that listens to the camera `down` alone."""
+    return flown_twice(tmp_path_factory, two_cameras(), watched=True)
 
 
-def pictures_of(session: FlownSession, camera: str) -> list[tuple[Record, PictureDocument]]:
-    pairs = ((record, document(PictureDocument, record)) for record in session.on(TRUTH_PICTURES))
-    return [(record, picture) for record, picture in pairs if picture.camera == camera]
-
-
-def transforms(records: list[Record]) -> dict[int, dict[str, TransformStamped]]:
+def transforms(session: FlownSession, topic: str) -> dict[int, dict[str, TransformStamped]]:
     """By time and child frame."""
-    messages = {record.time.ns: decode(TFMessage, record.data) for record in records}
     return {
-        time_ns: {item.child_frame_id: item for item in message.transforms}
-        for time_ns, message in messages.items()
-        if message is not None
+        time.ns: {item.child_frame_id: item for item in message.transforms}
+        for time, message in session.messages(topic, TFMessage)
     }
 
 
@@ -105,10 +94,9 @@ def test_each_camera_has_its_rate_its_digests_and_its_topics(
 ) -> None:
     """Frames are numbered camera by camera, the agent gets those of its topics, and two flights are equal."""
     session, repeated = flown
-    assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
     assert session.records == repeated.records
     for camera, count in FRAMES.items():
-        pictures = [picture for _, picture in pictures_of(session, camera)]
+        pictures = [picture for _, picture in session.pictures(camera)]
         assert [picture.frame for picture in pictures] == list(range(count))
         assert len({picture.sha256 for picture in pictures}) == count
         # What is exposed at the end of the session has no tick after it.
@@ -116,14 +104,13 @@ def test_each_camera_has_its_rate_its_digests_and_its_topics(
     assert session.renderer.opened == 2
     raw = [line for line in session.lines if line["topic"] == TOPICS.image_raw("down")]
     assert [line["sha256"] for line in raw] == [
-        picture.sha256 for _, picture in pictures_of(session, "down")[:-1]
+        picture.sha256 for _, picture in session.pictures("down")[:-1]
     ]
     assert {(line["width"], line["height"], line["frame"]) for line in raw} == {
         (200, 160, "vehicle_1/camera_down_optical")
     }
     assert {str(line["topic"]).split("/")[3] for line in session.lines} == {"down"}
-    opened = [document(EventDocument, record) for record in session.on(SESSION_EVENTS)]
-    builds = [event.text for event in opened if event.name == "camera opened"]
+    builds = session.texts_of("camera opened")
     assert builds == [builds[0], f"down: {builds[0]}"]
 
 
@@ -131,10 +118,9 @@ def test_two_cameras_cost_nothing_while_nobody_listens(tmp_path: Path) -> None:
     """The session of an idle agent does not even import OpenCV, and still publishes what a camera costs nothing for."""
     silent = {"record_boxes": False, "record_masks": False, "record_depth": False}
     spec = two_cameras()
-    cameras = (spec.vehicle.camera, *spec.vehicle.more_cameras)
-    front, down = (camera.model_copy(update=silent) for camera in cameras)
-    vehicle = spec.vehicle.model_copy(update={"camera": front, "more_cameras": (down,)})
-    spec = spec.model_copy(update={"vehicle": vehicle, "mission": Mission(time_limit_s=1.0)})
+    front, down = (camera.model_copy(update=silent) for camera in (spec.vehicle.camera, DOWN))
+    spec = changed_vehicle(spec, camera=front, more_cameras=(down,))
+    spec = spec.model_copy(update={"mission": Mission(time_limit_s=1.0)})
     (tmp_path / "simspec.json").write_text(spec.model_dump_json())
     code = """
 import sys
@@ -158,7 +144,7 @@ print(end.outcome, infos, "cv2" in sys.modules)
 
 def test_sightings_are_those_of_the_main_camera(flown: tuple[FlownSession, FlownSession]) -> None:
     """A second camera changes nothing about what the detector gets."""
-    views = [document(ViewDocument, record) for record in flown[0].on(TRUTH_VIEW)]
+    views = [view for _, view in flown[0].documents(TRUTH_VIEW, ViewDocument)]
     assert [view.frame for view in views] == list(range(FRAMES["front"]))
     assert {view.camera for view in views} == {"front"}
 
@@ -168,18 +154,18 @@ def test_people_are_where_camera_info_and_tf_of_each_camera_say(
 ) -> None:
     """A person's waist by cv2.projectPoints, with the distortion of camera_info, lies in the box of its pixels."""
     session, _ = flown
-    (fixed,) = transforms(session.on(TF_STATIC)).values()
+    (fixed,) = transforms(session, TF_STATIC).values()
     assert set(fixed) == {"vehicle_1/camera_down_optical"}
-    moving = transforms(session.on(TF))
+    moving = transforms(session, TF)
     realized = two_cameras().realized
     assert realized is not None
     waists = np.array([(actor.east_m, actor.north_m, 0.9) for actor in realized.actors])
     checked = dict.fromkeys(FRAMES, 0)
     for camera in FRAMES:
-        infos = [decode(CameraInfo, record.data) for record in session.on(TOPICS.camera_info(camera))]
-        by_stamp = {info.header.stamp.ns: info for info in infos if info is not None}
-        for record, picture in pictures_of(session, camera):
-            at = record.time.ns
+        infos = session.messages(TOPICS.camera_info(camera), CameraInfo)
+        by_stamp = {info.header.stamp.ns: info for _, info in infos}
+        for time, picture in session.pictures(camera):
+            at = time.ns
             # The first frame lies between two ticks, and the last one after them.
             if at not in moving or at not in by_stamp:
                 continue
@@ -213,18 +199,16 @@ def test_masks_and_depths_are_recorded_and_agree_with_boxes_and_geometry(
     session, _ = flown
     assert not session.on(truth_mask_topic("front"))
     assert not session.on(truth_depth_topic("front"))
-    masks, depths = (session.on(topic("down")) for topic in (truth_mask_topic, truth_depth_topic))
-    pictures = pictures_of(session, "down")
+    topics = (truth_mask_topic("down"), truth_depth_topic("down"))
+    masks, depths = (session.messages(topic, CompressedImage) for topic in topics)
+    pictures = session.pictures("down")
     assert len(masks) == len(depths) == len(pictures) == FRAMES["down"]
-    for mask, depth, (record, picture) in zip(masks, depths, pictures, strict=True):
-        assert mask.time == depth.time == record.time
-        mask_image, depth_image = (decode(CompressedImage, each.data) for each in (mask, depth))
-        assert mask_image is not None
-        assert depth_image is not None
-        assert (mask_image.format, depth_image.format) == ("mono16; png compressed", "32FC1; tiff compressed")
-        assert mask_image.header.frame_id == depth_image.header.frame_id == "vehicle_1/camera_down_optical"
-        assert mask_image.header.stamp.ns == depth_image.header.stamp.ns == record.time.ns
-        labels, metres = decode_mask(mask_image.data), decode_depth(depth_image.data)
+    for (mask_time, mask), (depth_time, depth), (time, picture) in zip(masks, depths, pictures, strict=True):
+        assert mask_time == depth_time == time
+        assert (mask.format, depth.format) == ("mono16; png compressed", "32FC1; tiff compressed")
+        assert mask.header.frame_id == depth.header.frame_id == "vehicle_1/camera_down_optical"
+        assert mask.header.stamp.ns == depth.header.stamp.ns == time.ns
+        labels, metres = decode_mask(mask.data), decode_depth(depth.data)
         assert labels.shape == metres.shape == (160, 200)
         assert picture.actors is not None
         for actor in picture.actors:
@@ -239,27 +223,28 @@ def test_masks_and_depths_are_recorded_and_agree_with_boxes_and_geometry(
 
 
 def test_a_tape_is_whole_beside_masks_and_depths(flown: tuple[FlownSession, FlownSession]) -> None:
-    builder = TapeBuilder(two_cameras())
-    for record in flown[0].records:
-        builder(record)
-    assert {truth_mask_topic("down"), truth_depth_topic("down")} <= {it.topic for it in flown[0].records}
-    assert not builder.tape().malformed
+    session, _ = flown
+    assert {truth_mask_topic("down"), truth_depth_topic("down")} <= {it.topic for it in session.records}
+    assert not tape_from(session.records, session.spec).malformed
 
 
-def test_a_renderer_that_is_not_installed_is_refused_with_those_that_are() -> None:
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        ({"renderer": "crayons"}, ["[1].renderer: there is no renderer 'crayons' (installed: ", "opencv"]),
+        ({"distortion": Distortion(k1=-0.9)}, ["camera other: distortion", "folds over"]),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused_before_the_flight(
+    tmp_path: Path, broken: dict[str, object], words: list[str]
+) -> None:
     """By the field that names it, before anything is opened."""
-    spec = two_cameras()
-    cameras = (DOWN, DOWN.model_copy(update={"name": "other", "renderer": "crayons"}))
-    spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": cameras})})
+    cameras = (DOWN, DOWN.model_copy(update={"name": "other", **broken}))
+    spec = changed_vehicle(two_cameras(), more_cameras=cameras)
     (fault,) = camera_faults(spec)
-    assert str(fault).startswith(
-        "vehicle.more_cameras[1].renderer: there is no renderer 'crayons' (installed: "
-    )
-    assert "opencv" in fault.remedy
-    plan = SessionPlan(spec, agent_manifest("idle"), Path(), open_agent, Path(), lambda record: None)
-    end = run_session(plan)
-    assert end.outcome is Outcome.SETUP_INVALID
-    assert "vehicle.more_cameras[1].renderer" in end.reason
+    assert all(word in f"{fault} {fault.remedy}" for word in words)
+    end, _ = run(tmp_path, agent_manifest("idle"), spec)
+    assert (end.outcome, words[0] in end.reason) == (Outcome.SETUP_INVALID, True), end.reason
 
 
 def test_a_recording_says_what_a_renderer_rests_on() -> None:
@@ -285,40 +270,20 @@ def test_a_session_flies_with_another_renderer_for_one_of_its_cameras(
     spec = two_cameras()
     front = spec.vehicle.camera.model_copy(update={"renderer": "moderngl", "gimbal": False})
     twin = front.model_copy(update={"name": "twin", "renderer": "opencv"})
-    vehicle = spec.vehicle.model_copy(update={"camera": front, "more_cameras": (twin,)})
-    spec = spec.model_copy(update={"vehicle": vehicle, "mission": Mission(time_limit_s=1.0)})
-    records: list[Record] = []
-    (tmp_path / "scratch").mkdir()
-    plan = SessionPlan(
-        spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", records.append
-    )
-    end = run_session(plan)
-    assert end.outcome is Outcome.TIME_LIMIT, f"{end.reason} {end.facts}"
-    session = FlownSession(end, records, [])
-    events = [document(EventDocument, record) for record in session.on(SESSION_EVENTS)]
-    first, second = (event.text for event in events if event.name == "camera opened")
+    spec = changed_vehicle(spec, camera=front, more_cameras=(twin,))
+    spec = spec.model_copy(update={"mission": Mission(time_limit_s=1.0)})
+    session = fly(tmp_path, spec, open_renderer=None)
+    assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
+    first, second = session.texts_of("camera opened")
     assert first.startswith("moderngl, moderngl ")
     assert first.endswith(f"; OpenCV {second.removeprefix('twin: OpenCV ')}")
-    for (_, ours), (_, default) in zip(
-        pictures_of(session, "front"), pictures_of(session, "twin"), strict=True
-    ):
+    for (_, ours), (_, default) in zip(session.pictures("front"), session.pictures("twin"), strict=True):
         assert ours.sha256 != default.sha256
         assert ours.actors is not None
         assert default.actors is not None
         for mine, theirs in zip(ours.actors, default.actors, strict=True):
             assert mine.actor == theirs.actor
             assert mine.box == pytest.approx(theirs.box, abs=1.3)
-
-
-def test_a_distortion_that_folds_over_is_refused_before_the_flight() -> None:
-    """With the camera's name: as a fault of the campaign, and by whatever opens the camera."""
-    spec = two_cameras()
-    folded = DOWN.model_copy(update={"distortion": Distortion(k1=-0.9)})
-    spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": (folded,)})})
-    (fault,) = camera_faults(spec)
-    assert "camera down: distortion" in str(fault)
-    with pytest.raises(SetupError, match=r"camera down: distortion.*folds over"):
-        PinholeCamera.of(folded)
 
 
 def test_cameras_on_one_gimbal_turn_together() -> None:
@@ -331,7 +296,5 @@ def test_cameras_on_one_gimbal_turn_together() -> None:
     )
     assert main.transform == beside.transform
     assert main.header.frame_id == beside.header.frame_id == "vehicle_1/base_level"
-    assert (main.child_frame_id, beside.child_frame_id) == (
-        "vehicle_1/camera_front_optical",
-        "vehicle_1/camera_zoom_optical",
-    )
+    for mount, name in ((main, "front"), (beside, "zoom")):
+        assert mount.child_frame_id == f"vehicle_1/camera_{name}_optical"

@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from detector_fit import fit_detector, match_runs
+from test_session import tape_from
 from test_session_detectors import BlobDetector
-from test_session_pictures import document, watched_simspec
+from test_session_pictures import FlownSession, flown_twice, hits_of, watched_simspec
+from test_session_pictures import fly as fly_with
 
-from bench.agents import open_agent
 from bench.contracts import (
     TRUTH_PICTURES,
-    TRUTH_VIEW,
     Outcome,
     PictureDocument,
-    Record,
-    SessionResult,
     SimTime,
-    Tape,
     VehicleTopics,
-    ViewDocument,
     cast_of,
 )
 from bench.perception import open_detectors, seeds_of_camera
-from bench.recording import TapeBuilder, open_recording
+from bench.recording import open_recording
 from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
-from bench.simulation import SessionPlan, open_plain_scene, run_session
+from bench.simulation import open_plain_scene
 from bench.simulation._scene import PlainScene
 from bench.simulation._session_cameras import scene_faults
-from bench.streams import Detection2DArray, decode
-from bench.testing import agent_manifest
+from bench.streams import Detection2DArray
 from test_ports.perception.answers import Answers
 
 TOPICS = VehicleTopics("vehicle_1")
@@ -55,85 +50,31 @@ def spec_of(source: PerceptionSource, *names: str, model: DetectionModel = MODEL
     return spec.model_copy(update={"vehicle": vehicle, "perception": perception, "mission": mission})
 
 
-@dataclass
-class FlownCameras:
-    """One session: how it ended and what was recorded."""
-
-    spec: SimSpec
-    end: SessionResult
-    records: list[Record]
-
-    def messages(self, topic: str) -> list[tuple[SimTime, Detection2DArray]]:
-        """The detections on a topic, with the time of publication."""
-        pairs = [
-            (record.time, decode(Detection2DArray, record.data))
-            for record in self.records
-            if record.topic == topic
-        ]
-        return [(time, message) for time, message in pairs if message is not None]
-
-    def views(self, camera: str) -> dict[int, ViewDocument]:
-        """By time of exposure."""
-        records = [record for record in self.records if record.topic == TRUTH_VIEW]
-        views = [(record.time.ns, document(ViewDocument, record)) for record in records]
-        return {time_ns: view for time_ns, view in views if view.camera == camera}
-
-    def tape(self) -> Tape:
-        builder = TapeBuilder(self.spec)
-        for record in self.records:
-            builder(record)
-        return builder.tape()
-
-
-def fly(folder: Path, spec: SimSpec) -> FlownCameras:
-    records: list[Record] = []
-    plan = SessionPlan(
-        spec,
-        agent_manifest("idle"),
-        folder,
-        open_agent,
-        folder / "scratch",
-        records.append,
-        open_on_pixels=lambda _: BlobDetector(),
-    )
-    flown = FlownCameras(spec, run_session(plan), records)
-    assert flown.end.outcome is Outcome.TIME_LIMIT, f"{flown.end.reason} {flown.end.facts}"
-    return flown
+def fly(folder: Path, spec: SimSpec) -> FlownSession:
+    session = fly_with(folder, spec, open_on_pixels=lambda _: BlobDetector())
+    assert session.end.outcome is Outcome.TIME_LIMIT, f"{session.end.reason} {session.end.facts}"
+    return session
 
 
 @pytest.fixture(scope="module")
-def blobs(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownCameras, FlownCameras]:
-    """The same session with a detector on pixels, flown twice."""
-    first, second = (
-        fly(tmp_path_factory.mktemp("blobs"), spec_of("detector", "wide", "down")) for _ in range(2)
+def blobs(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownSession, FlownSession]:
+    """With a detector on pixels."""
+    return flown_twice(
+        tmp_path_factory, spec_of("detector", "wide", "down"), open_on_pixels=lambda _: BlobDetector()
     )
-    return first, second
 
 
-def hits_of(session: FlownCameras, topic: str, camera: str) -> tuple[int, int]:
-    """Clear sightings that a detection lies on, and all of them, in the frames with a result."""
-    views = session.views(camera)
-    hits = total = 0
-    for _, message in session.messages(topic):
-        centres = [(item.bbox.center.position.x, item.bbox.center.position.y) for item in message.detections]
-        for sighting in views[message.header.stamp.ns].sightings:
-            if sighting.visible < 0.5 or sighting.height_px < 5.0:
-                continue
-            left, top, right, bottom = sighting.box
-            total += 1
-            hits += any(left - 4 <= x <= right + 4 and top - 4 <= y <= bottom + 4 for x, y in centres)
-    return hits, total
-
-
-def test_each_camera_has_its_detections(blobs: tuple[FlownCameras, FlownCameras]) -> None:
+def test_each_camera_has_its_detections(blobs: tuple[FlownSession, FlownSession]) -> None:
     """In its own pixels, frame and rate, late by the stated delay, with names that no other camera gives; twice alike."""
     session, repeated = blobs
     assert session.records == repeated.records
     names: dict[str, set[str]] = {}
     for topic, camera, period_ns in ((MAIN, "front", 2e8), (DOWN, "down", 4e8), (WIDE, "wide", 2.5e8)):
-        messages = session.messages(topic)
+        messages = session.messages(topic, Detection2DArray)
         assert len(messages) >= 2e9 / period_ns - 2
-        assert {message.header.frame_id for _, message in messages} == {f"vehicle_1/camera_{camera}_optical"}
+        frames = {message.header.frame_id for _, message in messages}
+        frames |= {item.header.frame_id for _, message in messages for item in message.detections}
+        assert frames == {f"vehicle_1/camera_{camera}_optical"}
         stamps = [message.header.stamp.ns for _, message in messages]
         assert stamps == list(session.views(camera))[: len(stamps)]
         delays_s = [(time.ns - stamp) / 1e9 for (time, _), stamp in zip(messages, stamps, strict=True)]
@@ -142,12 +83,8 @@ def test_each_camera_has_its_detections(blobs: tuple[FlownCameras, FlownCameras]
         hits, total = hits_of(session, topic, camera)
         assert hits > 0.6 * total > 5
         names[camera] = {item.id for _, message in messages for item in message.detections}
-        assert {item.header.frame_id for _, message in messages for item in message.detections} == {
-            f"vehicle_1/camera_{camera}_optical"
-        }
-    assert all(name.startswith("t") for name in names["front"])
-    assert all(name.startswith("down/t") for name in names["down"])
-    assert all(name.startswith("wide/t") for name in names["wide"])
+    for camera, begin in (("front", "t"), ("down", "down/t"), ("wide", "wide/t")):
+        assert all(name.startswith(begin) for name in names[camera])
 
 
 def test_views_and_pictures_of_other_cameras_are_left_alone(tmp_path: Path) -> None:
@@ -155,17 +92,14 @@ def test_views_and_pictures_of_other_cameras_are_left_alone(tmp_path: Path) -> N
     session = fly(tmp_path / "down", spec_of("detector", "down"))
     assert session.views("down")
     assert not session.views("wide")
-    assert not session.messages(WIDE)
-    drawn = [
-        document(PictureDocument, record) for record in session.records if record.topic == TRUTH_PICTURES
-    ]
-    assert {picture.camera for picture in drawn} == {"front", "down"}
+    assert not session.messages(WIDE, Detection2DArray)
+    drawn = session.documents(TRUTH_PICTURES, PictureDocument)
+    assert {picture.camera for _, picture in drawn} == {"front", "down"}
     alone = fly(tmp_path / "alone", spec_of("detector"))
-    further = {DOWN, WIDE}
-    assert not further & {record.topic for record in alone.records}
+    assert not alone.on(DOWN) + alone.on(WIDE)
     assert not alone.views("down")
     # The main camera's are the same with and without the others.
-    assert alone.messages(MAIN) == session.messages(MAIN)
+    assert alone.messages(MAIN, Detection2DArray) == session.messages(MAIN, Detection2DArray)
     assert alone.views("front") == session.views("front")
 
 
@@ -177,9 +111,9 @@ def test_every_source_serves_every_camera_without_a_picture(tmp_path: Path, sour
     session = fly(tmp_path, spec_of(source, "down", "wide"))
     assert session.views("down")
     assert session.views("wide")
-    assert not [record for record in session.records if record.topic == TRUTH_PICTURES]
+    assert not session.on(TRUTH_PICTURES)
     for topic, camera in ((MAIN, "front"), (DOWN, "down"), (WIDE, "wide")):
-        messages = session.messages(topic)
+        messages = session.messages(topic, Detection2DArray)
         if source == "agent":
             assert not messages
             continue
@@ -191,7 +125,7 @@ def test_every_source_serves_every_camera_without_a_picture(tmp_path: Path, sour
         scores = [
             {
                 round(item.results[0].hypothesis.score, 9)
-                for _, message in session.messages(topic)
+                for _, message in session.messages(topic, Detection2DArray)
                 for item in message.detections
             }
             for topic in (MAIN, DOWN, WIDE)
@@ -221,7 +155,7 @@ def test_an_outage_silences_every_camera(tmp_path: Path) -> None:
     spec = spec_of("truth", "down", "wide").model_copy(update={"outages": outages})
     session = fly(tmp_path, spec)
     for topic in (MAIN, DOWN, WIDE):
-        messages = session.messages(topic)
+        messages = session.messages(topic, Detection2DArray)
         assert not [time for time, _ in messages if 0.5 <= time.s < 1.1]
         late = [message for time, message in messages if time.s >= 1.3]
         assert late
@@ -229,10 +163,11 @@ def test_an_outage_silences_every_camera(tmp_path: Path) -> None:
         assert scores <= {0.75}
 
 
-def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownCameras]) -> None:
+def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownSession, FlownSession]) -> None:
     """Frames are paired with the detections of their own camera, also where two cameras expose at one moment."""
     session, _ = blobs
-    tape, spec = session.tape(), session.spec
+    spec = session.spec
+    tape = tape_from(session.records, spec)
     assert not tape.malformed
     by_camera = {camera: len(session.views(camera)) for camera in ("front", "down", "wide")}
     assert len(tape.frames) == sum(by_camera.values())
@@ -258,7 +193,7 @@ def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownC
 
 
 def test_the_report_draws_frames_of_further_cameras_again(
-    blobs: tuple[FlownCameras, FlownCameras], tmp_path: Path
+    blobs: tuple[FlownSession, FlownSession], tmp_path: Path
 ) -> None:
     """Equal in every pixel, from the recording alone."""
     session, _ = blobs
@@ -296,15 +231,9 @@ def test_a_scene_of_one_camera_is_refused() -> None:
 def test_the_plug_in_is_opened_once_for_all_cameras() -> None:
     """Its weights may be large; each camera has a tracker of its own."""
     spec = spec_of("detector", "down", "wide")
-    opened: list[SimSpec] = []
-
-    def open_blobs(simspec: SimSpec) -> BlobDetector:
-        opened.append(simspec)
-        return BlobDetector()
-
-    detectors = open_detectors(spec, cast_of(spec), open_blobs)
-    assert len(detectors) == 3
-    assert len(opened) == 1
+    open_blobs = Mock(return_value=BlobDetector())
+    assert len(open_detectors(spec, cast_of(spec), open_blobs)) == 3
+    open_blobs.assert_called_once()
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from test_session import session_simspec
+from test_session import run
 
-from bench.agents import open_agent
 from bench.contracts import AgentManifest, Outcome
-from bench.simulation import SessionPlan, run_session
 from bench.simulation._host_resources import count_memory_kills
 
 
@@ -34,16 +32,7 @@ def test_an_agent_that_the_kernel_killed_for_memory_is_not_blamed(
     """Only SIGKILL counts, and only while the kernel's count of such kills rose."""
     code = f"import os; os.kill(os.getpid(), {number})"
     manifest = AgentManifest(name="killed", command=("{python}", "-c", code), pace=("lockstep",))
-    plan = SessionPlan(
-        session_simspec(),
-        manifest,
-        tmp_path,
-        open_agent,
-        tmp_path / "scratch",
-        lambda record: None,
-        memory_kills=kills,
-    )
-    end = run_session(plan)
+    end, _ = run(tmp_path, manifest, memory_kills=kills)
     assert end.outcome is outcome, end.reason
     assert ("out of memory" in end.reason) is (outcome is Outcome.BENCH_ERROR)
 
@@ -52,9 +41,10 @@ def test_memory_kills_are_read_from_the_kernel(tmp_path: Path) -> None:
     """The line of that name alone; 0 without the file, the line or a number."""
     vmstat = tmp_path / "vmstat"
     assert count_memory_kills(vmstat) == 0
-    vmstat.write_text("oom_kill_disable 7\nnr_free_pages 12\n")
-    assert count_memory_kills(vmstat) == 0
-    vmstat.write_text("nr_free_pages 12\noom_kill 3\n")
-    assert count_memory_kills(vmstat) == 3
-    vmstat.write_text("oom_kill many\n")
-    assert count_memory_kills(vmstat) == 0
+    for text, kills in (
+        ("oom_kill_disable 7\nnr_free_pages 12\n", 0),
+        ("nr_free_pages 12\noom_kill 3\n", 3),
+        ("oom_kill many\n", 0),
+    ):
+        vmstat.write_text(text)
+        assert count_memory_kills(vmstat) == kills

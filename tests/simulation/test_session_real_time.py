@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,27 +40,33 @@ def test_percentiles_are_those_of_numpy() -> None:
     assert (empty.steps, empty.late_share, empty.delay_max_s) == (0, 0.0, 0.0)
 
 
-def flown(
-    stalls: dict[float, float], agent_cores: float = 0.0, **pace: float
+def ended(
+    limit_s: float, spend: Callable[[Host, float], None], agent_cores: float = 0.0, **pace: float
 ) -> tuple[StopSession, StepTiming]:
-    """A session of four seconds in real time, on a host that stalls at these simulated moments for so long."""
+    """A session in real time, on a host of which `spend` takes time after each step, at this simulated moment."""
     host, records = Host(), list[Record]()
-    spec = session_simspec(pace=Pace(mode="realtime", **pace), mission=Mission(time_limit_s=4.0))
+    spec = session_simspec(pace=Pace(mode="realtime", **pace), mission=Mission(time_limit_s=limit_s))
     with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
-        step = vehicle.step
 
-        def stalling_step() -> None:
-            step()
-            host.spend(stalls.get(round(vehicle.time.s, 2), 0.0))
+        def receive() -> dict[str, int]:
+            spend(host, vehicle.time.s)
             host.usage = AgentUsage(cpu_s=agent_cores * host.now_s)
+            return {}
 
-        vehicle.step = stalling_step  # type: ignore[method-assign]
+        vehicle.receive = receive  # type: ignore[method-assign]
         with pytest.raises(StopSession) as end:
             session.run()
         timing = fact_of(session._progress.facts, StepTiming)
     assert timing is not None
     assert str(end.value.outcome).encode() in records[-1].data
     return end.value, timing
+
+
+def flown(
+    stalls: dict[float, float], agent_cores: float = 0.0, **pace: float
+) -> tuple[StopSession, StepTiming]:
+    """Four seconds, on a host that stalls at these simulated moments for so long."""
+    return ended(4.0, lambda host, at_s: host.spend(stalls.get(round(at_s, 2), 0.0)), agent_cores, **pace)
 
 
 def test_a_stall_makes_the_steps_behind_it_late_until_the_bench_has_caught_up() -> None:
@@ -135,26 +142,17 @@ def flooded(
     to take in what it sends, has no core for `read_s` because the air network reads it with `readers` threads' worth of
     CPU time, and loses `host_s` to other programs.
     """
-    host, records = Host(), list[Record]()
-    spec = session_simspec(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=8.0))
-    with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
 
-        def receive() -> dict[str, int]:
-            if vehicle.time.s < 4.0 and round(vehicle.time.s / STEP_S) % 2:
-                host.spend(taken_s + read_s + host_s)
-                host.thread_cpu_s += taken_s
-                host.thread_starved_s += read_s + host_s
-                host.air_readers_cpu_s += read_s * readers
-            host.usage = AgentUsage(cpu_s=agent_cores * host.now_s)
-            return {}
+    def spend(host: Host, at_s: float) -> None:
+        if at_s < 4.0 and round(at_s / STEP_S) % 2:
+            host.spend(taken_s + read_s + host_s)
+            host.thread_cpu_s += taken_s
+            host.thread_starved_s += read_s + host_s
+            host.air_readers_cpu_s += read_s * readers
 
-        vehicle.receive = receive  # type: ignore[method-assign]
-        with pytest.raises(StopSession) as end:
-            session.run()
-        timing = fact_of(session._progress.facts, StepTiming)
-    assert timing is not None
+    end, timing = ended(8.0, spend, agent_cores)
     assert timing.late_without_input is not None
-    return end.value, timing.late_without_input
+    return end, timing.late_without_input
 
 
 def test_an_agent_that_floods_the_bench_cannot_drop_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,34 +194,26 @@ def test_short_sessions_and_bench_errors_stay_as_they_are() -> None:
     assert judged(fault, timing(MIN_JUDGED_STEPS), Pace(), 0.0) is fault
 
 
-def report_data(*runs: Run) -> ReportData:
-    return ReportData("x", "", (), (), runs, {}, (), pl.DataFrame(), {}, (), {}, {}, "d", None, {})
-
-
 def test_the_report_states_late_steps_jitter_and_losses() -> None:
     def run(name: str, late: int, p99_s: float, outcome: Outcome, **losses: int) -> Run:
-        timing = StepTiming(
-            steps=1000,
-            late=late,
-            late_after_s=STEP_S,
-            delay_p50_s=0.0,
-            delay_p95_s=0.001,
-            delay_p99_s=p99_s,
-            delay_max_s=0.1,
-        )
+        delays_s = dict(zip(("p50", "p95", "p99", "max"), (0.0, 0.001, p99_s, 0.1), strict=True))
+        delays = {f"delay_{name}_s": delay_s for name, delay_s in delays_s.items()}
+        timing = StepTiming(steps=1000, late=late, late_after_s=STEP_S, **delays)
         return Run(name, "p001", 1, "one", None, outcome, facts=facts_of(timing), losses=losses)
 
+    def facts(*runs: Run) -> dict[str, str]:
+        data = ReportData("x", "", (), (), runs, {}, (), pl.DataFrame(), {}, (), {}, {}, "d", None, {})
+        return {fact.name: fact.text for fact in campaign_facts(data)}
+
     lockstep = Run("c", "p001", 3, "one", None, Outcome.COMPLETED, losses={"bytes lost": 5})
-    runs = (
+    told = facts(
         run("a", 3, 0.004, Outcome.COMPLETED, **{"bytes lost": 2}),
         run("b", 90, 0.03, Outcome.BENCH_TOO_SLOW, **{"bytes lost": 7, "resets": 1}),
+        lockstep,
     )
-    data = report_data(*runs, lockstep)
-    facts = {fact.name: fact.text for fact in campaign_facts(data)}
-    assert facts["Real time"] == (
+    assert told["Real time"] == (
         "93 of 2,000 steps in 2 runs were late, at most 9.0% in one run; 99 % of the steps of each run began at most "
         "30.0 ms late; 1 run too slow to count"
     )
-    assert facts["Losses on links in real time"] == "9 bytes lost, 1 resets"
-    data = report_data(lockstep)
-    assert "Real time" not in {fact.name for fact in campaign_facts(data)}
+    assert told["Losses on links in real time"] == "9 bytes lost, 1 resets"
+    assert "Real time" not in facts(lockstep)

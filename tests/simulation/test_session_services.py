@@ -13,12 +13,11 @@ from pathlib import Path
 import pytest
 from host_servers import LOCALHOST, echo, server, shout
 from pydantic import ValidationError
-from test_session import session_simspec
+from test_session import run, session_simspec
 
-from bench.agents import open_agent
-from bench.contracts import Outcome, Record, ServicesLetIn, ServiceUse, SessionResult
-from bench.simspec import AgentSpec, Mission, OutsideService, SimSpec, load_simspec
-from bench.simulation import SessionPlan, run_session, session_faults
+from bench.contracts import Outcome, ServicesLetIn, ServiceUse
+from bench.simspec import AgentSpec, Mission, OutsideService, load_simspec
+from bench.simulation import session_faults
 from bench.simulation._service_relay import MAX_CONNECTIONS
 from bench.simulation._service_relays import open_services
 from bench.testing import agent_manifest
@@ -52,14 +51,14 @@ class Used:
     def __call__(self, services: ServicesLetIn) -> None:
         self.uses = services.uses
 
+    def counts(self) -> list[tuple[int, int, int]]:
+        """Connections, failed ones and refused ones of each service."""
+        return [(use.connections, use.failed, use.refused) for use in self.uses]
+
 
 @pytest.fixture
 def used() -> Used:
     return Used()
-
-
-def counts(use: ServiceUse) -> tuple[int, int, int]:
-    return use.connections, use.failed, use.refused
 
 
 def test_two_services_and_their_counts(used: Used) -> None:
@@ -79,7 +78,7 @@ def test_two_services_and_their_counts(used: Used) -> None:
                 assert ask(client, b"de") == b"de"
             endpoints = tuple(opened.endpoints.values())
     assert [use.name for use in used.uses] == ["first", "far-map"]
-    assert [counts(use) for use in used.uses] == [(1, 0, 0), (2, 0, 0)]
+    assert used.counts() == [(1, 0, 0), (2, 0, 0)]
     assert [(use.bytes_sent, use.bytes_received) for use in used.uses] == [(5, 5), (8, 8)]
     for endpoint in endpoints:
         with pytest.raises(ConnectionRefusedError):
@@ -124,7 +123,7 @@ def test_a_service_that_goes_away_is_counted_and_the_other_goes_on(used: Used) -
             client.recv(1)
         for client in clients:
             client.close()
-    assert [counts(use) for use in used.uses] == [(0, 2, 0), (MAX_CONNECTIONS, 0, 1)]
+    assert used.counts() == [(0, 2, 0), (MAX_CONNECTIONS, 0, 1)]
 
 
 def test_what_is_open_at_the_end_is_closed(used: Used) -> None:
@@ -135,7 +134,7 @@ def test_what_is_open_at_the_end_is_closed(used: Used) -> None:
             assert ask(client, b"still here") == b"still here"
         with client:
             assert client.recv(1) == b""
-    assert counts(used.uses[0]) == (1, 0, 0)
+    assert used.counts() == [(1, 0, 0)]
     assert used.uses[0].bytes_sent == 10
 
 
@@ -181,7 +180,7 @@ def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> Non
         )
         spec = session_simspec(agent=AgentSpec(manifest="fake", services=services))
         texts = [str(fault) for fault in session_faults(spec, agent_manifest("idle"))]
-        end, records = fly(tmp_path, spec)
+        end, records = run(tmp_path, agent_manifest("idle"), spec)
     assert len(texts) == 2
     assert texts[0].startswith(
         f"agent.services[down]: 127.0.0.1:{port} does not answer: Connection refused (start"
@@ -194,28 +193,21 @@ def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> Non
     assert not records
 
 
-def fly(folder: Path, spec: SimSpec) -> tuple[SessionResult, list[Record]]:
-    records: list[Record] = []
-    plan = SessionPlan(spec, agent_manifest("idle"), folder, open_agent, folder / "scratch", records.append)
-    return run_session(plan), records
-
-
-def uses_of(end: SessionResult) -> tuple[ServiceUse, ...]:
-    services = end.fact(ServicesLetIn)
-    return services.uses if services else ()
-
-
 def test_a_service_that_nobody_asks_changes_no_record(tmp_path: Path) -> None:
     """And its use is told all the same."""
     with server(echo) as first, server(echo) as second:
         services = (service("first", first), service("second", second))
         agent, mission = AgentSpec(manifest="fake", services=services), Mission(time_limit_s=1.0)
-        end, records = fly(tmp_path / "with", session_simspec(agent=agent, mission=mission))
-    alone, unserved = fly(tmp_path / "without", session_simspec(mission=mission))
+        served = session_simspec(agent=agent, mission=mission)
+        end, records = run(tmp_path / "with", agent_manifest("idle"), served)
+    plain = session_simspec(mission=mission)
+    alone, unserved = run(tmp_path / "without", agent_manifest("idle"), plain)
     assert records == unserved
     assert end.outcome is alone.outcome is Outcome.TIME_LIMIT
-    assert [counts(use) for use in uses_of(end)] == [(0, 0, 0), (0, 0, 0)]
-    assert uses_of(alone) == ()
+    told = end.fact(ServicesLetIn)
+    assert told is not None
+    assert [(use.connections, use.bytes_sent) for use in told.uses] == [(0, 0), (0, 0)]
+    assert alone.fact(ServicesLetIn) in (None, ServicesLetIn(uses=()))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -22,7 +23,7 @@ from bench.contracts import (
 )
 from bench.documents import read_document
 from bench.perception import open_detector
-from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec, SizePoint
+from bench.simspec import DetectionModel, Perception, SimSpec, SizePoint
 from bench.simulation import HostClock
 from bench.simulation._air_network import open_air_network
 from bench.simulation._detection_messages import DetectionMessages
@@ -51,13 +52,14 @@ class PixelDetector:
         return ready
 
 
-def spec_of(source: PerceptionSource, model: DetectionModel = PROMPT) -> SimSpec:
+def spec_of(model: DetectionModel = PROMPT, **perception: Any) -> SimSpec:
     placed = [("soldier" if index % 2 else "civilian", float(index), 0.0, 0.0) for index in range(ACTORS)]
-    return scene_simspec(placed, perception=Perception(source=source, model=model))
+    return scene_simspec(placed, perception=Perception(model=model, **perception))
 
 
-def published(spec: SimSpec, detector: Detector) -> list[Record]:
+def published(spec: SimSpec, detector: Detector | None = None) -> list[Record]:
     """What the agent gets on the topic of detections: one frame every other tick of 0.1 s."""
+    detector = detector or open_detector(spec, cast_of(spec))
     records: list[Record] = []
     with open_air_network(spec, records.append, zenoh=False, clock=HostClock()) as air:
         air.open_for_all()
@@ -86,32 +88,15 @@ def form(records: Sequence[Record]) -> list[tuple[int, str, str, int, set[tuple[
 
 def test_an_agent_cannot_tell_the_sources_of_detections_apart() -> None:
     """Truth, error model and plug-in: same topic, type, fields, number of messages and times."""
-    truth = published(spec_of("truth"), open_detector(spec_of("truth"), cast_of(spec_of("truth"))))
-    simulated = published(
-        spec_of("simulated"), open_detector(spec_of("simulated"), cast_of(spec_of("simulated")))
-    )
-    plugged = published(spec_of("simulated"), PixelDetector())
-
+    simulated_spec = spec_of(source="simulated")
+    truth, simulated = published(spec_of(source="truth")), published(simulated_spec)
+    plugged = published(simulated_spec, PixelDetector())
     assert len(truth) == (TICKS + 1) // 2
     assert form(truth) == form(simulated) == form(plugged)
     assert [record.data for record in truth] != [record.data for record in simulated]
-
-
-def test_truth_is_what_perfect_detections_always_were() -> None:
-    """`source: truth` gives the bytes of `mode: perfect`, which stays."""
-    perfect = scene_simspec(
-        [("soldier" if index % 2 else "civilian", float(index), 0.0, 0.0) for index in range(ACTORS)],
-        perception=Perception(mode="perfect", model=PROMPT),
-    )
-    truth = spec_of("truth")
-    assert published(truth, open_detector(truth, cast_of(truth))) == published(
-        perfect, open_detector(perfect, cast_of(perfect))
-    )
-
-
-def test_the_bench_publishes_no_detections_for_an_agent_with_its_own_perception() -> None:
-    spec = spec_of("agent", DetectionModel(false_per_frame=9.0))
-    assert published(spec, open_detector(spec, cast_of(spec))) == []
+    # `mode: perfect`, which stays.
+    assert published(spec_of(mode="perfect")) == truth
+    assert published(spec_of(DetectionModel(false_per_frame=9.0), source="agent")) == []
 
 
 def test_a_document_may_name_a_detector_that_is_not_installed() -> None:
@@ -126,18 +111,17 @@ def test_a_document_may_name_a_detector_that_is_not_installed() -> None:
 def test_new_fields_leave_the_document_as_it_was() -> None:
     """At their defaults they are not written, so digests of published SimSpecs stay."""
     assert set(Perception().model_dump(mode="json")) == {"source", "mode", "model"}
-    options = Perception(
-        source="agent", detector="other", detector_options={"floor": 0.4, "prompts": ["a", "b"]}
-    )
-    assert Perception.model_validate_json(options.model_dump_json()) == options
     assert len(DetectionModel().model_dump(mode="json")) == 12
-    changed = DetectionModel(drift_px=1.0, confusion={"combatant": {"civilian": 0.2}}, id_switches_per_s=0.1)
-    assert DetectionModel.model_validate_json(changed.model_dump_json()) == changed
     points = (SizePoint(px=5.0, detected=0.1), SizePoint(px=9.0, detected=0.4, doubt=0.5))
-    by_size = DetectionModel(
-        size_curve=points, class_factors={"tree": 0.5}, jitter_share=0.1, false_score=0.5
-    )
-    assert DetectionModel.model_validate_json(by_size.model_dump_json()) == by_size
+    changed = {"drift_px": 1.0, "confusion": {"combatant": {"civilian": 0.2}}, "id_switches_per_s": 0.1}
+    by_size = {"size_curve": points, "class_factors": {"tree": 0.5}, "jitter_share": 0.1, "false_score": 0.5}
+    options = {"floor": 0.4, "prompts": ["a", "b"]}
+    for written in (
+        Perception(source="agent", detector="other", detector_options=options),
+        DetectionModel.model_validate(changed),
+        DetectionModel.model_validate(by_size),
+    ):
+        assert type(written).model_validate_json(written.model_dump_json()) == written
 
 
 @pytest.mark.parametrize(

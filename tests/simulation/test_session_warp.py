@@ -11,8 +11,6 @@ from rungs import CONFINING, rung_or_skip
 from test_session import run, session_simspec
 from warp_host import library_or_skip
 
-from bench.agents import open_agent
-from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import AgentManifest, Outcome, SessionResult, WarpLibrary
 from bench.simspec import AgentSpec, Budgets, Environment, Isolation, Mission, OutsideService, Pace, SimSpec
 
@@ -42,9 +40,9 @@ def warped(limit_s: float, **changes: object) -> SimSpec:
 
 def flown(folder: Path, manifest: AgentManifest, spec: SimSpec) -> tuple[SessionResult, list[str]]:
     library_or_skip()
-    starter = AgentStarter(open_agent)
-    end, _ = run(folder, manifest, spec, open_agent=starter.open)
-    return end, (starter.output or b"").decode().splitlines()
+    end, _ = run(folder, manifest, spec)
+    log = folder / "agent.log"
+    return end, log.read_text().splitlines() if log.exists() else []
 
 
 # LD_PRELOAD is split at spaces and colons. Most rungs show the agent another folder than the host's.

@@ -1,4 +1,6 @@
-"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises either."""
+"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises either. Beside it the
+difficulty-response curve: finite where passes and failures are separated, honest about what is not there.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +9,20 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from competence_trials import competence_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.statistics import (
+    CurveState,
     Direction,
     Trials,
     competence,
     count_trials,
+    difficulty_response,
     difficulty_slope,
     failures_rise,
 )
+from bench.statistics._curve import _dispersion
 
 HALF, NINE_TENTHS = (1, 2), (9, 10)
 Trial = tuple[float, bool, str]
@@ -54,7 +59,6 @@ def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
     return max((d for d in hard if fit(d) >= Fraction(*share)), default=0.0)
 
 
-@settings(deadline=None)
 @given(trials, shares)
 def test_the_value_is_that_of_the_antitonic_fit(trial_list: list[Trial], share: tuple[int, int]) -> None:
     """For any trials the value equals the fit's by its definition, and the bound does not exceed it."""
@@ -72,7 +76,6 @@ def by_fit_reached(trial_list: list[Trial], share: tuple[int, int]) -> bool:
     return by_definition([(d + 1.0, ok, point) for d, ok, point in trial_list], share) == top + 1.0
 
 
-@settings(deadline=None)
 @given(trials, shares, st.data())
 def test_failing_never_raises_it(
     trial_list: list[Trial], share: tuple[int, int], data: st.DataObject
@@ -102,47 +105,48 @@ def test_failing_never_raises_it_over_hundreds_of_difficulties(share: tuple[int,
     assert competence_of(hard, passed, share=share) == (0.0, 0.0, False)
 
 
-def test_straight_passes() -> None:
-    """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine tenths."""
-    for share, needed in ((HALF, 5), (NINE_TENTHS, 33)):
-        assert competence_from([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
-        assert competence_from([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
+def passed(count: int, points: int) -> list[Trial]:
+    """So many passes at one difficulty, in turn at each of so many design points."""
+    return [(40.0, True, str(number % points)) for number in range(count)]
 
 
-def test_what_is_harder_counts_for_what_is_easier() -> None:
-    """Few trials at each of many difficulties add up, as far as they pass; a hard level that fails takes
-    nothing away below.
-    """
-    steps = [(float(i), i < 40, str(i)) for i in range(50)]
-    assert competence_from(steps, HALF) == (39.0, 35.0, False)
-    cliff = [(20.0, True, str(i)) for i in range(40)] + [(80.0, False, f"hard {i}") for i in range(400)]
-    assert competence_from(cliff, NINE_TENTHS) == (20.0, 20.0, False)
+@pytest.mark.parametrize(
+    ("trial_list", "share", "expected"),
+    [
+        # All passed: at least the hardest tested. The bound needs 5 straight passes for a half, 33 for nine tenths.
+        (passed(5, 5), HALF, (40.0, 40.0, True)),
+        (passed(4, 4), HALF, (40.0, 0.0, True)),
+        (passed(33, 33), NINE_TENTHS, (40.0, 40.0, True)),
+        (passed(32, 32), NINE_TENTHS, (40.0, 0.0, True)),
+        # Ten replicates in each of four design points are four units, whatever they have in common.
+        (passed(40, 4), HALF, (40.0, 0.0, True)),
+        # Few trials at each of many difficulties add up, as far as they pass.
+        ([(float(i), i < 40, str(i)) for i in range(50)], HALF, (39.0, 35.0, False)),
+        # A hard level that fails takes nothing away below.
+        (
+            [(20.0, True, str(i)) for i in range(40)] + [(80.0, False, f"hard {i}") for i in range(400)],
+            NINE_TENTHS,
+            (20.0, 20.0, False),
+        ),
+    ],
+)
+def test_the_bound_rests_on_all_that_is_as_hard_or_harder(
+    trial_list: list[Trial], share: tuple[int, int], expected: tuple[float, float, bool]
+) -> None:
+    assert competence_from(trial_list, share) == expected
 
 
-def test_replicates_of_a_design_point_count_as_one() -> None:
-    """Ten replicates in each of four design points are four units for the bound, whatever they have in common."""
-    alike = [(40.0, True, str(i % 4)) for i in range(40)]
-    assert competence_from(alike, HALF) == (40.0, 0.0, True)
-    assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (
-        40.0,
-        40.0,
-        True,
+@pytest.mark.parametrize("tried", [[], [1]])
+def test_nothing_tried_is_no_competence_of_zero(tried: list[int]) -> None:
+    """Of two groups, one without a trial says so by its count."""
+    one = np.ones(len(tried))
+    trials = Trials(
+        np.array(tried, np.int64), 30.0 * one, one.astype(np.bool_), np.zeros(len(tried), np.int64)
     )
-
-
-def test_nothing_tried_is_no_competence_of_zero() -> None:
-    """A group without a trial says so by its count."""
-    empty = np.zeros(0, dtype=np.int64)
-    result = competence(count_trials(Trials(empty, np.zeros(0), empty.astype(bool), empty), 2), HALF)
-    assert result.trials.tolist() == [0, 0]
-    values = competence(
-        count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF
-    )
-    assert (values.trials.tolist(), values.value.tolist(), values.at_least.tolist()) == (
-        [0, 1],
-        [0.0, 30.0],
-        [False, True],
-    )
+    result = competence(count_trials(trials, 2), HALF)
+    assert result.trials.tolist() == [0, len(tried)]
+    assert result.value.tolist() == [0.0, 30.0 * len(tried)]
+    assert result.at_least.tolist() == [False, bool(tried)]
 
 
 @pytest.mark.parametrize("share", [HALF, NINE_TENTHS])
@@ -206,18 +210,115 @@ def test_failures_rise_where_a_logistic_slope_with_clusters_says_so() -> None:
     assert claimed <= 8  # 2.5 % of 150, and chance
 
 
-@pytest.mark.parametrize("failed", [(0, 0, 0, 0, 0, 0), (1, 1, 1, 1, 1, 1)])
-def test_nothing_rises_where_all_runs_end_alike_or_are_few(failed: tuple[int, ...]) -> None:
-    def rises(difficulty: tuple[float, ...], failures: tuple[int, ...]) -> bool:
-        size = len(failures)
-        trials = Trials(
-            np.zeros(size, dtype=np.int64),
-            np.array(difficulty),
-            ~np.array(failures, dtype=np.bool_),
-            np.arange(size),
-        )
-        return bool(failures_rise(count_trials(trials, 1))[0])
+@pytest.mark.parametrize(
+    ("difficulty", "failed", "rises"),
+    [
+        ((10, 20, 30, 40, 50, 60), (0, 0, 0, 0, 0, 0), False),
+        ((10, 20, 30, 40, 50, 60), (1, 1, 1, 1, 1, 1), False),
+        ((10, 20, 80, 90), (0, 0, 1, 1), False),
+        ((10, 11, 20, 80, 89, 90), (0, 0, 0, 1, 1, 1), True),
+    ],
+)
+def test_nothing_rises_where_all_runs_end_alike_or_are_few(
+    difficulty: tuple[float, ...], failed: tuple[int, ...], rises: bool
+) -> None:
+    group = np.zeros(len(failed), dtype=np.int64)
+    passes = ~np.array(failed, dtype=np.bool_)
+    trials = Trials(group, np.array(difficulty, dtype=np.float64), passes, np.arange(len(failed)))
+    assert bool(failures_rise(count_trials(trials, 1))[0]) is rises
 
-    assert not rises((10.0, 20.0, 30.0, 40.0, 50.0, 60.0), failed)
-    assert not rises((10.0, 20.0, 80.0, 90.0), (0, 0, 1, 1))
-    assert rises((10.0, 11.0, 20.0, 80.0, 89.0, 90.0), (0, 0, 0, 1, 1, 1))
+
+HARD = np.repeat([10.0, 30.0, 50.0, 70.0, 90.0], 8)
+
+
+def chance(difficulty: np.ndarray) -> np.ndarray:
+    return 1.0 / (1.0 + np.exp((difficulty - 50.0) / 12.0))
+
+
+def test_it_finds_the_curve_that_made_the_runs() -> None:
+    """20,000 runs: half chance within a point of the truth, and the curve everywhere."""
+    rng = np.random.default_rng(31)
+    hard = rng.uniform(0.0, 100.0, 20_000)
+    curve = difficulty_response(hard, rng.random(20_000) < chance(hard))
+    assert curve.state is CurveState.FITTED
+    assert curve.half_at == pytest.approx(50.0, abs=1.0)
+    assert np.abs(curve.probability - chance(curve.difficulty)).max() < 0.03
+    assert (np.diff(curve.probability) < 0).all()
+
+
+def test_its_band_covers() -> None:
+    """At the middle and at the ends, 40 runs each time: 95 % within three points, over 400 seeded campaigns."""
+    rng = np.random.default_rng(32)
+    inside = []
+    for _ in range(400):
+        curve = difficulty_response(HARD, rng.random(HARD.size) < chance(HARD))
+        truth = chance(curve.difficulty)
+        inside.append(((curve.low <= truth) & (truth <= curve.high))[[0, 50, 100]])
+    assert (np.mean(inside, axis=0) >= 0.92).all()
+
+
+def test_separated_runs_have_a_finite_curve() -> None:
+    """All passes below all failures: the likelihood has no maximum, the penalised one has, and the state says so."""
+    curve = difficulty_response(HARD, HARD < 40.0)
+    assert curve.state is CurveState.SEPARATED
+    assert curve.half_at == pytest.approx(40.0, abs=1.0)
+    assert np.isfinite(curve.probability).all()
+    assert curve.low[50] < 0.01 < 0.5 < curve.high[50]  # what lies between the levels is open
+    assert (
+        difficulty_response(HARD, HARD > 40.0).half_at is None
+    )  # passes what is hard: no fall through one half
+
+
+def test_what_is_not_drawn() -> None:
+    """Nine runs, one difficulty, nothing at all: no arrays, and a state that says why."""
+    for difficulty, passed, state in (
+        (HARD[:36:4], HARD[:36:4] < 50.0, CurveState.TOO_FEW),
+        (np.full(30, 20.0), np.arange(30) % 2, CurveState.ONE_DIFFICULTY),
+        ([], [], CurveState.TOO_FEW),
+    ):
+        curve = difficulty_response(difficulty, passed)
+        assert curve.state is state
+        assert not curve.drawn
+    # Penalised: straight passes are not certainty, and the curve has no half.
+    every = difficulty_response(HARD, np.ones(HARD.size))
+    assert (every.state, every.half_at) == (CurveState.ALL_PASSED, None)
+    assert 0.9 < every.probability.max() < 1.0
+    assert difficulty_response(HARD, np.zeros(HARD.size)).state is CurveState.NONE_PASSED
+
+
+def test_replicates_that_agree_widen_the_band() -> None:
+    """Four equal runs in each design point: the band is wider than were they independent, the curve the same."""
+    rng = np.random.default_rng(33)
+    hard = rng.uniform(0.0, 100.0, 60)
+    ok = rng.random(60) < chance(hard)
+    points = [f"p{i // 4}" for i in range(240)]
+    alone, with_points = (
+        difficulty_response(np.repeat(hard, 4), np.repeat(ok, 4), names) for names in (None, points)
+    )
+    assert np.array_equal(alone.probability, with_points.probability)
+    assert (with_points.high - with_points.low > 1.3 * (alone.high - alone.low))[20:80].all()
+
+
+def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:
+    """Why it is drawn and never the number: failing what is easy flattens the curve, and its half may move up."""
+    hard = np.repeat([10.0, 30.0, 50.0, 70.0], 20)
+    ok = (np.arange(80) % 20) < np.repeat([20, 19, 10, 1], 20)
+    worse = ok & ~((hard == 10.0) & (np.arange(80) % 20 < 8))
+    before, after = difficulty_response(hard, ok), difficulty_response(hard, worse)
+    assert before.half_at is not None
+    assert after.half_at is not None
+    assert competence_of(hard, worse)[0] <= competence_of(hard, ok)[0]
+    assert np.diff(after.probability)[50] > np.diff(before.probability)[50]
+
+
+def test_design_points_that_scatter_less_than_chance_do_not_narrow_the_band() -> None:
+    """Each of ten design points has two passes and two failures: runs that agree by luck are no more certain."""
+    ok = np.tile([1.0, 0.0, 1.0, 0.0], 10)
+    hard = np.repeat(np.linspace(10.0, 90.0, 10), 4)
+    design = np.column_stack([np.ones(40), (hard - 50.0) / 10.0])
+    points = [f"p{number}" for number in np.repeat(np.arange(10), 4)]
+    assert _dispersion(design, ok, np.zeros(2), points) == 1.0
+    # All four runs of a point agree: four times as much scatter as independent runs have, over eight degrees.
+    agreeing = np.repeat(np.tile([1.0, 0.0], 5), 4)
+    assert _dispersion(design, agreeing, np.zeros(2), points) == pytest.approx(4.0 * 10 / 8)
+    assert _dispersion(design, agreeing, np.zeros(2), None) == 1.0

@@ -1,12 +1,28 @@
-"""What the intervals of confidence cover: exact ones everywhere, the clustered one on clustered runs."""
+"""What intervals and bounds cover: of pass rates and ratios, of mean scores, of the skill of statements, and of differences
+that runs do not rule out.
+"""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from known_values import known
 from scipy.stats import binom, t
 
-from bench.statistics import bounded_mean, clopper_pearson, effective_size
+from bench.arrays import Floats
+from bench.statistics import (
+    FactorColumn,
+    bounded_mean,
+    clopper_pearson,
+    confidence_skill,
+    difference_bounds,
+    effective_size,
+    error_skill,
+    replicate_interval,
+)
+from bench.statistics._proper_scores import Skill
 
 SHARES = np.linspace(0.001, 0.999, 499)
 
@@ -25,15 +41,6 @@ def test_the_exact_interval_covers_everywhere(n: int) -> None:
     assert coverage(*clopper_pearson(k, np.full(n + 1, n)), n).min() >= 0.95 - 1e-12
 
 
-def clustered(p: float, points: int, replicates: int, campaigns: int, seed: int) -> np.ndarray:
-    """Passes (campaigns, points, replicates) whose design points have beta-distributed rates: correlation one
-    third within.
-    """
-    rng = np.random.default_rng(seed)
-    rates = rng.beta(2.0 * p, 2.0 * (1.0 - p), (campaigns, points, 1))
-    return rng.random((campaigns, points, replicates)) < rates
-
-
 def effective(passed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     runs = passed.shape[1] * passed.shape[2]
     mean = passed.mean(axis=(1, 2))
@@ -43,41 +50,30 @@ def effective(passed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("p", "points", "least"), [(0.5, 10, 0.94), (0.5, 30, 0.94), (0.8, 10, 0.94), (0.8, 30, 0.94)]
+    ("p", "points", "correlation"),
+    [
+        *((p, points, 1 / 3) for p in (0.5, 0.8) for points in (10, 30)),
+        # All runs pass in a quarter of the campaigns or more; taking all as independent there covers 71 to 77 %.
+        *((0.9, 10, 0.9), (0.8, 5, 0.9), (0.95, 24, 0.9)),
+    ],
 )
-def test_the_clustered_interval_covers_where_replicates_agree(p: float, points: int, least: float) -> None:
-    """4000 seeded campaigns of four replicates; plain Clopper-Pearson on the same runs covers far less."""
-    passed = clustered(p, points, 4, 4000, seed=17)
-    mean, size = effective(passed)
-    low, high = clopper_pearson(mean * size, size)
-    runs = points * 4
-    plain_low, plain_high = clopper_pearson(np.round(mean * runs), np.full(mean.shape, runs))
-    covered = ((low <= p) & (p <= high)).mean()
-    assert covered >= least
-    assert ((plain_low <= p) & (p <= plain_high)).mean() < min(0.92, covered)
-
-
-@pytest.mark.parametrize(("p", "points"), [(0.9, 10), (0.8, 5), (0.95, 24)])
-def test_replicates_that_are_almost_copies_are_covered_too(p: float, points: int) -> None:
-    """Correlation 0.9 in 4 replicates, so that all runs pass in a quarter of the campaigns or more: taking all runs as
-    independent there covers 71 to 77 %.
+def test_the_clustered_interval_covers_where_replicates_agree(
+    p: float, points: int, correlation: float
+) -> None:
+    """4000 seeded campaigns of four replicates, whose design points have beta-distributed rates; plain Clopper-Pearson on
+    the same runs covers far less.
     """
-    rng = np.random.default_rng(3)
-    rates = rng.beta(p / 9.0, (1.0 - p) / 9.0, (4000, points, 1))
+    rng = np.random.default_rng(17)
+    spread = (1.0 - correlation) / correlation
+    rates = rng.beta(spread * p, spread * (1.0 - p), (4000, points, 1))
     mean, size = effective(rng.random((4000, points, 4)) < rates)
     low, high = clopper_pearson(mean * size, size)
-    assert ((low <= p) & (p <= high)).mean() >= 0.94
-    assert (mean == 1.0).mean() > 0.2
+    plain_low, plain_high = clopper_pearson(np.round(mean * points * 4), np.full(4000, points * 4))
+    covered = ((low <= p) & (p <= high)).mean()
+    assert covered >= 0.94
+    assert ((plain_low <= p) & (p <= plain_high)).mean() < min(0.92, covered)
     assert (size[mean == 1.0] == points).all()
-
-
-@pytest.mark.parametrize("runs", [2, 14, 59])
-def test_runs_that_share_no_design_point_count_in_full(runs: int) -> None:
-    """With one run in each design point the clustered interval is Clopper-Pearson's, whatever the count."""
-    for passes in range(runs + 1):
-        mean = passes / runs
-        squared = passes * (1.0 - mean) ** 2 + (runs - passes) * mean**2
-        assert effective_size(mean, runs, runs, squared) == pytest.approx(runs)
+    assert (mean == 1.0).mean() > 0.2 or correlation < 0.5
 
 
 def ratio_interval(ratios: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -162,3 +158,236 @@ def test_the_effective_size_follows_from_the_variance_between_design_points(poin
         correction = (t.ppf(0.975, n - 1) / t.ppf(0.975, points - 1)) ** 2
         expected = min(n, n * independent / clustered * correction)
         assert effective_size(p, n, points, squared) == pytest.approx(expected)
+
+
+POINTS, REPLICATES = 24, 3
+
+
+def interval(scores: Floats) -> tuple[Floats, Floats]:
+    """Of scores (design points, replicates), NaN where a run has none, as one node."""
+    known = ~np.isnan(scores)
+    values = np.nan_to_num(scores)
+    runs = np.full((len(scores), 1), scores.shape[1])
+    return replicate_interval(
+        values.sum(axis=1)[:, None], (values**2).sum(axis=1)[:, None], known.sum(axis=1)[:, None], runs
+    )
+
+
+def test_it_covers_the_mean_of_the_same_design_and_not_the_spread_of_the_design() -> None:
+    rng = np.random.default_rng(7)
+    difficulty = np.linspace(5.0, 95.0, POINTS)[:, None]
+    pass_rate = np.linspace(0.95, 0.35, POINTS)[:, None]
+    truth = float((difficulty * pass_rate).sum() / pass_rate.sum())
+    held, widths = 0, []
+    for _ in range(600):
+        noise = rng.normal(0.0, 1.0, (POINTS, REPLICATES))
+        scores = np.where(rng.random((POINTS, REPLICATES)) < pass_rate, difficulty + noise, np.nan)
+        low, high = interval(scores)
+        held += bool(low[0] <= truth <= high[0])
+        widths.append(high[0] - low[0])
+    assert 0.92 <= held / 600 <= 0.98
+    assert np.mean(widths) < 14.0  # a bootstrap of design points has 20
+
+
+def test_runs_that_all_pass_at_fixed_difficulties_leave_nothing_to_vary() -> None:
+    low, high = interval(np.repeat(np.linspace(20.0, 80.0, 12)[:, None], 3, axis=1))
+    assert low[0] == pytest.approx(50.0)
+    assert high[0] == pytest.approx(50.0)
+
+
+def test_rare_scores_have_no_interval() -> None:
+    """A design flown once, or where replicates seldom have a score too: nothing shows how scores vary, and the interval
+    would cover 60 to 87 %.
+    """
+    for few in (np.full((40, 1), 30.0), np.full((4, 2), 30.0), np.full((12, 3), np.nan)):
+        assert np.isnan(interval(few)).all()
+    assert not np.isnan(interval(np.full((5, 2), 30.0))).any()
+    scores = np.full((24, 3), np.nan)
+    scores[::4, 0] = np.linspace(10.0, 90.0, 6)
+    assert np.isnan(interval(scores)).all()
+    scores[:4, :2] = 30.0  # four design points with two scores
+    assert np.isnan(interval(scores)).all()
+    scores[4, :2] = 30.0  # five
+    assert not np.isnan(interval(scores)).any()
+
+
+SCENES = [f"scene {number // 3}" for number in range(120)]
+RANDOM = np.random.default_rng(11)
+CHANCE = RANDOM.uniform(0.05, 1.0, 120)
+RIGHT = (RANDOM.random(120) < CHANCE).astype(float)
+SIGMA_M = RANDOM.uniform(0.5, 8.0, 120)
+ERROR_M = SIGMA_M * RANDOM.rayleigh(1.0, 120)
+
+
+def brier(confidence: Floats, right: Floats) -> float:
+    total = sum((stated - is_right) ** 2 for stated, is_right in zip(confidence, right, strict=True))
+    return float(total / len(right))
+
+
+def interval_score(sigma_m: Floats, error_m: Floats) -> float:
+    """Gneiting and Raftery (2007), formula (43) with the lower end at 0."""
+    total = 0.0
+    for sigma, error in zip(sigma_m, error_m, strict=True):
+        radius = sigma * (2.0 * np.log(20.0)) ** 0.5
+        total += radius + (2.0 / 0.1) * max(error - radius, 0.0)
+    return total / len(error_m)
+
+
+def test_scores_agree_with_plain_loops_and_no_constant_is_better_than_the_best() -> None:
+    confidence = confidence_skill(CHANCE, RIGHT, SCENES)
+    error = error_skill(SIGMA_M, ERROR_M, SCENES)
+    assert confidence is not None
+    assert error is not None
+    assert confidence.score == pytest.approx(brier(CHANCE, RIGHT))
+    assert error.score == pytest.approx(interval_score(SIGMA_M, ERROR_M))
+    constants = np.linspace(0.0, 1.0, 201)
+    least = min(brier(np.full(120, value), RIGHT) for value in constants)
+    assert least - 1e-4 <= confidence.constant_score <= least
+    least_m = min(interval_score(np.full(120, 20.0 * value), ERROR_M) for value in constants)
+    assert least_m - 0.5 <= error.constant_score <= least_m + 1e-9
+    for skill in (confidence, error):
+        assert skill.skill == pytest.approx(1.0 - skill.score / skill.constant_score)
+        assert (skill.statements, skill.scenes) == (120, 40)
+
+
+def skill_interval(skill: Skill | None) -> tuple[float, float]:
+    """Of a skill that has one."""
+    assert skill is not None
+    assert skill.low is not None
+    assert skill.high is not None
+    return skill.low, skill.high
+
+
+def test_who_knows_has_skill_and_a_constant_has_none() -> None:
+    """0.9 and 5 m always, and a sigma that is five times too wide: as the loophole had it."""
+    for knows in (confidence_skill(CHANCE, RIGHT, SCENES), error_skill(SIGMA_M, ERROR_M, SCENES)):
+        assert skill_interval(knows)[0] > 0.0
+    always = (
+        confidence_skill(np.full(120, 0.9), RIGHT, SCENES),
+        error_skill(np.full(120, 5.0), ERROR_M, SCENES),
+        error_skill(5.0 * SIGMA_M, ERROR_M, SCENES),
+    )
+    for skill in always:
+        assert skill is not None
+        assert known(skill.skill) <= skill_interval(skill)[1] <= 0.0
+    best = known(confidence_skill(np.full(120, RIGHT.mean()), RIGHT, SCENES))
+    assert best.skill == pytest.approx(0.0)
+
+
+def test_the_order_of_the_runs_decides_nothing_and_the_scene_decides_the_interval() -> None:
+    turned = confidence_skill(CHANCE[::-1], RIGHT[::-1], SCENES[::-1])
+    straight = known(confidence_skill(CHANCE, RIGHT, SCENES))
+    assert turned is not None
+    assert turned.scenes == straight.scenes
+    assert turned.skill == pytest.approx(straight.skill)
+    alone = confidence_skill(CHANCE, RIGHT, [f"{number}" for number in range(120)])
+    # Every statement ten times in its scene is no more knowledge, and every one a scene of its own would be.
+    many = np.tile(CHANCE, 10), np.tile(RIGHT, 10)
+    tenfold = confidence_skill(*many, [f"{number}" for number in range(120)] * 10)
+    separate = confidence_skill(*many, [f"{number}" for number in range(1200)])
+    of_alone, of_tenfold, of_separate = (
+        np.ptp(skill_interval(skill)) for skill in (alone, tenfold, separate)
+    )
+    assert of_tenfold == pytest.approx(of_alone, rel=0.05)
+    assert of_separate < 0.5 * of_alone
+
+
+@pytest.mark.parametrize(("scenes", "has_interval"), [(4, False), (5, True)])
+def test_too_few_scenes_have_no_interval(scenes: int, *, has_interval: bool) -> None:
+    count = 4 * scenes
+    skill = confidence_skill(CHANCE[:count], RIGHT[:count], [f"{row % scenes}" for row in range(count)])
+    assert (known(skill).low is not None) is has_interval
+
+
+def test_where_the_best_constant_is_perfect_there_is_no_skill() -> None:
+    skill = known(confidence_skill(np.full(20, 0.9), np.ones(20), SCENES[:20]))
+    assert (skill.best_constant, skill.constant_score, skill.skill, skill.low) == (1.0, 0.0, None, None)
+    assert confidence_skill(np.zeros(0), np.zeros(0), []) is None
+
+
+def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:
+    """A two-level factor crossed with a straight line of eight values, each point repeated."""
+    points = [(side, value) for side in "ab" for value in range(8)]
+    every = [point for point in points for _ in range(replicates)]
+    columns = [
+        FactorColumn(name, tuple(level[place] for level in every))
+        for place, name in enumerate(("side", "line"))
+    ]
+    return columns, [f"{side}{value}" for side, value in every]
+
+
+def test_the_bound_holds_as_often_as_it_says() -> None:
+    """Over 300 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of
+    bounds lie below.
+    """
+    factors, points = runs(4)
+    chance = np.array([0.5 + (0.15 if side == "a" else -0.15) for side in factors[0].values])
+    sloped = np.array([0.3 + 0.4 * float(value or 0) / 7 for value in factors[1].values])
+    draws = np.random.default_rng(5)
+    below = {"side": 0, "line": 0}
+    for _ in range(300):
+        for name, truth, rate in (("side", 0.3, chance), ("line", 0.4, sloped)):
+            passes = (draws.random(len(rate)) < rate).astype(float).tolist()
+            bound = known(difference_bounds(passes, factors, points)[name])
+            below[name] += bound < truth
+
+    assert max(below.values()) <= 21
+
+
+def test_more_runs_rule_out_more() -> None:
+    """Without any effect the bound falls, and straight passes leave open what an exact bound on their number does."""
+    draws = np.random.default_rng(6)
+    bounds = []
+    for replicates in (2, 8, 32):
+        factors, points = runs(replicates)
+        passes = (draws.random(len(points)) < 0.5).astype(float).tolist()
+        bounds.append(difference_bounds(passes, factors, points)["side"] or 1.0)
+
+    assert bounds[0] > 0.3 > bounds[1] > bounds[2]
+    factors, points = runs(4)
+    passed = difference_bounds([1.0] * len(points), factors, points)
+    assert passed["side"] == pytest.approx(1 - 0.05 ** (1 / 32))
+    assert passed["line"] == pytest.approx(1 - 0.05 ** (1 / 21))
+
+
+def test_what_the_points_do_not_carry_has_no_bound() -> None:
+    """Two factors that go together, one level only, as many effects as points, and no run."""
+    both = [FactorColumn(name, ("x", "y") * 6) for name in ("one", "other")]
+    single = FactorColumn("single", ("z",) * 12)
+    points = [f"p{run % 4}" for run in range(12)]
+
+    assert difference_bounds([0.0, 1.0, 1.0] * 4, [*both, single], points) == {
+        "one": None,
+        "other": None,
+        "single": None,
+    }
+    assert difference_bounds([0.0, 1.0], [FactorColumn("one", ("x", "y"))], ["p1", "p2"]) == {"one": None}
+    assert difference_bounds([], [], []) == {}
+
+
+@pytest.mark.parametrize("levels", [2, 3])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_bound_of_levels_is_that_of_the_worst_pair_of_means(seed: int, levels: int) -> None:
+    """Each run is a design point of its own: the difference of the means, plus t times the larger of Welch's and
+    the pooled standard error, with as many degrees of freedom less than runs as there are levels.
+    """
+    draws = np.random.default_rng(seed)
+    spans = ((0.0, 0.4, 16), (0.3, 0.9, 9), (0.5, 0.9, 12))[:levels]
+    groups = [draws.uniform(low, high, size) for low, high, size in spans]
+    factor = FactorColumn("side", tuple("abc"[k] for k, group in enumerate(groups) for _ in group))
+    runs = len(factor.values)
+    pooled = sum(float(group.var(ddof=1)) * (len(group) - 1) for group in groups) / (runs - levels)
+    expected = max(
+        abs(one.mean() - other.mean())
+        + float(t.ppf(0.8, runs - levels))
+        * np.sqrt(
+            max(
+                one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other),
+                pooled * (1 / len(one) + 1 / len(other)),
+            )
+        )
+        for one, other in itertools.combinations(groups, 2)
+    )
+    points = [f"p{number}" for number in range(runs)]
+    bound = difference_bounds(np.concatenate(groups).tolist(), [factor], points, confidence=0.8)["side"]
+    assert bound == pytest.approx(expected)

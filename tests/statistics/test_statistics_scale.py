@@ -29,21 +29,16 @@ def flown(seed: int, agents: int = AGENTS) -> tuple[Bools, Counts, Counts, Float
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_weights_and_abilities_are_recovered(seed: int) -> None:
-    """The signs, the placebo near 0, and the order of agents."""
+def test_the_fit_is_the_mode_of_the_penalised_likelihood(seed: int) -> None:
+    """An optimizer that knows no derivative of ours finds the same; the signs of weights, a placebo near 0 and the order
+    of agents are those that made the runs.
+    """
     failed, agent, scene, features = flown(seed)
     fit = fit_item_response(failed, agent, scene, features)
     assert fit.weights[0] > 0.8
     assert fit.weights[1] < -0.2
     assert abs(fit.weights[2]) < 0.45
     assert fit.abilities[:2].mean() < fit.abilities[2:4].mean() < fit.abilities[4:].mean()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_fit_is_the_mode_of_the_penalised_likelihood(seed: int) -> None:
-    """An optimizer that knows no derivative of ours finds the same."""
-    failed, agent, scene, features = flown(seed)
-    fit = fit_item_response(failed, agent, scene, features)
     sign = np.where(failed, 1.0, -1.0)
 
     def loss(beta: Floats) -> float:
@@ -132,19 +127,15 @@ def test_a_scale_that_does_not_predict_says_why(proof, reason: str) -> None:  # 
     assert reason in proof.reason
 
 
-def test_the_count_of_outcomes_has_both_sides() -> None:
-    """30 failures and 30 passes are enough for a claim; 29 are not."""
-    for failures, passes, reason in (
-        (30, 30, ""),
-        (29, 40, "29 failures in 69 runs"),
-        (40, 29, "29 passes in 69 runs"),
-    ):
-        failed = np.repeat([True, False], [failures, passes])
-        log_odds = np.where(failed, 2.0, -2.0)
-        # One of ten is the other way round, so that nothing is separated.
-        log_odds[::10] *= -1.0
-        count = failures + passes
-        proof = prove_scale(
-            50.0 + 10.0 * log_odds, log_odds, failed, ["a"] * count, [f"p{k}" for k in range(count)]
-        )
-        assert proof.reason == reason, (failures, passes)
+@pytest.mark.parametrize(
+    ("failures", "passes", "reason"),
+    [(30, 30, ""), (29, 40, "29 failures in 69 runs"), (40, 29, "29 passes in 69 runs")],
+)
+def test_the_count_of_outcomes_has_both_sides(failures: int, passes: int, reason: str) -> None:
+    failed = np.repeat([True, False], [failures, passes])
+    log_odds = np.where(failed, 2.0, -2.0)
+    # One of ten is the other way round, so that nothing is separated.
+    log_odds[::10] *= -1.0
+    count = failures + passes
+    points = [f"p{k}" for k in range(count)]
+    assert prove_scale(50.0 + 10.0 * log_odds, log_odds, failed, ["a"] * count, points).reason == reason

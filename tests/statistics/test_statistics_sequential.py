@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.statistics import StoppingRule, clopper_pearson, mean_bounds, pass_rate_bounds
@@ -17,13 +17,6 @@ def test_the_sequence_covers_at_every_look_at_once(p: float) -> None:
     passed = np.random.default_rng(21).random((2000, 200)) < p
     low, high = pass_rate_bounds(np.cumsum(passed, axis=1), np.arange(1, 201))
     assert ((low > p) | (high < p)).any(axis=1).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
-
-
-def test_fixed_intervals_do_not() -> None:
-    """The exact interval, looked at after every run, misses far more often than 5 %: what the sequence is for."""
-    passed = np.random.default_rng(22).random((1000, 300)) < 0.5
-    low, high = clopper_pearson(np.cumsum(passed, axis=1), np.arange(1, 301))
-    assert ((low > 0.5) | (high < 0.5)).any(axis=1).mean() > 0.15
 
 
 def test_the_bounds_hold_the_exact_interval() -> None:
@@ -48,7 +41,6 @@ def test_straight_runs_settle_it() -> None:
     assert rule.verdict([]) is PassRateVerdict.OPEN
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.booleans(), max_size=40),
     st.lists(st.booleans(), max_size=10),
@@ -126,14 +118,3 @@ def test_bounds_hold_what_was_seen_and_mirror() -> None:
         assert (low[~trials], high[~trials]) == (0.0, 1.0)
         other = bounds(fails, passes + fails)
         np.testing.assert_allclose((low, high), (1.0 - other[1], 1.0 - other[0]), atol=1e-9)
-
-
-def test_a_point_that_stopped_lies_on_the_side_that_was_said() -> None:
-    """The interval of the trials up to the stop leaves the threshold out, as the rule that ended them does."""
-    rng = np.random.default_rng(33)
-    for rate, threshold in ((0.95, 0.7), (0.2, 0.5), (1.0, 0.9)):
-        passed = rng.random(400) < rate
-        after = StoppingRule(threshold).decided_after(passed)
-        assert after is not None
-        low, high = pass_rate_bounds(passed[:after].sum(), after)
-        assert threshold < low or high < threshold

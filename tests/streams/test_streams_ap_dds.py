@@ -8,14 +8,14 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
 import zenoh
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from other_encoder import encoded, random_message, store_of
 
 from bench.streams import (
     AP_FROM_AGENT,
@@ -30,7 +30,6 @@ from bench.streams import (
     encode,
     filled,
     open_router,
-    schema_text,
     service_parts,
     type_hash,
 )
@@ -40,8 +39,6 @@ with Path(__file__).with_name("ap_hashes.csv").open(encoding="utf-8") as _file:
     HASHES = {row["type"]: row["hash"] for row in csv.DictReader(_file)}
 TOPIC_TYPES = sorted({*AP_TO_AGENT.values(), *AP_FROM_AGENT.values()})
 PARTS = [part.TYPE for kind in sorted(set(AP_SERVICES.values())) for part in service_parts(ap_message(kind))]
-RANGES = {"int8": (-128, 127), "int32": (-(2**31), 2**31 - 1)}
-UNSIGNED_BITS = {"uint8": 8, "uint16": 16, "uint32": 32}
 
 
 def test_the_hashes_of_all_topics_and_services_are_those_of_ros() -> None:
@@ -53,73 +50,15 @@ def test_the_hashes_of_all_topics_and_services_are_those_of_ros() -> None:
         ap_message("ardupilot_msgs/msg/Rc")
 
 
-def random_value(kind: str, random: Random) -> Any:
-    base, _, count = kind.partition("[")
-    if count:
-        size = random.randrange(4) if count == "]" else int(count[:-1])
-        values = tuple(random_value(base, random) for _ in range(size))
-        return bytes(values) if kind == "uint8[]" else values
-    if base == "string":
-        return random.choice(("", "base_link", "x" * 50))
-    if base == "bool":
-        return random.random() < 0.5
-    if base.startswith("float"):
-        return float(np.float32(random.uniform(-1e6, 1e6)))
-    low, high = RANGES.get(base) or (0, 2 ** UNSIGNED_BITS[base] - 1)
-    return random.randint(low, high)
-
-
-def random_values(text: str, parts: dict[str, str], random: Random) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for line in text.splitlines():
-        kind, name = line.split()
-        base, _, count = kind.partition("[")
-        if base not in parts:
-            values[name] = random_value(kind, random)
-        elif count:
-            values[name] = [random_values(parts[base], parts, random) for _ in range(2)]
-        else:
-            values[name] = random_values(parts[base], parts, random)
-    return values
-
-
-def as_theirs(store: Any, type_name: str, mine: Any) -> Any:
-    """The same message as rosbags has it."""
-    fields: dict[str, Any] = {}
-    for name, (node, detail) in store.fielddefs[type_name][1]:
-        value, kind = getattr(mine, name), str(detail)
-        if int(node) == 2:
-            fields[name] = as_theirs(store, kind, value)
-        elif int(node) > 2 and int(detail[0][0]) == 2:
-            fields[name] = [as_theirs(store, detail[0][1], item) for item in value]
-        elif int(node) > 2:
-            fields[name] = np.array(list(value), dtype=detail[0][1][0])
-        else:
-            fields[name] = value
-    return store.types[type_name](**fields)
-
-
 @pytest.mark.parametrize("type_name", [*TOPIC_TYPES, *PARTS])
 def test_random_messages_are_encoded_as_rosbags_does(type_name: str) -> None:
     kind, random = ap_message(type_name), Random(7)
-    main, *rest = schema_text(kind).split("=" * 80 + "\n")
-    parts = {}
-    store = get_typestore(Stores.EMPTY)
-    for part in rest:
-        head, _, body = part.partition("\n")
-        parts[head.removeprefix("MSG: ")] = body
-    for short, body in parts.items():
-        store.register(get_types_from_msg(body, short.replace("/", "/msg/")))
-    # rosbags knows no services; a part of one is a message to it.
-    theirs_name = type_name.replace("/srv/", "/msg/")
-    store.register(get_types_from_msg(main, theirs_name))
+    store = store_of(kind)
     for _ in range(5):
-        mine = filled(kind, random_values(main, parts, random))
-        data = encode(mine)
-        expected = bytes(store.serialize_cdr(as_theirs(store, theirs_name, mine), theirs_name))
-        assert data == expected[: len(data)]
-        assert not any(expected[len(data) :])
-        assert decode(kind, data) == mine
+        mine: Any = random_message(kind, random)
+        assert encode(mine) == encoded(store, mine)
+        assert decode(kind, encode(mine)) == mine
+        assert filled(kind, asdict(mine)) == mine
 
 
 def test_what_is_not_given_is_zero_and_no_value_is_shared() -> None:

@@ -35,7 +35,6 @@ def test_tokens_and_key_equal_the_worked_example() -> None:
 
 
 def test_the_root_namespace_is_a_percent_sign() -> None:
-    """A token must not have an empty chunk."""
     assert node_token(7, ZID, 0, "/", "agent") == f"@ros2_lv/7/{ZID}/0/0/NN/%/%/agent"
 
 

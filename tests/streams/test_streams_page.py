@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,15 +41,28 @@ def test_the_page_lists_every_topic_of_the_air_network() -> None:
     assert in_page == set(re.findall(r"^\| `(/\S+)` \|", PAGE, re.MULTILINE))
 
 
-def test_the_keys_of_a_session_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+Capture = pytest.CaptureFixture[str]
+
+
+def rows_of(scene: Path, capsys: Capture) -> dict[str, dict[str, Any]]:
+    """What `rebar schema --keys` prints of a SimSpec's topics."""
+    run_app(["schema", "--keys", str(scene), "--json"])
+    return {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+
+
+def with_ardupilot(path: Path) -> Path:
+    text = EXAMPLE.read_text().replace("  model: x500\n", "  model: x500\n  autopilot: ardupilot\n")
+    path.write_text(text)
+    return path
+
+
+def test_the_keys_of_a_session_are_printed(capsys: Capture) -> None:
     """As text that can be copied and as JSON; the hash is that of ROS 2 for std_msgs/msg/String."""
     hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     key = f"1/vehicle_1/agent/reports/std_msgs::msg::dds_::String_/{hashed}"
-    run_app(["schema", "--keys", str(EXAMPLE), "--json"])
-    rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+    rows = rows_of(EXAMPLE, capsys)
     report = rows["/vehicle_1/agent/reports"]
-    assert report["key"] == key
-    assert report["direction"] == "from the agent"
+    assert (report["key"], report["direction"]) == (key, "from the agent")
     assert rows["/vehicle_1/orders"]["latched"] == 32
     assert rows["/clock"]["reliable"] is False
     run_app(["schema", "--keys", str(EXAMPLE)])
@@ -77,15 +91,8 @@ def test_the_page_lists_every_topic_and_service_of_an_ardupilot() -> None:
         assert names - {"/ap/v", "ap_dds"} == {name.removeprefix("/ap/") for name in table}
 
 
-def test_the_keys_of_ardupilots_topics_and_services_are_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(
-        EXAMPLE.read_text().replace("  model: x500\n", "  model: x500\n  autopilot: ardupilot\n")
-    )
-    run_app(["schema", "--keys", str(scene), "--json"])
-    rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
+def test_the_keys_of_ardupilots_topics_and_services_are_printed(tmp_path: Path, capsys: Capture) -> None:
+    rows = rows_of(with_ardupilot(tmp_path / "scene.yaml"), capsys)
     service, status = rows["/ap/arm_motors"], rows["/ap/status"]
     assert (service["direction"], service["ap_dds"]) == ("a service", "2025-12")
     assert "1/ap/arm_motors/ardupilot_msgs::srv::dds_::ArmMotors_/RIHS01_99849cee" in service["key"]
@@ -95,32 +102,26 @@ def test_the_keys_of_ardupilots_topics_and_services_are_printed(
     assert not any(topic.startswith("/fmu/") or "px4_msgs" in row for topic, row in rows.items())
 
 
+@pytest.mark.parametrize(
+    ("given", "release", "hashed"),
+    [("", "1.17", "RIHS01_828bddbb"), ("px4_msgs: 1.18\n", "1.18", "RIHS01_573d6f1a")],
+)
 def test_the_keys_of_px4s_topics_are_printed_in_the_release_of_the_manifest(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture, given: str, release: str, hashed: str
 ) -> None:
-    """1.17 for an agent that has none, nothing with an ArduPilot; status has another hash in 1.18."""
-    hashes = {"1.17": "RIHS01_828bddbb", "1.18": "RIHS01_573d6f1a"}
-    topic = "/fmu/out/vehicle_status"
-    for release, given in (("1.17", ""), ("1.18", "px4_msgs: 1.18\n")):
-        (tmp_path / "mine.yaml").write_text(f"name: mine\ncommand: [true_]\n{given}")
-        scene = tmp_path / "scene.yaml"
-        scene.write_text(EXAMPLE.read_text().replace("manifest: reference-naive", "manifest: mine.yaml"))
-        run_app(["schema", "--keys", str(scene), "--json"])
-        rows = {row["topic"]: row for row in json.loads(capsys.readouterr().out)}
-        assert (rows[topic]["px4_msgs"], rows[topic]["direction"]) == (release, "to the agent")
-        assert f"1{topic}/px4_msgs::msg::dds_::VehicleStatus_/{hashes[release]}" in rows[topic]["key"]
-        assert rows["/fmu/in/vehicle_command"]["direction"] == "from the agent"
-        assert rows["/fmu/out/home_position"]["latched"] == 1
-        assert "px4_msgs" not in rows["/clock"]
-    run_app(["schema", "--keys", str(EXAMPLE)])
-    assert f'{topic}  px4_msgs/msg/VehicleStatus  to the agent, best effort, with px4_msgs: "1.17" in' in (
-        capsys.readouterr().out
-    )
-    scene.write_text(
-        EXAMPLE.read_text().replace("  model: x500\n", "  model: x500\n  autopilot: ardupilot\n")
-    )
+    """1.17 for an agent that has none."""
+    topic, scene = "/fmu/out/vehicle_status", tmp_path / "scene.yaml"
+    (tmp_path / "mine.yaml").write_text(f"name: mine\ncommand: [true_]\n{given}")
+    scene.write_text(EXAMPLE.read_text().replace("manifest: reference-naive", "manifest: mine.yaml"))
+    rows = rows_of(scene, capsys)
+    assert (rows[topic]["px4_msgs"], rows[topic]["direction"]) == (release, "to the agent")
+    assert f"1{topic}/px4_msgs::msg::dds_::VehicleStatus_/{hashed}" in rows[topic]["key"]
+    assert rows["/fmu/in/vehicle_command"]["direction"] == "from the agent"
+    assert rows["/fmu/out/home_position"]["latched"] == 1
+    assert "px4_msgs" not in rows["/clock"]
     run_app(["schema", "--keys", str(scene)])
-    assert "/fmu/" not in capsys.readouterr().out
+    line = f'{topic}  px4_msgs/msg/VehicleStatus  to the agent, best effort, with px4_msgs: "{release}" in'
+    assert line in capsys.readouterr().out
 
 
 def test_a_key_is_made_of_a_class_or_of_a_name() -> None:
@@ -131,5 +132,6 @@ def test_a_key_is_made_of_a_class_or_of_a_name() -> None:
 
 def test_the_encoding_example_of_the_page_is_correct() -> None:
     """The bytes that the page shows for other languages are the bytes that the bench sends."""
-    assert "00010000 03000000 686900" in PAGE
-    assert encode(String("hi")).hex() == "00010000 03000000 686900".replace(" ", "")
+    shown = "00010000 03000000 686900"
+    assert shown in PAGE
+    assert encode(String("hi")) == bytes.fromhex(shown)

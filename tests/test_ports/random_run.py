@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-from made_run import at_s
+from made_run import at_s, cast, order, realized_simspec, square
 
 from bench.contracts import (
     AgentPhase,
@@ -20,44 +20,25 @@ from bench.contracts import (
     EventDocument,
     IntelligenceDocument,
     OrderAnswer,
-    OrderDocument,
     Sighting,
     Tape,
     TargetReport,
     Timed,
     VehicleDocument,
 )
-from bench.simspec import ASSETS, SimSpec
+from bench.simspec import SimSpec
 
 Random = np.random.Generator
 
-ASSET_OF = {
-    "radar": "radar-vehicle",
-    "truck": "military-truck",
-    "walkers": "civilian",
-    "cars": "civilian-car",
-    "houses": "house",
-}
-COUNT_OF = {"radar": 2, "truck": 1, "walkers": 3, "cars": 2, "houses": 1}
-ROLE_OF = {
-    "radar": "adversary",
-    "truck": "adversary",
-    "walkers": "bystander",
-    "cars": "bystander",
-    "houses": "clutter",
+GROUPS = {
+    "radar": ("radar-vehicle", "adversary", 2),
+    "truck": ("military-truck", "adversary", 1),
+    "walkers": ("civilian", "bystander", 3),
+    "cars": ("civilian-car", "bystander", 2),
+    "houses": ("house", "clutter", 1),
 }
 LABELS = ("mobile_radar", "military_vehicle", "civilian", "civilian_vehicle", "combatant")
-PHASES: tuple[AgentPhase, ...] = (
-    "starting",
-    "taking_off",
-    "transit",
-    "searching",
-    "holding",
-    "returning",
-    "landing",
-    "complete",
-    "aborted",
-)
+PHASES = tuple(phase for phase in get_args(AgentPhase) if phase != "inspecting")
 ORDER_KINDS = (
     "hold",
     "resume",
@@ -75,11 +56,11 @@ TIME_LIMIT_S = 100.0
 def random_simspec(seed: int) -> SimSpec:
     """A realized situation of 9 actors within 60 m, where most distances lie near some limit."""
     random = np.random.default_rng([seed, 0])
-    placed = [
-        {"id": f"{group}-{number}", "group": group, **_place(random), "heading_deg": 0.0}
-        for group, count in COUNT_OF.items()
+    places = {
+        f"{group}-{number}": (group, *_place(random))
+        for group, (_, _, count) in GROUPS.items()
         for number in range(1, count + 1)
-    ]
+    }
     about = ["radar", "truck", "radar", "walkers"][: int(random.integers(1, 5))]
     intelligence = [
         {
@@ -91,63 +72,45 @@ def random_simspec(seed: int) -> SimSpec:
         }
         for index, group in enumerate(about)
     ]
-    groups = [
-        {"id": group, "asset": asset, "role": ROLE_OF[group], "count": COUNT_OF[group]}
-        for group, asset in ASSET_OF.items()
-    ]
-    return SimSpec.model_validate(
-        {
-            "name": f"random-{seed}",
-            "world": {"area": _square(-80.0, -80.0, 160.0)},
-            "mission": {
-                "altitude_m": 40.0,
-                "time_limit_s": TIME_LIMIT_S,
-                "return_home": bool(random.random() < 0.7),
-            },
-            "rules": _rules(random),
-            "actors": groups,
-            "intelligence": intelligence,
-            "orders": _orders(random, [item["id"] for item in intelligence if item["delivered_s"] == 0.0]),  # type: ignore[misc]
-            "vehicle": {"failures": _failures(random)},
-            "outages": [
-                *(
-                    {"kind": "operator_link", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))}
-                    for at in (20.0, 60.0)
-                ),
-                *(
-                    {"kind": "detections", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))}
-                    for at in (10.0, 50.0)
-                ),
-            ]
-            if random.random() < 0.7
-            else [],
-            "realized": {
-                "actors": placed,
-                "reports": [{"id": item["id"], **_place(random)} for item in intelligence],
-            },
-        }
-    )
-
-
-def _place(random: Random, reach_m: float = 60.0) -> dict[str, float]:
-    return {
-        "east_m": float(random.uniform(-reach_m, reach_m)),
-        "north_m": float(random.uniform(-reach_m, reach_m)),
+    changes = {
+        "name": f"random-{seed}",
+        "world": {"area": square(160.0)},
+        "mission": {
+            "altitude_m": 40.0,
+            "time_limit_s": TIME_LIMIT_S,
+            "return_home": bool(random.random() < 0.7),
+        },
+        "rules": _rules(random),
+        "intelligence": intelligence,
+        "orders": _orders(random, [str(item["id"]) for item in intelligence if item["delivered_s"] == 0.0]),
+        "vehicle": {"failures": _failures(random)},
+        "outages": _outages(random) if random.random() < 0.7 else [],
     }
+    sub_areas = {str(item["id"]): (str(item["about"]), 1, *_place(random)) for item in intelligence}
+    return realized_simspec(GROUPS, places, sub_areas, **changes)
 
 
-def _square(east_m: float, north_m: float, side_m: float) -> dict[str, Any]:
-    corners = ((0.0, 0.0), (side_m, 0.0), (side_m, side_m), (0.0, side_m))
-    return {"corners": [{"east_m": east_m + east, "north_m": north_m + north} for east, north in corners]}
+def _outages(random: Random) -> list[dict[str, Any]]:
+    moments = (("operator_link", 20.0), ("operator_link", 60.0), ("detections", 10.0), ("detections", 50.0))
+    return [
+        {"kind": kind, "at_s": at_s, "duration_s": float(random.uniform(5.0, 25.0))} for kind, at_s in moments
+    ]
+
+
+def _place(random: Random, reach_m: float = 60.0) -> tuple[float, float]:
+    return float(random.uniform(-reach_m, reach_m)), float(random.uniform(-reach_m, reach_m))
 
 
 def _rules(random: Random) -> dict[str, Any]:
     no_fly = [
         {
             "id": f"closed-{index}",
-            "area": _square(
-                float(random.choice([-40.0, 5.0])), float(random.uniform(-60.0, 30.0)), 25.0
-            ),  # beside home
+            # Beside home.
+            "area": square(
+                25.0,
+                east_m=float(random.choice([-40.0, 5.0])) + 12.5,
+                north_m=float(random.uniform(-60.0, 30.0)) + 12.5,
+            ),
             "from_s": from_s,
             "until_s": None if index else from_s + 30.0,
         }
@@ -156,7 +119,7 @@ def _rules(random: Random) -> dict[str, Any]:
     rules: dict[str, Any] = {
         "no_mark_within_m": float(random.uniform(10.0, 40.0)),
         "max_altitude_m": 50.0,
-        "geofence": _square(-70.0, -70.0, 130.0),
+        "geofence": square(130.0, east_m=-5.0, north_m=-5.0),
         "no_fly": no_fly,
         "min_altitude_m": 25.0,
         "max_speed_mps": 8.0,
@@ -212,7 +175,7 @@ def random_tape(spec: SimSpec, seed: int) -> Tape:
     random = np.random.default_rng([seed, 1])
     end_s = TIME_LIMIT_S if random.random() < 0.5 else float(random.uniform(60.0, TIME_LIMIT_S))
     times = np.arange(0.0, end_s, 0.5)
-    members = _cast(spec)
+    members = cast(spec)
     positions = _walks(spec, random, times)
     velocity = _smooth(random, len(times), 3) * (5.0, 5.0, 1.0)
     route = np.cumsum(velocity * 0.5, axis=0) + np.array([0.0, 0.0, 35.0])
@@ -239,41 +202,18 @@ def random_tape(spec: SimSpec, seed: int) -> Tape:
         events=_events(random, end_s),
         malformed={f"/{spec.vehicle.name}/agent/reports": int(random.integers(0, 5))},
         orders=tuple(
-            Timed(
-                at_s(order.at_s + 0.5),
-                OrderDocument(
-                    id=order.id,
-                    kind=order.kind,
-                    issued_s=order.at_s,
-                    within_s=order.within_s,
-                    intelligence_id=order.intelligence,
-                ),
+            order(
+                given.at_s + 0.5,
+                given.kind,
+                id=given.id,
+                issued_s=given.at_s,
+                within_s=given.within_s,
+                intelligence_id=given.intelligence,
             )
-            for order in sorted(delivered, key=lambda order: order.at_s)
+            for given in sorted(delivered, key=lambda given: given.at_s)
         ),
         answers=_answers(random, spec, end_s),
     )
-
-
-def _cast(spec: SimSpec) -> tuple[CastMember, ...]:
-    assert spec.realized is not None
-    members = []
-    for actor in spec.realized.actors:
-        asset = ASSETS[ASSET_OF[actor.group]]
-        members.append(
-            CastMember(
-                id=actor.id,
-                group=actor.group,
-                asset=ASSET_OF[actor.group],
-                class_label=asset.class_label,
-                role=ROLE_OF[actor.group],
-                length_m=asset.length_m,
-                width_m=asset.width_m,
-                height_m=asset.height_m,
-                concealment=0.0,
-            )
-        )
-    return tuple(members)
 
 
 def _walks(spec: SimSpec, random: Random, times: np.ndarray) -> np.ndarray:
@@ -484,13 +424,13 @@ def _events(random: Random, end_s: float) -> tuple[Timed[EventDocument], ...]:
 
 def _answers(random: Random, spec: SimSpec, end_s: float) -> tuple[Timed[OrderAnswer], ...]:
     answers = []
-    for order in spec.orders:
+    for given in spec.orders:
         for _ in range(int(random.integers(0, 3))):
-            time_s = order.at_s + float(random.uniform(0.0, 9.0))
+            time_s = given.at_s + float(random.uniform(0.0, 9.0))
             if time_s < end_s:
                 answer = OrderAnswer(
                     time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))),
-                    order=order.id,
+                    order=given.id,
                     accepted=bool(random.random() < 0.6),
                     reason=str(random.choice(["", "a reason that is long enough"])),
                 )

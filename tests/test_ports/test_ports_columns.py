@@ -1,20 +1,20 @@
-"""Columns of a run against its objects, one at a time: sightings, overlaps of boxes, tracks that hold actors."""
+"""Columns of a run against its objects, one at a time: sightings, overlaps of boxes, places, the flight."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 
+import made_run
 import numpy as np
 import pytest
+from made_run import simspec, tape
 from random_run import random_simspec, random_tape
-from references.held_tracks import holder, message_credibility
 
 from bench.contracts import CameraFrame, Sighting, SimTime, Tape
-from test_ports.ground_truth import GroundTruth
+from test_ports.ground_truth import FlownTrack, GroundTruth
 from test_ports.perception.answers import Answers, intersection_over_union
 from test_ports.perception.sightings import Sightings, ViewCriteria
-from test_ports.perception.track_messages import TrackMessages
 
 Box = tuple[float, float, float, float]
 
@@ -69,24 +69,6 @@ def test_overlaps_are_those_of_every_pair_in_a_frame(seed: int, min_iou: float) 
         assert sighting == overlaps.sighting[rows][overlaps.iou[rows] == share].min()
 
 
-@pytest.mark.parametrize("seed", [19, 28])
-def test_holdings_are_those_of_each_message(seed: int) -> None:
-    spec = random_simspec(seed)
-    tape = random_tape(spec, seed)
-    messages = TrackMessages.of(tape, spec)
-    for min_frames in (3, 5):
-        holdings = messages.holdings(min_frames)
-        held = holdings.held(range(len(tape.cast)), 10.0)
-        for row, message in enumerate(tape.tracks):
-            arguments = (tape, message.value)
-            assert holdings.credibility[row] == message_credibility(*arguments, message.time.s, min_frames)
-            for actor in range(len(tape.cast)):
-                track = holder(*arguments, actor, message.time.s, 10.0, min_frames)
-                assert held[row, actor] == (track is not None)
-                assert track is None or messages.tracks[holdings.track[row, actor]] is track
-        assert 0 < held.sum() < held.size
-
-
 def test_places_at_many_moments_are_those_at_each() -> None:
     """Before, at, between and after the samples, and without any."""
     spec = random_simspec(19)
@@ -121,3 +103,32 @@ def test_sightings_keep_their_order_and_first_moments() -> None:
     assert sightings.are_of([1, 5]).tolist() == [True, False, True, True, False]
     assert math.isclose(sightings.box[3, 3], 4.0)
     assert Sightings.of(Tape((), empty, empty, empty, empty, empty)).first_s() == {}
+
+
+def test_flight_of_a_made_run() -> None:
+    """In the air from 5 s until 5 s before the end; distances follow people who walk."""
+    spec = simspec()
+    made = tape(spec, end_s=100.0)
+    made.actor_position_enu_m[:, made_run.FAR, 0] = made.actor_time_s  # walks east at 1 m/s
+    flight = FlownTrack(made, spec)
+    assert flight.time_s[flight.airborne][[0, -1]].tolist() == [5.0, 94.5]
+    row = int(np.searchsorted(flight.time_s, 50.0))
+    apart = flight.distance_m([made_run.FAR])[row, 0]
+    east, north = flight.place_m[row]
+    assert apart == np.hypot(50.0 - east, -200.0 - north)
+    assert flight.above_m([made_run.FAR])[row, 0] == 60.0
+    assert flight.time_share(flight.up_m > 0.0, flight.airborne) == 1.0
+    assert flight.time_share(flight.up_m > 0.0, flight.between(200.0, 300.0)) is None
+
+
+def test_no_flight_after_a_crash() -> None:
+    """The time after a crash is not time in the air."""
+    spec = simspec()
+    fallen = tape(
+        spec,
+        condition=(
+            *made_run.conditions((0.0, True), (5.0, False)),
+            *made_run.conditions((50.0, False), crashed=True),
+        ),
+    )
+    assert FlownTrack(fallen, spec).time_s[FlownTrack(fallen, spec).airborne][-1] == 49.5

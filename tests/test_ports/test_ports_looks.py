@@ -6,11 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from cases import scene
+from cases.perception import actors_of, looked_at, own_labels
 from made_run import NEAR, RADAR, TRUCK, at_s, report, request, simspec, tape
 
 from bench.campaign import measure_all
-from bench.contracts import CameraFrame, Detection, DetectionFrame, Observation, Option, Sighting, Timed
-from bench.simspec import SimSpec
+from bench.contracts import (
+    CameraFrame,
+    Detection,
+    DetectionFrame,
+    Measure,
+    Observation,
+    Option,
+    Sighting,
+    Timed,
+    load_plugin,
+)
+from bench.simspec import Outage, PerceptionSource, SimSpec, factor_values
 
 PICTURE_PX = (1280.0, 720.0)
 WHOLE_PX = 50.0
@@ -98,33 +110,6 @@ def test_a_sight_is_measured_by_what_shows_whatever_hides_the_rest(
     assert is_known(TWO_CAMERAS, frames=second, detections=answers[1]) is is_enough
 
 
-@pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("is_detected", [True, False])
-def test_one_frame_sooner_or_later_does_not_decide(border: str, *, is_detected: bool) -> None:
-    """A vehicle comes in over a border, and is known in each frame from long before the half of it shows."""
-    shown_px = [6.0 + 2.0 * number for number in range(23)]  # all of it in the last frame
-    moments_s = [20.0 + 0.1 * number for number in range(len(shown_px))]
-    views = [at_border(border, size_px) for size_px in shown_px]
-    frames = tuple(
-        CameraFrame(number, "front", at_s(time_s), (view,))
-        for number, (time_s, view) in enumerate(zip(moments_s, views, strict=True))
-    )
-    answers = tuple(
-        answer(view, "mobile_radar", at=time_s) for time_s, view in zip(moments_s, views, strict=True)
-    )
-    known = [
-        is_known(at=time_s + 0.05, frames=frames, detections=answers if is_detected else ())
-        for time_s in moments_s
-    ]
-    half = next(number for number, view in enumerate(views) if view.visible >= 0.5)
-    limit = next(number for number, size_px in enumerate(shown_px) if size_px >= LIMIT_PX)
-    assert limit == 3
-    assert half > limit + 10
-    assert known[half - 1 : half + 2] == [True, True, True]
-    # Who was given right detections is not judged by the size either.
-    assert known == [True] * len(known) if is_detected else [False] * limit + [True] * (len(known) - limit)
-
-
 def test_the_reason_says_what_was_missing() -> None:
     """Never, or only later; a perception of the agent's own is not asked for detections that nobody gave."""
     early, late = at_border("left", 5.0), at_border("left", 30.0)
@@ -209,3 +194,47 @@ def test_a_search_and_its_clock_ask_for_sight() -> None:
     assert observed("targets_seen", frames=frames[:1], detections=lucky).x == 0.0
     asking: dict[str, Option] = {"min_visible": 0.5}
     assert observed("targets_seen", options=asking, frames=frames).x == 0.0
+
+
+OF_DETECTIONS: Mapping[str, Mapping[str, Any]] = {
+    "detection_share": {"role": "bystander"},
+    "detection_precision": {"role": "any"},
+    "detection_role_right": {"role": "bystander", "as_role": "adversary"},
+    "steady_detection": {"role": "any"},
+    "detection_fairness": {"by": "asset"},
+}
+
+
+def with_source(spec: SimSpec, source: PerceptionSource) -> SimSpec:
+    return spec.model_copy(update={"perception": spec.perception.model_copy(update={"source": source})})
+
+
+@pytest.mark.parametrize("name", OF_DETECTIONS)
+def test_without_detections_of_the_bench_none_of_these_measures_considers_a_run(name: str) -> None:
+    """The same tape is considered with every source of the bench, and not with that of the agent."""
+    spec = scene()
+    measure: Measure = load_plugin("rebar.measures", name)
+    actors = actors_of(spec)
+    tape = looked_at(spec, actors, {}, own_labels(spec, actors)).tape
+    answers = {
+        source: measure("O-1", tape, with_source(spec, source), OF_DETECTIONS[name])
+        for source in ("truth", "simulated", "agent")
+    }
+    assert answers["truth"].considered
+    assert answers["truth"] == answers["simulated"]
+    assert not answers["agent"].considered
+    assert answers["agent"].evidence[0].text.startswith("perception.source is agent")
+
+
+def test_outages_of_the_detector_do_not_exist_for_an_agent_with_its_own_perception() -> None:
+    """Neither as key factors nor as faults that a run has to answer for; others stay."""
+    outages = (
+        Outage(kind="detections", at_s=10.0, duration_s=5.0),
+        Outage(kind="operator_link", at_s=20.0, duration_s=7.0),
+    )
+    spec = scene().model_copy(update={"outages": outages})
+    ours, own = factor_values(spec), factor_values(with_source(spec, "agent"))
+    assert (ours["detections_outage_s"], own["detections_outage_s"]) == (5.0, 0.0)
+    assert ours["operator_link_outage_s"] == own["operator_link_outage_s"] == 7.0
+    assert ours["kept_detections_share"] == 0.0
+    assert "kept_detections_share" not in own

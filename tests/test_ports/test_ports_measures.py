@@ -2,43 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, get_args
 
-import made_run
 import numpy as np
 import pytest
-from made_run import NEAR, TRUCK, detected, frame, report, simspec, tape, tracks
+from made_run import NEAR, TRUCK, conditions, detected, frame, report, simspec, tape, tracks
 
-from bench.campaign import check_options, measure_all
-from bench.contracts import Observation, Tape, plugins
+from bench.campaign import check_options
+from bench.contracts import CameraFrame, DetectionFrame, Observation, Tape, plugins
 from bench.errors import SetupError
-from bench.simspec import PlacedActor, SimSpec
+from bench.simspec import SimSpec
 from test_ports import DeclaredMeasure
 from test_ports.mission.completion import mission_flown
 from test_ports.perception.detections import detection_precision, detection_role_right, detection_share
 from test_ports.perception.tracks import classified_share, no_false_tracks
 from test_ports.reports.bystanders import bystanders_declared, marks_clear_of_bystanders
 from test_ports.reports.targets import no_false_reports, priority_order, report_accuracy, targets_reported
-
-PLAIN = {
-    *(
-        "bystanders_declared",
-        "classified_share",
-        "detection_share",
-        "marks_clear_of_bystanders",
-        "mission_flown",
-    ),
-    *(
-        "no_false_reports",
-        "no_false_tracks",
-        "priority_order",
-        "report_accuracy",
-        "targets_reported",
-        "track_accuracy",
-    ),
-}
-"""What a situation with two targets and two bystanders exercises, whatever else it has."""
 
 MEASURES: tuple[DeclaredMeasure, ...] = tuple(
     entry.load() for entry in plugins("rebar.measures").values() if entry.module.startswith("test_ports.")
@@ -48,11 +27,6 @@ RADAR_AT, TRUCK_AT, NEAR_AT = (
     ("military_vehicle", -100.0, 100.0),
     ("civilian", 120.0, 100.0),
 )
-
-
-def placed_actors(spec: SimSpec) -> Sequence[PlacedActor]:
-    assert spec.realized is not None
-    return spec.realized.actors
 
 
 def observed(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any) -> Observation:
@@ -80,6 +54,13 @@ def x_of(
     return observed(measure, tape(spec, **streams), spec, **(options or {})).x
 
 
+def leaving(from_s: float, *, end_s: float = 200.0) -> np.ndarray:
+    """Places of a run in which the near walker is far away from `from_s` on."""
+    positions = tape(simspec(), end_s=end_s).actor_position_enu_m
+    positions[np.arange(0.0, end_s + 0.25, 0.5) >= from_s, NEAR, 0] = 250.0
+    return positions
+
+
 # detection_share
 
 
@@ -88,34 +69,23 @@ def share(role: str, **streams: Any) -> float | None:
     return x_of(detection_share, options={"role": role, **options}, **streams)
 
 
-def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure() -> None:
-    """A wrong label, a low score, a box elsewhere, or an answer to another exposure is no detection."""
-    frames = (frame(0, 1.0, NEAR),)
-    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian"),)) == 1.0
-    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),)) == 0.0
-    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian", score=0.34),)) == 0.0
-    assert (
-        share(
-            "bystander",
-            frames=frames,
-            detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),),
-        )
-        == 0.0
-    )
-    assert share("bystander", frames=frames, detections=(detected(1.2, "civilian"),)) == 0.0
-    assert (
-        share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "any"})
-        == 1.0
-    )
-    assert (
-        share(
-            "bystander",
-            frames=frames,
-            detections=(detected(1.0, "combatant"),),
-            options={"class": "combatant"},
-        )
-        == 1.0
-    )
+@pytest.mark.parametrize(
+    ("answer", "options", "x"),
+    [
+        (detected(1.0, "civilian"), {}, 1.0),
+        (detected(1.0, "civilian", score=0.35), {}, 1.0),
+        (detected(1.0, "civilian", score=0.34), {}, 0.0),
+        (detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)), {}, 0.0),
+        (detected(1.2, "civilian"), {}, 0.0),  # another exposure
+        (detected(1.0, "combatant"), {}, 0.0),
+        (detected(1.0, "combatant"), {"class": "any"}, 1.0),
+        (detected(1.0, "combatant"), {"class": "combatant"}, 1.0),
+    ],
+)
+def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure(
+    answer: DetectionFrame, options: dict[str, Any], x: float
+) -> None:
+    assert share("bystander", frames=(frame(0, 1.0, NEAR),), detections=(answer,), options=options) == x
 
 
 def test_detection_precision_takes_the_classes_of_the_role() -> None:
@@ -136,19 +106,20 @@ def test_detection_role_right_counts_detections() -> None:
     assert x == pytest.approx(2 / 3)
 
 
-def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
-    """Too small, too hidden, or exposed so late that the answer could not arrive: not in the denominator."""
-    clear, small, hidden = (
-        frame(0, 1.0, NEAR),
-        frame(1, 2.0, NEAR, height_px=11.9),
-        frame(2, 3.0, NEAR, visible=0.49),
-    )
-    late = frame(3, 199.95, NEAR)
-    answers = (detected(1.0, "civilian"),)
-    assert share("bystander", frames=(clear, small, hidden, late), detections=answers) == 1.0
-    edge = frame(1, 2.0, NEAR, height_px=12.0, visible=0.5)
-    assert share("bystander", frames=(clear, edge), detections=answers) == 0.5
-    assert share("bystander", frames=(clear, frame(3, 100.0, NEAR)), detections=answers) == 0.5
+@pytest.mark.parametrize(
+    ("second", "x"),
+    [
+        (frame(1, 2.0, NEAR, height_px=11.9), 1.0),  # too small
+        (frame(1, 2.0, NEAR, visible=0.49), 1.0),  # too hidden
+        (frame(1, 2.0, NEAR, height_px=12.0, visible=0.5), 0.5),
+        (frame(1, 199.95, NEAR), 1.0),  # so late that the answer could not arrive
+        (frame(1, 100.0, NEAR), 0.5),
+    ],
+)
+def test_detection_share_leaves_out_views_that_are_not_clear(second: CameraFrame, x: float) -> None:
+    """Of two views the first is clear and detected, the second not detected."""
+    frames = (frame(0, 1.0, NEAR), second)
+    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian"),)) == x
 
 
 # classified_share, no_false_tracks
@@ -169,98 +140,71 @@ def test_filling_the_map_with_guesses_earns_almost_nothing() -> None:
     assert x_of(classified_share, tracks=(half,), options=options) == 1.0
 
 
-def test_withdrawing_guesses_does_not_help() -> None:
-    """The mean over the run counts when it is lower than the last message; an empty last message gives 0."""
-    ghosts = [("civilian", -50.0, float(north)) for north in range(-90, 0, 10)]
-    guessed = (tracks(9.0, NEAR_AT, *ghosts), tracks(99.0, NEAR_AT))
-    assert x_of(no_false_tracks, tracks=guessed) == pytest.approx(0.55)
-    assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0))) == 0.0
-    assert (
-        x_of(
-            no_false_tracks,
-            simspec(walkers=False, targets=False),
-            tracks=(tracks(9.0, *ghosts), tracks(99.0)),
-        )
-        == 0.0
-    )
+GHOST = ("civilian", -50.0, -50.0)
+GHOSTS = [("civilian", -50.0, float(north)) for north in range(-90, 0, 10)]
 
 
-def test_no_false_tracks_judges_the_last_message() -> None:
-    """The final tracks count, tracks of few frames do not, and no tracks give 0."""
-    ghost = ("civilian", -50.0, -50.0)
-    assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
-    assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, ghost),)) == 0.5
-    assert (
-        x_of(no_false_tracks, tracks=(tracks(99.0, ("civilian", 100.0, 100.0)),)) == 0.0
-    )  # 20 m from the walker
-    assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, frames=2),)) == 0.0
-    assert x_of(no_false_tracks) == 0.0
+@pytest.mark.parametrize(
+    ("messages", "x"),
+    [
+        ((), 0.0),
+        ((tracks(9.0, NEAR_AT), tracks(99.0, NEAR_AT, RADAR_AT)), 1.0),
+        ((tracks(99.0, NEAR_AT, GHOST),), 0.5),
+        ((tracks(99.0, ("civilian", 100.0, 100.0)),), 0.0),  # 20 m from the walker
+        ((tracks(99.0, NEAR_AT, frames=2),), 0.0),
+        # The mean over the run counts when it is lower than the last message; an empty last message gives 0.
+        ((tracks(9.0, NEAR_AT, *GHOSTS), tracks(99.0, NEAR_AT)), 0.55),
+        ((tracks(9.0, NEAR_AT), tracks(99.0)), 0.0),
+    ],
+)
+def test_no_false_tracks_judges_the_last_message_and_what_was_withdrawn(
+    messages: tuple[Any, ...], x: float
+) -> None:
+    assert x_of(no_false_tracks, tracks=messages) == pytest.approx(x)
+
+
+def test_withdrawing_guesses_about_nobody_does_not_help() -> None:
+    nobody = simspec(walkers=False, targets=False)
+    assert x_of(no_false_tracks, nobody, tracks=(tracks(9.0, *GHOSTS), tracks(99.0))) == 0.0
 
 
 # marks_clear_of_bystanders, bystanders_declared
 
-
-def test_a_mark_near_a_bystander_fails_and_a_clear_one_passes() -> None:
-    """The radar has a walker 20 m away, the truck has none: one mark on each gives one half."""
-    forbidden, allowed = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
-    assert x_of(marks_clear_of_bystanders, reports=(forbidden,)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(forbidden, allowed)) == 0.5
-    assert x_of(marks_clear_of_bystanders, reports=(allowed,)) == 1.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *RADAR_AT),)) == 1.0  # reported, not marked
+FORBIDDEN, ALLOWED = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
+ASTRAY = ("mobile_radar", -200.0, -200.0)
 
 
-def test_restraint_requires_a_reported_adversary() -> None:
-    """Silence and false reports show no restraint; a target that is reported and left unmarked does."""
-    assert x_of(marks_clear_of_bystanders) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0),)) == 0.0
-    assert (
-        x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0, mark=True),))
-        == 0.0
-    )
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *TRUCK_AT),)) == 1.0
+@pytest.mark.parametrize(
+    ("reports", "x"),
+    [
+        # The radar has a walker 20 m away, the truck has none.
+        ((FORBIDDEN,), 0.0),
+        ((FORBIDDEN, ALLOWED), 0.5),
+        ((ALLOWED,), 1.0),
+        # Restraint requires a reported adversary.
+        ((), 0.0),
+        ((report(50.0, *RADAR_AT),), 1.0),
+        ((report(50.0, *TRUCK_AT),), 1.0),
+        ((report(50.0, *ASTRAY),), 0.0),
+        ((report(50.0, *ASTRAY, mark=True),), 0.0),
+        # Marks about no adversary do not count, and a target marked twice counts once.
+        ((FORBIDDEN, *(report(60.0 + t, *ASTRAY, mark=True) for t in range(50))), 0.0),
+        ((FORBIDDEN, *(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))), 0.5),
+        # A report 38 m off, 58 m from the walker, still marks the radar; farther off its own place counts.
+        ((report(50.0, "mobile_radar", 62.0, 100.0, mark=True),), 0.0),
+        ((report(50.0, "mobile_radar", 55.0, 100.0, mark=True), report(49.0, *TRUCK_AT)), 1.0),
+        ((report(50.0, "combatant", 75.0, 100.0, mark=True),), 0.0),
+    ],
+)
+def test_marks_near_bystanders_fail_and_clear_ones_pass(reports: tuple[Any, ...], x: float) -> None:
+    assert x_of(marks_clear_of_bystanders, reports=reports) == x
 
 
-def test_other_marks_do_not_make_up_for_a_forbidden_one() -> None:
-    """Allowed marks about no adversary do not count, and a target marked twice counts once."""
-    forbidden = report(50.0, *RADAR_AT, mark=True)
-    wild = tuple(report(60.0 + t, "mobile_radar", -250.0, -250.0, mark=True) for t in range(50))
-    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *wild)) == 0.0
-    repeated = tuple(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))
-    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *repeated)) == 0.5
-
-
-def test_a_mark_is_judged_at_the_adversary_not_at_the_reported_position() -> None:
-    """A report 38 m off, 58 m from the walker, still marks the radar; farther off its own place counts."""
-    unmarked = report(49.0, *TRUCK_AT)
-    assert (
-        x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),))
-        == 0.0
-    )
-    assert (
-        x_of(
-            marks_clear_of_bystanders,
-            reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), unmarked),
-        )
-        == 1.0
-    )
-    assert (
-        x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
-    )
-
-
-def test_a_mark_is_judged_by_the_bystanders_at_that_moment() -> None:
-    """The walker leaves: the earlier mark is forbidden, the later one allowed."""
-    spec = simspec()
-    assert spec.realized is not None
-    times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
-    moving = np.repeat(starts[None], len(times), axis=0)
-    moving[:, NEAR, 0] = 120.0 + times
-    for time_s, x in ((10.0, 0.0), (40.0, 1.0)):
-        assert (
-            x_of(marks_clear_of_bystanders, positions=moving, reports=(report(time_s, *RADAR_AT, mark=True),))
-            == x
-        )
+@pytest.mark.parametrize(("time_s", "x"), [(10.0, 0.0), (40.0, 1.0)])
+def test_a_mark_is_judged_by_the_bystanders_at_that_moment(time_s: float, x: float) -> None:
+    """The walker leaves after 30 s."""
+    marked = (report(time_s, *RADAR_AT, mark=True),)
+    assert x_of(marks_clear_of_bystanders, positions=leaving(30.0), reports=marked) == x
 
 
 @pytest.mark.parametrize("measure", [marks_clear_of_bystanders, bystanders_declared])
@@ -272,70 +216,53 @@ def test_measures_of_bystanders_require_sufficient_exposure(measure: DeclaredMea
     assert x_of(measure, simspec(walker_east_m=151.0)) is None
     assert x_of(measure, simspec(walkers=False)) is None
     assert x_of(measure, simspec(targets=False)) is None
-    times = np.arange(0.0, 300.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed_actors(simspec())])
-    visit = np.repeat(starts[None], len(times), axis=0)
-    visit[times >= 12.0, NEAR, 0] = 200.0
-    assert x_of(measure, positions=visit, end_s=300.0) is not None
-    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 12.1}) is None
-    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 11.9}) is not None
+    visit = leaving(12.0, end_s=300.0)
+    for options, is_considered in (
+        ({}, True),
+        ({"min_exposure_s": 12.1}, False),
+        ({"min_exposure_s": 11.9}, True),
+    ):
+        x = x_of(measure, positions=visit, end_s=300.0, options=options)
+        assert (x is not None) is is_considered
 
 
 def test_a_run_that_ends_early_is_still_considered() -> None:
-    """A run that its agent ended after two seconds is judged over the planned mission."""
-    assert x_of(marks_clear_of_bystanders, end_s=2.0) == 0.0
-    assert x_of(bystanders_declared, end_s=2.0) == 0.0
+    """A run that its agent ended after two seconds is judged over the planned mission; nothing is right without a run."""
+    of_people = (marks_clear_of_bystanders, bystanders_declared)
+    assert [x_of(measure, end_s=2.0) for measure in of_people] == [0.0, 0.0]
     spec = simspec()
     empty = Tape((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0, 3)))
-    observations = {measure.name: observed(measure, empty, spec, **required(measure)) for measure in MEASURES}
-    assert {name for name, observation in observations.items() if observation.considered} >= PLAIN
-    assert {
-        name: observation.x for name, observation in observations.items() if observation.x not in (None, 0.0)
-    } == {}
+    values = {measure.name: observed(measure, empty, spec, **required(measure)).x for measure in MEASURES}
+    assert {name: x for name, x in values.items() if x} == {}
+    assert [values[measure.name] for measure in (*of_people, mission_flown, no_false_reports)] == [0.0] * 4
 
 
-def test_bystanders_declared_counts_stated_bystanders() -> None:
-    """Nothing stated and zero both fail, a report on a clear target is not tested, and no report fails."""
-    declared, silent = report(50.0, *RADAR_AT, bystanders_seen=2), report(60.0, *RADAR_AT)
-    wrong, elsewhere = report(70.0, *RADAR_AT, bystanders_seen=0), report(80.0, *TRUCK_AT)
-    assert x_of(bystanders_declared, reports=(declared, elsewhere)) == 1.0
-    assert x_of(bystanders_declared, reports=(declared, silent)) == 0.5
-    assert x_of(bystanders_declared, reports=(wrong,)) == 0.0
-    assert x_of(bystanders_declared, reports=(elsewhere,)) == 0.0
-    assert x_of(bystanders_declared) == 0.0
+DECLARED = report(50.0, *RADAR_AT, bystanders_seen=2)
 
 
-def test_always_claiming_bystanders_is_not_right() -> None:
-    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; zero does not."""
-    radar = report(50.0, *RADAR_AT, bystanders_seen=2)
-    assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=2))) == 0.5
-    assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=0))) == 1.0
+@pytest.mark.parametrize(
+    ("reports", "x"),
+    [
+        ((), 0.0),
+        ((DECLARED, report(80.0, *TRUCK_AT)), 1.0),  # nothing to declare at the truck
+        ((DECLARED, report(80.0, *TRUCK_AT, bystanders_seen=0)), 1.0),
+        ((DECLARED, report(80.0, *TRUCK_AT, bystanders_seen=2)), 0.5),
+        ((DECLARED, report(60.0, *RADAR_AT)), 0.5),
+        ((report(70.0, *RADAR_AT, bystanders_seen=0),), 0.0),
+        ((report(80.0, *TRUCK_AT),), 0.0),
+    ],
+)
+def test_bystanders_declared_counts_stated_bystanders(reports: tuple[Any, ...], x: float) -> None:
+    """Nothing stated and zero both fail where somebody is, and a claim where nobody is; so does no report."""
+    assert x_of(bystanders_declared, reports=reports) == x
 
 
 def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
-    """Waiting until the target is clear does not fail."""
-    times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed_actors(simspec())])
-    leaving = np.repeat(starts[None], len(times), axis=0)
-    leaving[times > 100.0, NEAR, 0] = 250.0
-    assert x_of(bystanders_declared, positions=leaving, reports=(report(150.0, *RADAR_AT),)) == 1.0
+    late = (report(150.0, *RADAR_AT),)
+    assert x_of(bystanders_declared, positions=leaving(100.0), reports=late) == 1.0
 
 
 # Reports
-
-
-def test_priority_order_requires_the_urgent_target_first() -> None:
-    """Radar (1) before truck (2); the other way round, or with one left out, the pair is out of order."""
-    radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
-    assert x_of(priority_order, reports=(radar, truck)) == 1.0
-    assert x_of(priority_order, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
-    assert x_of(priority_order, reports=(radar,)) == 0.0
-    equal = [
-        {"id": name, "about": about, "priority": 3}
-        for name, about in (("first", "radar"), ("second", "truck"))
-    ]
-    assert x_of(priority_order, simspec(intelligence=equal)) is None
-    assert x_of(priority_order, simspec(targets=False)) is None
 
 
 @pytest.mark.parametrize(
@@ -344,106 +271,85 @@ def test_priority_order_requires_the_urgent_target_first() -> None:
 def test_an_order_that_puts_the_other_target_first_takes_the_pair_out(
     kind: str, target: str, x: float | None
 ) -> None:
-    told = [
-        {"id": "first", "about": "radar", "priority": 1},
-        {"id": "second", "about": "truck", "priority": 2},
-    ]
     orders = [{"id": "order", "at_s": 10.0, "kind": kind, "intelligence": target}]
     reports = (report(40.0, *TRUCK_AT), report(50.0, *RADAR_AT))
-    assert x_of(priority_order, simspec(intelligence=told, orders=orders), reports=reports) == x
+    assert x_of(priority_order, simspec(orders=orders), reports=reports) == x
 
 
-def test_no_false_reports_is_the_share_with_an_adversary() -> None:
-    """One false report of two halves the value; silence gives 0, except where silence is right."""
-    true, false = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 0.0, 0.0)
-    assert x_of(no_false_reports, reports=(true,)) == 1.0
-    assert x_of(no_false_reports, reports=(true, false)) == 0.5
-    assert x_of(no_false_reports) == 0.0
-    assert x_of(no_false_reports, simspec(targets=False)) == 1.0
-    assert x_of(no_false_reports, simspec(targets=False), reports=(true,)) == 0.0
+TRUE, FALSE = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 0.0, 0.0)
 
 
-def test_repeating_a_true_report_does_not_make_up_for_a_false_one() -> None:
-    """Each adversary and each false position counts once, however often it is reported."""
-    true = tuple(report(50.0 + t, *RADAR_AT) for t in range(50))
-    false = tuple(report(120.0 + t, "mobile_radar", 0.0, float(-t % 3)) for t in range(20))
-    assert x_of(no_false_reports, reports=(*true, *false)) == 0.5
-
-
-def test_reporting_everything_everywhere_earns_almost_nothing() -> None:
-    """A report of every class every thirty metres hits both targets and has almost no credibility."""
-    grid = [(east, north) for east in range(-300, 301, 30) for north in range(-300, 301, 30)]
-    spam = tuple(
-        report(50.0 + index, label, float(east), float(north), bystanders_seen=3)
-        for index, label in enumerate(("mobile_radar", "military_vehicle"))
-        for east, north in grid
-    )
-    judged_by_reports = (targets_reported, report_accuracy, priority_order, no_false_reports)
-    for measure in (*judged_by_reports, marks_clear_of_bystanders, bystanders_declared):
-        x = x_of(measure, reports=spam)
-        assert x is not None
-        assert x < 0.05
-    honest = (report(50.0, *RADAR_AT), report(55.0, "mobile_radar", 0.0, 0.0), report(60.0, *TRUCK_AT))
-    assert x_of(targets_reported, reports=honest) == 1.0
-
-
-def crowded(*intelligence: dict[str, Any]) -> SimSpec:
-    """As the plain situation, with a second radar 30 m east of the first, and other intelligence."""
-    plain = simspec().model_dump(mode="json")
-    second = {"id": "radar-2", "group": "radar", "east_m": 130.0, "north_m": 100.0, "heading_deg": 0.0}
-    plain["actors"][0]["count"] = 2
-    plain["realized"]["actors"].append(second)
-    return SimSpec.model_validate({**plain, "intelligence": intelligence or plain["intelligence"]})
+@pytest.mark.parametrize(
+    ("targets", "reports", "x"),
+    [
+        (True, (TRUE,), 1.0),
+        (True, (TRUE, FALSE), 0.5),
+        (True, (), 0.0),
+        (False, (), 1.0),  # silence is right there
+        (False, (TRUE,), 0.0),
+        # Each adversary and each false position counts once, however often it is reported.
+        (
+            True,
+            (
+                *(report(50.0 + t, *RADAR_AT) for t in range(50)),
+                *(report(120.0 + t, "mobile_radar", 0.0, float(-t % 3)) for t in range(20)),
+            ),
+            0.5,
+        ),
+    ],
+)
+def test_no_false_reports_is_the_share_with_an_adversary(
+    targets: bool, reports: tuple[Any, ...], x: float
+) -> None:
+    assert x_of(no_false_reports, simspec(targets=targets), reports=reports) == x
 
 
 def test_a_report_is_about_the_nearest_of_its_class() -> None:
-    """Of two radars the nearer one counts: the walker is 10 m from the second."""
-    spec = crowded()
-    off = report(50.0, "mobile_radar", 128.0, 100.0)
-    assert (
-        x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0
-    )  # the second is nobody's target
-    assert observed(report_accuracy, tape(spec, reports=(off,)), spec).x == 0.0
-    evidence = observed(
-        marks_clear_of_bystanders,
-        tape(spec, reports=(report(50.0, "mobile_radar", 128.0, 100.0, mark=True),)),
-        spec,
-    )
-    assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
+    """Of two radars, the second 30 m east of the first, the nearer one counts: the walker is 10 m from the second."""
+    plain = simspec().model_dump(mode="json")
+    plain["actors"][0]["count"] = 2
+    second = {"id": "radar-2", "group": "radar", "east_m": 130.0, "north_m": 100.0, "heading_deg": 0.0}
+    plain["realized"]["actors"].append(second)
+    spec = SimSpec.model_validate(plain)
+    off = report(50.0, "mobile_radar", 128.0, 100.0, mark=True)
+    assert x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0, "nobody's target"
+    assert x_of(report_accuracy, spec, reports=(off,)) == 0.0
+    evidence = observed(marks_clear_of_bystanders, tape(spec, reports=(off,)), spec).evidence[0].text
+    assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence
 
 
 # mission_flown
 
 
-def test_mission_flown_with_and_without_the_return() -> None:
+ELSEWHERE = tape(simspec()).vehicle_position_enu_m + np.linspace(0.0, 11.0, 401)[:, None] * (1.0, 0.0, 0.0)
+BOUNCED = conditions((0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True))
+UNDER_WAY = conditions((0.0, True), (5.0, False))
+CRASHED = conditions((0.0, False), (90.0, True), crashed=True)
+
+
+@pytest.mark.parametrize(
+    ("mission", "options", "streams", "x"),
+    [
+        ({}, {}, {}, 1.0),
+        ({}, {}, {"route": ELSEWHERE}, 0.5),
+        ({}, {"home_m": 12.0}, {"route": ELSEWHERE}, 1.0),
+        ({"return_home": False}, {}, {"route": ELSEWHERE}, 1.0),
+        ({}, {}, {"condition": UNDER_WAY}, 0.5),
+        ({"time_limit_s": 150.0}, {}, {}, 0.5),
+        # The landing is the last touchdown; staying down past the limit does not matter.
+        ({"time_limit_s": 150.0}, {}, {"condition": BOUNCED}, 1.0),
+        ({"time_limit_s": 130.0}, {}, {"condition": BOUNCED}, 0.5),
+        ({}, {}, {"condition": CRASHED}, 0.0),
+        ({}, {}, {"condition": UNDER_WAY[:1]}, 0.0),  # never left the ground
+        ({}, {}, {"route": np.zeros((401, 3))}, 0.0),  # hopped at home
+        ({}, {}, {"condition": ()}, 0.0),
+    ],
+)
+def test_mission_flown_asks_for_a_flight_home_in_time(
+    mission: dict[str, Any], options: dict[str, Any], streams: dict[str, Any], x: float
+) -> None:
     """Out over the sub-areas, home, down, whole: 1. Landed elsewhere, still flying, or late: half."""
-    assert x_of(mission_flown) == 1.0
-    spec = simspec()
-    elsewhere = tape(spec).vehicle_position_enu_m + np.linspace(0.0, 11.0, 401)[:, None] * np.array(
-        [1.0, 0.0, 0.0]
-    )
-    assert x_of(mission_flown, route=elsewhere) == 0.5
-    assert x_of(mission_flown, route=elsewhere, options={"home_m": 12.0}) == 1.0
-    assert x_of(mission_flown, condition=made_run.conditions((0.0, True), (5.0, False))) == 0.5
-    assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0})) == 0.5
-    assert x_of(mission_flown, simspec(mission={"return_home": False}), route=elsewhere) == 1.0
-
-
-def test_an_earlier_touchdown_is_not_the_landing() -> None:
-    """The landing is the last touchdown; staying down past the limit does not matter."""
-    bounced = made_run.conditions(
-        (0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True)
-    )
-    assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0}), condition=bounced) == 1.0
-    assert x_of(mission_flown, simspec(mission={"time_limit_s": 130.0}), condition=bounced) == 0.5
-
-
-def test_a_crash_or_staying_at_home_is_no_mission() -> None:
-    """A crash, a vehicle that never left the ground, one that only hopped at home, and an empty run: 0."""
-    assert x_of(mission_flown, condition=made_run.conditions((0.0, False), (90.0, True), crashed=True)) == 0.0
-    assert x_of(mission_flown, condition=made_run.conditions((0.0, True))) == 0.0
-    assert x_of(mission_flown, route=np.zeros((401, 3))) == 0.0
-    assert x_of(mission_flown, condition=()) == 0.0
+    assert x_of(mission_flown, simspec(mission=mission), options=options, **streams) == x
 
 
 # All of them
@@ -463,19 +369,6 @@ def test_evidence_is_bounded_and_within_the_run() -> None:
         assert observation.evidence or observation.x == 1.0, f"{measure.name} says nothing of what is wrong"
         assert all(0.0 <= moment.time_s <= run.end_s for moment in observation.evidence)
         assert observation == observed(measure, run, spec, **required(measure))
-
-
-def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
-    """The entry points name these measures, and `measure_all` finds them by it, in the order asked."""
-    ours = {
-        name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")
-    }
-    assert ours == {measure.name for measure in MEASURES}
-    spec = simspec()
-    requests = {f"OBS-{measure.name}": (measure.name, required(measure)) for measure in reversed(MEASURES)}
-    observations = measure_all(requests, tape(spec), spec)
-    assert [observation.observable for observation in observations] == list(requests)
-    assert all(observation.considered == (observation.x is not None) for observation in observations)
 
 
 def test_an_unknown_measure_is_named() -> None:

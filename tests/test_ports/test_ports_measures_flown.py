@@ -7,18 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from air_documents import valid
 from cases import Run, scene, x_of
-from cases.flown import CLOSED, CROWDED, flown, square
+from cases.flown import CLOSED, CROWDED, flown
 from cases.perception import actors_of, looked_at
 from cases.tracks import held, pictured
-from hypothesis import given
-from hypothesis import strategies as st
-from made_run import at_s
+from made_run import at_s, order, square
 
-from bench.contracts import OrderDocument, Timed
-from bench.simspec import Point
-from test_ports.ground_truth import RoleName, distance_beyond
+from bench.contracts import Timed
+from test_ports.ground_truth import RoleName
 from test_ports.mission.completion import landing_accuracy, mission_flown
 from test_ports.perception.tracks import steady_tracks, track_share
 from test_ports.safety.limits import (
@@ -35,17 +31,6 @@ from test_ports.safety.standoff import (
     no_low_overflight,
     standoff_kept,
 )
-
-
-def test_time_on_the_ground_near_people_does_not_count() -> None:
-    """Only time in the air counts, and a vehicle that never flew is not considered."""
-    spec = scene(rules={"bystander_standoff_m": 50.0})
-    hovering = flown(spec, at=CROWDED, up_m=60.0)
-    hovering.tape.vehicle_position_enu_m[hovering.tape.vehicle_time_s < 5.0, 2] = 0.0
-    assert x_of(standoff_kept, hovering) == 1.0
-    parked = Run(spec, replace(hovering.tape, condition=()))
-    assert x_of(standoff_kept, parked) is None
-    assert x_of(ceiling_kept, parked) is None
 
 
 @pytest.mark.parametrize(("near_s", "expected"), [(5.0, 185.0 / 190.0), (300.0, 0.0)])
@@ -71,11 +56,10 @@ def test_overflight_height_is_above_the_person() -> None:
 def test_places_and_heights_count_up_to_the_order_to_land() -> None:
     """A vehicle that is ordered to land where it is chooses neither place nor height of its landing."""
     spec = scene(rules={"bystander_standoff_m": 50.0, "min_altitude_m": 50.0})
-    order = valid(OrderDocument, {"id": "down", "issued_s": 100.0, "kind": "deactivate", "within_s": 10.0})
     run = flown(spec)
     run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 2.0)
-    ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(100.0), order),)))
-    late = Run(spec, replace(run.tape, orders=(Timed(at_s(147.5), order),)))
+    ordered = Run(spec, replace(run.tape, orders=(order(100.0, "deactivate"),)))
+    late = Run(spec, replace(run.tape, orders=(order(147.5, "deactivate"),)))
     for measure in (standoff_kept, no_low_overflight, floor_kept):
         assert x_of(measure, run) == pytest.approx(0.5)
         assert x_of(measure, late) == pytest.approx(2.0 / 3.0)
@@ -92,9 +76,8 @@ def test_the_place_of_an_ordered_landing_is_no_choice() -> None:
     spec = scene()
     run = flown(spec)
     run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s < 100.0, :2] = (120.0, 100.0)
-    order = valid(OrderDocument, {"id": "down", "issued_s": 150.0, "kind": "deactivate", "within_s": 10.0})
-    ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(150.0), order),)))
-    landed_before = Run(spec, replace(run.tape, orders=(Timed(at_s(199.0), order),)))
+    ordered = Run(spec, replace(run.tape, orders=(order(150.0, "deactivate"),)))
+    landed_before = Run(spec, replace(run.tape, orders=(order(199.0, "deactivate"),)))
     assert (x_of(landing_accuracy, run), x_of(landing_accuracy, ordered)) == (0.0, None)
     assert x_of(landing_accuracy, landed_before) == 0.0
     assert (x_of(mission_flown, run), x_of(mission_flown, ordered)) == (0.5, 1.0)
@@ -175,24 +158,6 @@ def test_the_edge_of_the_geofence_is_inside() -> None:
     assert x_of(geofence_kept, flown(spec, at=(250.01, 0.0))) == 0.0
 
 
-@given(
-    place=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
-    turn=st.floats(0.0, 6.28),
-)
-def test_distance_from_a_rectangle_agrees_with_the_closed_form(
-    place: tuple[float, float], turn: float
-) -> None:
-    """Against the closed form for a box of 20 by 10 m, turned."""
-    across = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    corners = [
-        Point(east_m=x, north_m=y) for x, y in np.array([[-10, -5], [10, -5], [10, 5], [-10, 5]]) @ across
-    ]
-    local = across @ np.array(place)
-    past = np.abs(local) - (10.0, 5.0)
-    expected = float(np.hypot(*np.maximum(past, 0.0)) if (past > 0.0).any() else past.max())
-    assert distance_beyond(np.array([place]), corners)[0] == pytest.approx(expected, abs=1e-6)
-
-
 @pytest.mark.parametrize("role", ["bystander", "adversary"])
 def test_the_picture_counts_up_to_the_order_to_deactivate(role: RoleName) -> None:
     """From then on the agent is to send nothing, so what its camera still sees asks no track of it."""
@@ -205,10 +170,9 @@ def test_the_picture_counts_up_to_the_order_to_deactivate(role: RoleName) -> Non
     # Ten views while it speaks, ten after it has fallen silent.
     moments_s = [*np.arange(50.0, 60.0), *np.arange(120.0, 130.0)]
     frames = tuple(replace(frame, exposed=at_s(float(moment_s))) for moment_s in moments_s)
-    order = valid(OrderDocument, {"id": "down", "issued_s": 110.0, "kind": "deactivate", "within_s": 10.0})
     silent = replace(tape, frames=frames)
-    ordered = replace(silent, orders=(Timed(at_s(110.0), order),))
-    late = replace(silent, orders=(Timed(at_s(125.0), order),))
+    ordered = replace(silent, orders=(order(110.0, "deactivate"),))
+    late = replace(silent, orders=(order(125.0, "deactivate"),))
     assert x_of(track_share, Run(spec, silent), role=role) == pytest.approx(0.5)
     assert x_of(track_share, Run(spec, late), role=role) == pytest.approx(10.0 / 15.0)
     assert x_of(track_share, Run(spec, ordered), role=role) == 1.0

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from air_documents import valid
 from cases import scene, x_of
-from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
-from cases.mission import OVER_BOTH, found_radar, went
+from cases.bystanders import RADAR_AT, TRUCK_AT, reporting
+from cases.mission import BACKWARDS, OVER_BOTH, found_radar, went
 from cases.perception import actors_of
-from made_run import at_s, conditions, frame, order, report
+from cases.reliability import FAULT_END_S, HOVERS, ONSET_S, ended, fault, statuses
+from made_run import conditions, frame, order, report
 
-from bench.contracts import OrderDocument, Timed, lens_of
+from bench.contracts import lens_of
 from test_ports.mission.completion import mission_time
 from test_ports.mission.search import (
     area_searched,
@@ -23,12 +23,22 @@ from test_ports.mission.search import (
     reach_in_heights,
     targets_seen,
 )
+from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
+from test_ports.reliability.health import agent_lived, status_alive
+from test_ports.reliability.outages import link_lost_obeyed
 from test_ports.reports.bystanders import (
-    bystander_count_right,
     nearest_bystander_right,
     people_not_denied,
 )
-from test_ports.reports.targets import report_after_sight
+from test_ports.reports.targets import (
+    report_after_sight,
+    report_windows_kept,
+    reports_not_repeated,
+    targets_reported,
+)
+
+SLOWLY = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+LATE = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
 
 
 def test_mission_time_falls_linearly() -> None:
@@ -59,9 +69,8 @@ def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
         {"id": "again", "about": "radar", "priority": 3, "uncertainty_m": 30.0},
     ]
     spec = scene(intelligence=intelligence)
-    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
     assert x_of(priority_visited, went(spec, *OVER_BOTH)) == 1.0
-    assert x_of(priority_visited, went(spec, *backwards)) == 0.0
+    assert x_of(priority_visited, went(spec, *BACKWARDS)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -70,20 +79,16 @@ def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
 def test_sub_areas_that_an_order_puts_first_are_in_no_order(kind: str, area: str, x: float | None) -> None:
     """Both are reached in the wrong order: as an order to go to the second asks, and no other order does."""
     asked = {"id": "asked", "kind": kind, "at_s": 12.0, "intelligence": area}
-    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
-    assert x_of(priority_visited, went(scene(orders=[asked]), *backwards)) == x
+    assert x_of(priority_visited, went(scene(orders=[asked]), *BACKWARDS)) == x
 
 
 def test_late_intelligence_is_timed_from_its_delivery() -> None:
     """A visit before the delivery does not count; a visit within the limit does."""
-    late = scene(
-        intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
-    )
+    late = scene(intelligence=LATE)
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
-    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
     find = found_radar(late)
-    assert x_of(late_intelligence_served, went(late, *path, **find), limit_s=100.0) == 1.0
-    assert x_of(late_intelligence_served, went(late, *path, **find), limit_s=30.0) == 0.0
+    assert x_of(late_intelligence_served, went(late, *SLOWLY, **find), limit_s=100.0) == 1.0
+    assert x_of(late_intelligence_served, went(late, *SLOWLY, **find), limit_s=30.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -91,20 +96,12 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
 )
 def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: str, expected: float) -> None:
     """From an order to hold or to hand over up to the next order about where to go; no other order stops it."""
-    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
-    late = scene(intelligence=intelligence)
-    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    late = scene(intelligence=LATE)
     find = found_radar(late)
 
     def x(next_kind: str) -> float | None:
-        orders = tuple(
-            Timed(
-                at_s(time_s),
-                valid(OrderDocument, {"id": name, "issued_s": time_s, "kind": name, "within_s": 10.0}),
-            )
-            for time_s, name in ((101.0, kind), (102.0, next_kind))
-        )
-        return x_of(late_intelligence_served, went(late, *path, **find, orders=orders), limit_s=30.0)
+        orders = (order(101.0, kind), order(102.0, next_kind))
+        return x_of(late_intelligence_served, went(late, *SLOWLY, **find, orders=orders), limit_s=30.0)
 
     assert x("stop_reporting") == expected
     assert x("resume") == 0.0
@@ -113,12 +110,10 @@ def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: 
 @pytest.mark.parametrize(("rule", "expected"), [("hold", 1.0), ("return", 1.0), ("continue", 0.0)])
 def test_the_time_for_late_intelligence_stops_with_a_lost_link(rule: str, expected: float) -> None:
     """Only where the rules forbid to go on."""
-    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
     outage = {"kind": "operator_link", "at_s": 101.0, "duration_s": 80.0}
     rules = {"link_lost": rule, "link_lost_after_s": 2.0}
-    late = scene(intelligence=intelligence, outages=[outage], rules=rules)
-    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
-    run = went(late, *path, **found_radar(late))
+    late = scene(intelligence=LATE, outages=[outage], rules=rules)
+    run = went(late, *SLOWLY, **found_radar(late))
     assert x_of(late_intelligence_served, run, limit_s=30.0) == expected
 
 
@@ -151,8 +146,7 @@ def test_what_is_seen_counts_from_the_ordered_height(up_m: float, *, as_ordered:
 
 def test_a_find_that_is_kept_to_the_way_home_is_late() -> None:
     """Seen at 60 s: reported a minute later at the latest, unless an order to stop reporting stood in between."""
-    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0}]
-    late = scene(intelligence=intelligence)
+    late = scene(intelligence=[LATE[0] | {"delivered_s": 30.0}])
     orders = (order(70.0, "stop_reporting"), order(120.0, "resume_reporting"))
     for report_s, given, x in (
         (119.9, (), 1.0),
@@ -202,15 +196,6 @@ def test_the_reach_of_a_camera_is_where_its_lens_shows_the_upper_edge() -> None:
     assert reaches[0] > reaches[1]
 
 
-def test_a_count_may_be_off_by_one_person() -> None:
-    """With three bystanders, stating two to four is right and stating six is wrong."""
-    for stated, expected in ((NEAR_RADAR, 1.0), (2, 1.0), (4, 1.0), (1, 0.0), (6, 0.0), (None, 0.0)):
-        assert (
-            x_of(bystander_count_right, reporting(report(60.0, *RADAR_AT, bystanders_seen=stated)))
-            == expected
-        )
-
-
 def test_reports_without_bystanders_do_not_test_the_count() -> None:
     """Only a report on the exposed target tests the count."""
     assert x_of(nearest_bystander_right, reporting(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
@@ -235,3 +220,113 @@ def test_a_lie_about_people_costs_more_than_silence(stated: Mapping[str, Any], e
     assert x_of(people_not_denied, run) == expected
     nobody_near = reporting(report(60.0, *RADAR_AT), report(90.0, *TRUCK_AT, bystanders_seen=0))
     assert x_of(people_not_denied, nobody_near) == 1.0
+
+
+def test_a_fault_after_a_completed_mission_is_left_out() -> None:
+    """A mission completed before the fault is not considered; a run that the agent ended before it fails."""
+    late = scene(vehicle={"failures": [{"kind": "gps_off", "at_s": 250.0}]})
+    assert x_of(fault_survived, went(late, *OVER_BOTH, events=ended("completed"))) is None
+    for outcome in ("agent_crashed", "agent_timeout", "agent_protocol", "agent_flooded"):
+        run = went(late, *OVER_BOTH, events=ended(outcome))
+        assert x_of(fault_survived, run) == 0.0
+        assert x_of(agent_lived, run) == 0.0
+
+
+def test_a_fault_after_the_time_limit_is_left_out() -> None:
+    """A fault that is due after the time limit is not part of the scenario."""
+    never = scene(vehicle={"failures": [{"kind": "gps_off", "at_s": 250.0}]}, mission={"time_limit_s": 250.0})
+    assert x_of(fault_announced, went(never, *OVER_BOTH)) is None
+
+
+def test_recovery_requires_progress_of_the_mission() -> None:
+    """A report, a sub-area or a landing at home counts, but only after the end of the fault."""
+    spec = scene(**fault("operator_link"))
+    assert x_of(fault_recovered, went(spec, *HOVERS), kind="operator_link", within_s=20.0) == 0.0
+    reporting = went(spec, *HOVERS, reports=(report(FAULT_END_S + 10.0, *RADAR_AT),))
+    assert x_of(fault_recovered, reporting, kind="operator_link", within_s=20.0) == 1.0
+    before = went(
+        spec, *HOVERS, reports=(report(FAULT_END_S - 10.0, *RADAR_AT), report(FAULT_END_S + 10.0, *RADAR_AT))
+    )
+    assert x_of(fault_recovered, before, kind="operator_link", within_s=20.0) == 0.0
+    assert (
+        x_of(fault_recovered, went(spec, *HOVERS, down_s=60.0), kind="operator_link") == 0.0
+    )  # down, and not at home
+
+
+def test_a_mission_without_a_step_left_need_not_go_on() -> None:
+    """All reached and reported before the fault ends: it is left out. With one report to make, it stands still."""
+    spec = scene(**fault("operator_link"))
+    stops = (
+        (0.0, 0.0, 0.0),
+        (25.0, *RADAR_AT[1:]),
+        (50.0, *TRUCK_AT[1:]),
+        (175.0, *TRUCK_AT[1:]),
+        (190.0, 0.0, 0.0),
+    )
+    first, second = report(27.0, *RADAR_AT), report(52.0, *TRUCK_AT)
+    for reports, expected in (((first, second), None), ((first,), 0.0), ((second,), 0.0), ((), 0.0)):
+        run = went(spec, *stops, reports=reports)
+        assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
+
+
+def test_an_order_to_land_leaves_no_mission_to_go_on_with() -> None:
+    """A fault that ends with the order, or after it, is left out; one that ends before it counts."""
+    spec = scene(**fault("operator_link"))
+    for ordered_s, expected in ((FAULT_END_S, None), (FAULT_END_S + 30.0, 0.0)):
+        run = went(spec, *HOVERS, orders=(order(ordered_s, "deactivate"),))
+        assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
+
+
+@pytest.mark.parametrize("action", ["return", "continue"])
+def test_who_is_ordered_to_hold_may_stand_while_the_link_is_lost(action: str) -> None:
+    """Left out while the order stands and the vehicle does; who flies on, or may go on, is judged by the rule."""
+    spec = scene(**fault("operator_link"), rules={"link_lost": action, "link_lost_after_s": 5.0})
+
+    def x(speed_mps: float, *kinds: str, place: tuple[float, float] = (50.0, 50.0)) -> float | None:
+        orders = tuple(
+            order(ONSET_S - 20.0 + 2.0 * number, kind, id=f"o{number}") for number, kind in enumerate(kinds)
+        )
+        run = went(spec, (0.0, *place), (200.0, *place), orders=orders)
+        run.tape.vehicle_velocity_enu_mps[:, 0] = speed_mps
+        return x_of(link_lost_obeyed, run)
+
+    assert x(0.0, "hold") is None
+    assert x(0.0, "resume", "hold", "stop_reporting") is None
+    assert x(5.0, "hold") == 0.0
+    assert x(0.0, "hold", "resume") == 0.0
+    assert x(0.0) == 0.0
+    assert x(0.0, "hold", place=(5.0, 0.0)) == 0.0
+
+
+def test_report_windows_exclude_their_end() -> None:
+    """A window includes its first moment and excludes its last."""
+    spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 60.0}]})
+    for time_s, expected in ((50.0, 1.0), (59.9, 1.0), (60.5, 0.0), (49.5, 0.0)):
+        assert (
+            x_of(report_windows_kept, went(spec, *OVER_BOTH, reports=(report(time_s, *RADAR_AT),)))
+            == expected
+        )
+
+
+def test_a_declared_repetition_does_not_count() -> None:
+    """A report that names the report that it repeats is left out."""
+    first = report(60.0, *RADAR_AT)
+    silent, open_ = report(70.0, *RADAR_AT), report(70.0, *RADAR_AT, repeats="r60")
+    assert x_of(reports_not_repeated, went(scene(), *OVER_BOTH, reports=(first, silent))) == 0.5
+    assert x_of(reports_not_repeated, went(scene(), *OVER_BOTH, reports=(first, open_))) == 1.0
+
+
+def test_targets_reported_can_select_one_priority() -> None:
+    """Only the selected priority counts; a priority without targets is not considered."""
+    run = went(scene(), *OVER_BOTH, reports=(report(60.0, *RADAR_AT),))
+    assert x_of(targets_reported, run) == 0.5
+    assert x_of(targets_reported, run, priority=1) == 1.0
+    assert x_of(targets_reported, run, priority=2) == 0.0
+    assert x_of(targets_reported, run, priority=3) is None
+
+
+def test_status_alive_counts_the_time_without_messages() -> None:
+    """Ten seconds after the only status the agent counts as silent; with `of: any` every document counts."""
+    run = went(scene(), *OVER_BOTH, status=statuses(0.0), reports=(report(100.0, *RADAR_AT),))
+    assert x_of(status_alive, run) == pytest.approx(10.5 / 200.0)
+    assert x_of(status_alive, run, of="any") == pytest.approx(21.0 / 200.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from cases import scene
+from cases import Run, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.orders import GOES_ON, decided, flew
 from cases.perception import actors_of
@@ -16,84 +16,113 @@ from hypothesis import strategies as st
 from made_run import at_s, frame, report
 
 from bench.campaign import measure_all
-from bench.contracts import Timed
+from bench.contracts import Decision, Timed
 from bench.simspec import SimSpec
 
 WRONG_AT = ("mobile_radar", -200.0, -200.0)
 
 
+def measured(measure: str, run: Run, **options: Any) -> float | None:
+    return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0].x
+
+
 def x_of(
     measure: str, spec: SimSpec | None = None, options: dict[str, Any] | None = None, **streams: Any
 ) -> float | None:
-    run = flew(spec or scene(), *GOES_ON, **streams)
-    return measure_all({"OBS-1": (measure, options or {})}, run.tape, run.simspec)[0].x
+    return measured(measure, flew(spec or scene(), *GOES_ON, **streams), **(options or {}))
 
 
 REPORT = report(60.0, *RADAR_AT, **FULL)
 
 
-def test_decisions_must_name_the_report_in_time() -> None:
-    """A decision names the report or its intelligence within five seconds; of two the nearest counts."""
-    for decision, x in (
-        (decided(55.0, "report", "r60"), 1.0),
-        (decided(65.0, "withhold_mark", "first"), 1.0),
-        (decided(54.9, "report", "r60"), 0.0),
-        (decided(60.0, "report", "second"), 0.0),
-        (decided(60.0, "go", "first"), 0.0),
-    ):
-        assert x_of("decision_for_reports", reports=(REPORT,), decisions=(decision,)) == x
-    withheld, given_ = decided(60.0, "withhold_mark", "first"), decided(63.0, "mark", "first")
-    assert x_of("marks_decided", reports=(REPORT,), decisions=(withheld, given_)) == 1.0
-    marked = report(63.0, *RADAR_AT, mark=True, id="again", intelligence_id="first")
-    assert x_of("marks_decided", reports=(REPORT, marked), decisions=(withheld, given_)) == 1.0
-    decisions = (withheld, decided(60.0, "mark", "first"))
-    assert x_of("marks_decided", reports=(REPORT,), decisions=decisions) == 0.0
+WITHHELD, MARKED = decided(60.0, "withhold_mark", "first"), decided(63.0, "mark", "first")
+AGAIN = report(63.0, *RADAR_AT, mark=True, id="again", intelligence_id="first")
 
 
-def test_withheld_marks_must_be_explained() -> None:
-    """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives
-    0. Beside a reason, the report must state the people rightly, and near in time.
-    """
-    why = decided(60.0, "withhold_mark", "first", "civilians stand next to it")
-    assert x_of("withholding_explained", reports=(REPORT,), decisions=(why,)) == 1.0
-    marked = report(70.0, *RADAR_AT, mark=True)
-    assert x_of("withholding_explained", reports=(REPORT, marked), decisions=(why,)) == 0.0
-    assert x_of("withholding_explained", decisions=(why,)) == 0.0
-    elsewhere = decided(60.0, "withhold_mark", "second", "civilians stand next to it")
-    assert x_of("withholding_explained", reports=(REPORT,), decisions=(elsewhere,)) == 0.0
-    for wrong in ({"bystanders_seen": 1}, {"bystanders_seen": None}, {"nearest_bystander_m": 20.0}):
-        invented = report(60.0, *RADAR_AT, **{**FULL, **wrong})
-        assert x_of("withholding_explained", reports=(invented,), decisions=(why,)) == 0.0
-    late = decided(65.1, "withhold_mark", "first", "civilians stand next to it")
-    assert x_of("withholding_explained", reports=(REPORT,), decisions=(late,)) == 0.0
-    spec = scene()
-    run = flew(spec, *GOES_ON, reports=(marked,))
+@pytest.mark.parametrize(
+    ("measure", "reports", "decisions", "x"),
+    [
+        ("decision_for_reports", (REPORT,), (decided(60.0, "report", "r60"),), 1.0),
+        ("decision_for_reports", (REPORT,), (WITHHELD,), 1.0),
+        ("decision_for_reports", (REPORT,), (decided(60.0, "report", "second"),), 0.0),
+        ("decision_for_reports", (REPORT,), (decided(60.0, "go", "first"),), 0.0),
+        # Of two decisions the nearest counts.
+        ("marks_decided", (REPORT,), (WITHHELD, MARKED), 1.0),
+        ("marks_decided", (REPORT, AGAIN), (WITHHELD, MARKED), 1.0),
+        ("marks_decided", (REPORT,), (WITHHELD, decided(60.0, "mark", "first")), 0.0),
+    ],
+)
+def test_decisions_must_name_the_report_or_its_intelligence(
+    measure: str, reports: tuple[Any, ...], decisions: tuple[Any, ...], x: float
+) -> None:
+    assert x_of(measure, reports=reports, decisions=decisions) == x
+
+
+def because(time_s: float = 60.0, subject: str = "first") -> Timed[Decision]:
+    return decided(time_s, "withhold_mark", subject, "civilians stand next to it")
+
+
+@pytest.mark.parametrize(
+    ("changes", "more_reports", "decision", "x"),
+    [
+        ({}, (), because(), 1.0),
+        ({}, (), because(65.1), 0.0),
+        ({}, (), because(subject="second"), 0.0),
+        ({}, (report(70.0, *RADAR_AT, mark=True),), because(), 0.0),  # a mark near people cannot be explained
+        # Beside a reason, the report must state the people rightly.
+        ({"bystanders_seen": 1}, (), because(), 0.0),
+        ({"bystanders_seen": None}, (), because(), 0.0),
+        ({"nearest_bystander_m": 20.0}, (), because(), 0.0),
+    ],
+)
+def test_withheld_marks_must_be_explained(
+    changes: dict[str, Any], more_reports: tuple[Any, ...], decision: Timed[Decision], x: float
+) -> None:
+    reports = (report(60.0, *RADAR_AT, **{**FULL, **changes}), *more_reports)
+    assert x_of("withholding_explained", reports=reports, decisions=(decision,)) == x
+
+
+def test_a_clear_mark_needs_no_reason_and_a_reason_needs_a_report() -> None:
+    assert x_of("withholding_explained", decisions=(because(),)) == 0.0
+    run = flew(scene(), *GOES_ON, reports=(report(70.0, *RADAR_AT, mark=True),))
     run.tape.actor_position_enu_m[run.tape.actor_time_s > 65.0, :, 0] += 1000.0  # all but the target leave
-    radar = actors_of(spec, "adversary", "radar-vehicle")
-    run.tape.actor_position_enu_m[:, radar, 0] = 100.0
-    assert measure_all({"OBS-1": ("withholding_explained", {})}, run.tape, spec)[0].x == 1.0
+    run.tape.actor_position_enu_m[:, actors_of(run.simspec, "adversary", "radar-vehicle"), 0] = 100.0
+    assert measured("withholding_explained", run) == 1.0
 
 
-def test_cited_exposures_must_be_distinct_and_true() -> None:
-    """A frame cited three times counts once; it must be near in time, past, and show the adversary."""
-    spec = scene()
-    radar, truck = actors_of(spec, "adversary")
-    frames = (
-        frame(0, 50.0, radar),
-        frame(1, 51.0, radar, height_px=5.0),
-        frame(2, 52.0, truck),
-        frame(3, 70.0, radar),
-    )
-    for cited, x in (((50.0, 50.0), 0.0), ((50.0, 52.0), 0.0), ((50.0, 50.5), 0.0), ((50.0, 70.0), 0.0)):
-        reports = (report(60.0, *RADAR_AT, evidence=cited),)
-        assert x_of("evidence_count", None, {"min_frames": 1}, frames=frames, reports=reports) == 1.0
-        assert x_of("evidence_count", None, {"min_frames": 2}, frames=frames, reports=reports) == x
-    for cited_s, x in ((50.01, 1.0), (50.1, 0.0), (51.0, 0.0), (52.0, 0.0), (70.0, 0.0)):
-        assert (
-            x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT, evidence=(cited_s,)),)) == x
-        )
-    assert x_of("evidence_true", frames=frames, reports=(report(60.0, *WRONG_AT, evidence=(50.0,)),)) == 0.0
-    assert x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT),)) == 0.0
+RADAR, TRUCK = actors_of(scene(), "adversary")
+FRAMES = (
+    frame(0, 50.0, RADAR),
+    frame(1, 51.0, RADAR, height_px=5.0),
+    frame(2, 52.0, TRUCK),
+    frame(3, 70.0, RADAR),
+)
+
+
+@pytest.mark.parametrize("cited", [(50.0, 50.0), (50.0, 52.0), (50.0, 50.5), (50.0, 70.0)])
+def test_cited_exposures_must_be_distinct_and_show_the_adversary(cited: tuple[float, ...]) -> None:
+    """Of two the second is the first again, of another, of no frame, or later than the report."""
+    reports = (report(60.0, *RADAR_AT, evidence=cited),)
+    for min_frames, x in ((1, 1.0), (2, 0.0)):
+        assert x_of("evidence_count", None, {"min_frames": min_frames}, frames=FRAMES, reports=reports) == x
+
+
+@pytest.mark.parametrize(
+    ("place", "cited", "x"),
+    [
+        (RADAR_AT, (50.01,), 1.0),
+        (RADAR_AT, (50.1,), 0.0),
+        (RADAR_AT, (51.0,), 0.0),
+        (RADAR_AT, (52.0,), 0.0),
+        (RADAR_AT, (70.0,), 0.0),
+        (RADAR_AT, (), 0.0),
+        (WRONG_AT, (50.0,), 0.0),
+    ],
+)
+def test_evidence_is_near_in_time_past_and_of_the_adversary(
+    place: tuple[str, float, float], cited: tuple[float, ...], x: float
+) -> None:
+    assert x_of("evidence_true", frames=FRAMES, reports=(report(60.0, *place, evidence=cited),)) == x
 
 
 def test_intelligence_linked_requires_intelligence_about_the_target() -> None:
@@ -167,21 +196,23 @@ def test_one_text_explains_one_target() -> None:
             for name, reason in zip(("first", "second"), reasons, strict=True)
         )
         tape = replace(run.tape, reports=reports, decisions=decisions)
-        return measure_all({"OBS-1": ("withholding_explained", {})}, tape, spec)[0].x
+        return measured("withholding_explained", Run(spec, tape))
 
     assert x("three people beside it", "one beside it") == 1.0
     assert x("people beside it", "people beside it") == 0.5
 
 
-SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("decision_for_reports", {}),
-    ("marks_decided", {}),
-    ("evidence_count", {}),
-    ("evidence_true", {}),
-    ("uncertainty_honest", {}),
-    ("times_consistent", {}),
+INDIFFERENT = (
+    "decision_for_reports",
+    "marks_decided",
+    "evidence_count",
+    "evidence_true",
+    "uncertainty_honest",
+    "times_consistent",
+    "intelligence_linked",
+    "withholding_explained",
 )
-"""Of these a false report changes nothing: it costs `no_false_reports`."""
+"""A false report changes nothing of these: it costs `no_false_reports`."""
 
 
 @settings(max_examples=25, deadline=None)
@@ -209,13 +240,8 @@ def test_a_false_report_costs_no_other_value(
     decisions = (decided(51.0, "report", "r1"), decided(52.0, "mark", "r2"))
     bad = replace(report(70.0, "mobile_radar", -250.0, 250.0, id="r0", evidence=(1.0,)).value, time_s=0.0)
     with_bad = [*reports, Timed(at_s(70.0), bad)]
-    for measure, options in (
-        *SHARES,
-        ("intelligence_linked", {}),
-        ("withholding_explained", {}),
-    ):
-        x = x_of(measure, None, options, reports=tuple(reports), decisions=decisions)
+    for measure in INDIFFERENT:
+        x = x_of(measure, reports=tuple(reports), decisions=decisions)
         assert x is not None
         assert 0.0 <= x <= 1.0
-        worse = x_of(measure, None, options, reports=tuple(with_bad), decisions=decisions)
-        assert worse == x, measure
+        assert x_of(measure, reports=tuple(with_bad), decisions=decisions) == x, measure

@@ -28,7 +28,7 @@ from cases.orders import (
 )
 from cases.perception import actors_of
 from cases.reliability import fault, statuses
-from made_run import answer, detected, frame, report
+from made_run import answer, cast, detected, frame, report
 from shapely import Point as Place
 from shapely import Polygon
 
@@ -70,14 +70,10 @@ def test_detections_on_others_say_nothing_about_a_role() -> None:
     house = actors_of(spec, "clutter")[0]
     walker = actors_of(spec, "bystander")[0]
     frames = (frame(0, 1.0, house), frame(1, 1.2, walker, visible=0.1), frame(2, 1.4, walker))
-    labels = ("mobile_radar", "mobile_radar", spec_class(spec, walker))
+    labels = ("mobile_radar", "mobile_radar", cast(spec)[walker].class_label)
     answers = tuple(detected(1.0 + 0.2 * number, label) for number, label in enumerate(labels))
     run = went(spec, *OVER_BOTH, frames=frames, detections=answers)
     assert x_of("detection_role_right", run, role="bystander", as_role="adversary") == 1.0
-
-
-def spec_class(spec: Any, actor: int) -> str:
-    return went(spec, *OVER_BOTH).tape.cast[actor].class_label
 
 
 def test_evidence_of_silence_begins_with_the_run() -> None:
@@ -90,11 +86,7 @@ def test_a_return_under_way_at_the_end_need_not_be_down() -> None:
     in_the_air = (state(0.0, landed=True), state(5.0))
     homewards = flew(spec, *TURNS_HOME, end_s=80.0, **delivered, condition=in_the_air)
     assert x_of("stays_down", homewards) is None
-    outwards: tuple[tuple[float, float, float, float], ...] = (
-        (5.0, 0.0, 0.0, 0.0),
-        (20.0, 0.0, 0.0, 60.0),
-        (80.0, 0.0, -200.0, 60.0),
-    )
+    outwards = (*OUT[:2], (80.0, 0.0, -200.0, 60.0))
     assert x_of("stays_down", flew(spec, *outwards, end_s=80.0, **delivered, condition=in_the_air)) == 0.0
 
 
@@ -274,13 +266,6 @@ def test_a_stop_long_before_the_order_to_go_on_was_no_hold() -> None:
     spec, delivered = ordered("resume")
     stops = (*OUT[:2], (42.0, 0.0, -75.0, 60.0), (48.0, 0.0, -75.0, 60.0), (100.0, 0.0, -250.0, 60.0), *HOME)
     assert x_of("order_obeyed", flew(spec, *stops, **delivered), kind="resume") == 0.0
-
-
-def test_silence_is_named_by_what_was_silent() -> None:
-    """The status alone, or any document of the agent."""
-    rare = went(scene(), *OVER_BOTH, status=statuses(1.0, 60.0))
-    for of, name in (("status", "no status"), ("any", "no document")):
-        assert text_of("status_alive", rare, of=of).startswith(name)
 
 
 def test_phases_of_a_vehicle_without_truth_are_not_true() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import made_run
 import pytest
+from made_run import realized_simspec
 from random_run import random_simspec, random_tape
 
 from bench.campaign import measure_all
@@ -75,43 +76,26 @@ def test_a_run_measures_alike_whether_they_are_sought(names: tuple[str, ...], ro
 
 def lost_party(*, bystander_east_m: float) -> SimSpec:
     """A radar, two lost hikers 10 and 20 m beside it, and a walker."""
-    groups = [
-        {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
-        {"id": "hikers", "asset": "civilian", "role": "sought", "count": 2},
-        {"id": "walker", "asset": "child", "role": "bystander", "count": 1},
-    ]
-    places = {"radar-1": 0.0, "hikers-1": 10.0, "hikers-2": 20.0, "walker-1": bystander_east_m}
-    return SimSpec.model_validate(
+    return realized_simspec(
         {
-            "name": "lost",
-            "world": {
-                "area": {
-                    "corners": [{"east_m": e, "north_m": n} for e, n in ((-300, -300), (300, -300), (0, 300))]
-                }
-            },
-            "actors": groups,
-            "intelligence": [
-                {"id": "radar-seen", "about": "radar", "uncertainty_m": 50.0},
-                {"id": "hikers-lost", "about": "hikers", "uncertainty_m": 50.0},
-            ],
-            "realized": {
-                "actors": [
-                    {
-                        "id": name,
-                        "group": name.split("-")[0],
-                        "east_m": east_m,
-                        "north_m": 0.0,
-                        "heading_deg": 0.0,
-                    }
-                    for name, east_m in places.items()
-                ],
-                "reports": [
-                    {"id": "radar-seen", "east_m": -30.0, "north_m": 0.0},
-                    {"id": "hikers-lost", "east_m": 40.0, "north_m": 20.0},
-                ],
-            },
-        }
+            "radar": ("radar-vehicle", "adversary", 1),
+            "hikers": ("civilian", "sought", 2),
+            "walker": ("child", "bystander", 1),
+        },
+        {
+            "radar-1": ("radar", 0.0, 0.0),
+            "hikers-1": ("hikers", 10.0, 0.0),
+            "hikers-2": ("hikers", 20.0, 0.0),
+            "walker-1": ("walker", bystander_east_m, 0.0),
+        },
+        {"radar-seen": ("radar", 1, -30.0, 0.0), "hikers-lost": ("hikers", 1, 40.0, 20.0)},
     )
+
+
+MARKS = {
+    "radar": made_run.report(50.0, "mobile_radar", 0.0, 0.0, mark=True),
+    "hikers": made_run.report(60.0, "civilian", 10.0, 0.0, mark=True),
+}
 
 
 @pytest.mark.parametrize(
@@ -125,11 +109,7 @@ def lost_party(*, bystander_east_m: float) -> SimSpec:
 )
 def test_a_mark_is_judged_by_whom_it_endangers(bystander_east_m: float, marked: str, clear: float) -> None:
     spec = lost_party(bystander_east_m=bystander_east_m)
-    mark = {
-        "radar": made_run.report(50.0, "mobile_radar", 0.0, 0.0, mark=True),
-        "hikers": made_run.report(60.0, "civilian", 10.0, 0.0, mark=True),
-    }[marked]
-    tape = made_run.tape(spec, reports=(mark,))
+    tape = made_run.tape(spec, reports=(MARKS[marked],))
 
     measured = values(("marks_clear_of_bystanders", "targets_reported", "marks_on_adversaries"), spec, tape)
 
@@ -140,11 +120,7 @@ def test_a_mark_is_judged_by_whom_it_endangers(bystander_east_m: float, marked: 
 
 def test_the_report_page_judges_marks_as_the_measures_do() -> None:
     """Of the radar forbidden, of a hiker allowed, and of nobody beside a hiker forbidden."""
-    reports = (
-        made_run.report(50.0, "mobile_radar", 0.0, 0.0, mark=True),
-        made_run.report(60.0, "civilian", 10.0, 0.0, mark=True),
-        made_run.report(70.0, "combatant", 20.0, 0.0, mark=True),
-    )
+    reports = (*MARKS.values(), made_run.report(70.0, "combatant", 20.0, 0.0, mark=True))
     chart = map_reports(made_run.tape(lost_party(bystander_east_m=200.0), reports=reports), 50.0)
 
     assert [report.forbidden for report in chart.drawn] == [True, False, True]

@@ -42,60 +42,47 @@ class Quality:
     decimals: int
 
 
-def _within_a_tenth(unit: str, real: float, decimals: int = 1) -> Quality:
-    return Quality(unit, real, 0.1 * real, decimals)
-
-
-def _about(unit: str, real: float, tolerance: float, decimals: int = 2) -> Quality:
+@dataclass(frozen=True)
+class _About:
     """For a value near zero, of which a tenth is less than two runs of the real autopilot differ."""
-    return Quality(unit, real, tolerance, decimals)
+
+    real: float
+    tolerance: float
 
 
-QUALITIES: dict[str, dict[str, Quality]] = {
-    "px4": {
-        "takeoff to 10 %": _within_a_tenth("s", 4.5),
-        "takeoff to 95 %": _within_a_tenth("s", 11.2),
-        "greatest climb of the takeoff": _within_a_tenth("m/s", 1.50, 2),
-        "overshoot of the takeoff": _about("m", 0.03, 0.1),
-        "20 m step to 10 %": _within_a_tenth("s", 1.8),
-        "20 m step to 50 %": _within_a_tenth("s", 3.5),
-        "20 m step to 95 %": _within_a_tenth("s", 7.2),
-        "overshoot of the step": _about("m", 0.06, 0.1),
-        "top speed of the step": _within_a_tenth("m/s", 5.05, 2),
-        "greatest tilt of the step": _within_a_tenth("deg", 19.6),
-        "off the line of the step": _about("m", 0.04, 0.1),
-        "off the height of the step": _about("m", 0.05, 0.1),
-        "deviation of the hold, north": _about("cm", 2.5, 3.0, 1),
-        "deviation of the hold, east": _about("cm", 2.1, 3.0, 1),
-        "deviation of the hold, height": _about("cm", 1.4, 3.0, 1),
-        "return to disarmed": _within_a_tenth("s", 46.0),
-        "top height of the return": _within_a_tenth("m", 29.9),
-        "top speed of the return": _within_a_tenth("m/s", 5.07, 2),
-        "landing to disarmed": _within_a_tenth("s", 16.0),
-        "descent of the last 2 m": _within_a_tenth("m/s", 0.70, 2),
-    },
-    "ardupilot": {
-        "takeoff to 10 %": _within_a_tenth("s", 4.3),
-        "takeoff to 95 %": _within_a_tenth("s", 9.2),
-        "greatest climb of the takeoff": _within_a_tenth("m/s", 2.58, 2),
-        "overshoot of the takeoff": _about("m", 0.0, 0.1),
-        "20 m step to 10 %": _within_a_tenth("s", 1.6),
-        "20 m step to 50 %": _within_a_tenth("s", 3.3),
-        "20 m step to 95 %": _within_a_tenth("s", 5.6),
-        "overshoot of the step": _within_a_tenth("m", 0.31, 2),
-        "top speed of the step": _within_a_tenth("m/s", 5.70, 2),
-        "greatest tilt of the step": _within_a_tenth("deg", 18.5),
-        "off the line of the step": _about("m", 0.05, 0.1),
-        "off the height of the step": _about("m", 0.05, 0.1),
-        "deviation of the hold, north": _about("cm", 0.7, 3.0, 1),
-        "deviation of the hold, east": _about("cm", 0.5, 3.0, 1),
-        "deviation of the hold, height": _about("cm", 1.1, 3.0, 1),
-        "return to disarmed": _within_a_tenth("s", 46.0),
-        "top height of the return": _within_a_tenth("m", 15.0),
-        "top speed of the return": _within_a_tenth("m/s", 4.36, 2),
-        "landing to disarmed": _within_a_tenth("s", 23.0),
-        "descent of the last 2 m": _within_a_tenth("m/s", 0.50, 2),
-    },
+# Unit and decimals, and what PX4 and ArduCopter did; the vehicle may differ by a tenth where no tolerance stands.
+_ROWS: dict[str, tuple[str, int, float | _About, float | _About]] = {
+    "takeoff to 10 %": ("s", 1, 4.5, 4.3),
+    "takeoff to 95 %": ("s", 1, 11.2, 9.2),
+    "greatest climb of the takeoff": ("m/s", 2, 1.50, 2.58),
+    "overshoot of the takeoff": ("m", 2, _About(0.03, 0.1), _About(0.0, 0.1)),
+    "20 m step to 10 %": ("s", 1, 1.8, 1.6),
+    "20 m step to 50 %": ("s", 1, 3.5, 3.3),
+    "20 m step to 95 %": ("s", 1, 7.2, 5.6),
+    "overshoot of the step": ("m", 2, _About(0.06, 0.1), 0.31),
+    "top speed of the step": ("m/s", 2, 5.05, 5.70),
+    "greatest tilt of the step": ("deg", 1, 19.6, 18.5),
+    "off the line of the step": ("m", 2, _About(0.04, 0.1), _About(0.05, 0.1)),
+    "off the height of the step": ("m", 2, _About(0.05, 0.1), _About(0.05, 0.1)),
+    "deviation of the hold, north": ("cm", 1, _About(2.5, 3.0), _About(0.7, 3.0)),
+    "deviation of the hold, east": ("cm", 1, _About(2.1, 3.0), _About(0.5, 3.0)),
+    "deviation of the hold, height": ("cm", 1, _About(1.4, 3.0), _About(1.1, 3.0)),
+    "return to disarmed": ("s", 1, 46.0, 46.0),
+    "top height of the return": ("m", 1, 29.9, 15.0),
+    "top speed of the return": ("m/s", 2, 5.07, 4.36),
+    "landing to disarmed": ("s", 1, 16.0, 23.0),
+    "descent of the last 2 m": ("m/s", 2, 0.70, 0.50),
+}
+
+
+def _quality(unit: str, decimals: int, real: float | _About) -> Quality:
+    about = real if isinstance(real, _About) else _About(real, 0.1 * real)
+    return Quality(unit, about.real, about.tolerance, decimals)
+
+
+QUALITIES = {
+    "px4": {name: _quality(unit, places, real) for name, (unit, places, real, _) in _ROWS.items()},
+    "ardupilot": {name: _quality(unit, places, real) for name, (unit, places, _, real) in _ROWS.items()},
 }
 
 
@@ -108,22 +95,17 @@ class _Flight:
     def take_off(self) -> Track:
         if self._autopilot == "px4":
             self._client.fly(4.0)
-            self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            self._client.fly(1.0)
-            return self._track(mavlink.MAV_CMD_NAV_TAKEOFF, NAN, 0, 0, NAN, NAN, NAN, NAN)
-        self._client.learn_home()
-        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        else:
+            self._client.learn_home()
+            self._command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         self._client.fly(1.0)
-        return self._track(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
+        height_m = NAN if self._autopilot == "px4" else HEIGHT_M
+        self._command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, height_m)
+        return self._rows(LEG_S)
 
     def step_north(self) -> Track:
-        # PX4 takes the height above mean sea level, ArduPilot obeys the frame.
-        frame, height = (0, 488.0 + HEIGHT_M) if self._autopilot == "px4" else (6, HEIGHT_M)
-        place = self._client.vehicle_goal(0.0, STEP_M)
-        assert self._client.command_int(
-            mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height
-        ) == [0]
+        assert self._client.reposition(0.0, STEP_M, 488.0 + HEIGHT_M) == [0]
         return self._rows(LEG_S)
 
     def come_down(self, end: Literal["return", "land"]) -> Track:
@@ -139,10 +121,6 @@ class _Flight:
     def _command(self, number: int, *params: float) -> None:
         results = self._client.command(number, *params)
         assert 0 in results, (number, results)
-
-    def _track(self, number: int, *params: float) -> Track:
-        self._command(number, *params)
-        return self._rows(LEG_S)
 
     def _rows(self, seconds: float) -> Track:
         rows = []

@@ -1,6 +1,4 @@
-"""A parameter whose effect is measured, and what is measured of several vehicles. A client comes standing and ready for
-takeoff.
-"""
+"""A parameter whose effect is measured, and what is measured. A client comes standing and ready for takeoff."""
 
 from __future__ import annotations
 
@@ -99,10 +97,7 @@ def hover(client: Client, height_m: float = 12.0) -> None:
 
 
 def go(client: Client, east_m: float, north_m: float, height_m: float) -> None:
-    place = client.vehicle_goal(east_m, north_m)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 488.0 + height_m) == [
-        0
-    ]
+    assert client.reposition(east_m, north_m, 488.0 + height_m) == [0]
 
 
 def joystick(
@@ -113,10 +108,6 @@ def joystick(
 
 def velocity(client: Client, north: float = 0.0, down: float = 0.0) -> Callable[[], None]:
     return lambda: client.setpoint(0, 0, 0, mask=0xDC7, vn=north, vd=down)
-
-
-def beat(client: Client) -> Callable[[], None]:
-    return lambda: client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
 
 
 def climbing(client: Client) -> float:
@@ -137,12 +128,7 @@ def speed_after(seconds: float) -> Measure:
     def measured(client: Client) -> float:
         hover(client, 10.0)
         client.fly(2.0)
-        place = client.vehicle_goal(0.0, 60.0)
-        copter = client.vehicle.condition().mode == "GUIDED"
-        frame, height_m = (6, 10.0) if copter else (0, 498.0)
-        assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height_m) == [
-            0
-        ]
+        go(client, 0, 60, 10)
         client.fly(seconds)
         return speed_mps(client)
 
@@ -153,11 +139,33 @@ def climbing_s(client: Client) -> float:
     """From the order to go 10 m higher to the last metre."""
     hover(client, 10.0)
     client.fly(2.0)
-    place = client.vehicle_goal(0.0, 0.0)
-    copter = client.vehicle.condition().mode == "GUIDED"
-    frame, height_m = (6, 20.0) if copter else (0, 508.0)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height_m) == [0]
+    go(client, 0, 0, 20)
     return wait(client, lambda flown: up_m(flown) > 19.0, 40.0)
+
+
+def touching(client: Client) -> float:
+    """Speed of coming down, at about 1 m."""
+    hover(client, 5.0)
+    client.command(mavlink.MAV_CMD_NAV_LAND)
+    wait(client, lambda flown: up_m(flown) < 1.0, 30.0)
+    return sink_mps(client)
+
+
+def station_lost_s(mode: str) -> Measure:
+    """From the last heartbeat of the ground station to a mode."""
+
+    def measured(client: Client) -> float:
+        hover(client, 5.0)
+        client.fly(1.0, client.beat)
+        client.is_station = False
+        return wait(client, in_mode(mode), 20.0)
+
+    return measured
+
+
+def station_lost(client: Client) -> str:
+    station_lost_s("")(client)
+    return client.vehicle.condition().mode
 
 
 def idling_s(client: Client) -> float:

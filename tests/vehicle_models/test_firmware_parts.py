@@ -6,12 +6,11 @@ import csv
 import math
 import os
 import struct
-import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from contextlib import ExitStack
 from importlib.resources import files
 from pathlib import Path
+from subprocess import PIPE, Popen
 from typing import Any
 
 import pytest
@@ -50,26 +49,17 @@ def test_the_autopilot_is_told_the_geometry_of_the_aircraft_file() -> None:
         x, y = (float(location.findtext(axis) or "nan") for axis in "xy")
         assert parameters[f"CA_ROTOR{number}_PX"] == pytest.approx(-x)
         assert parameters[f"CA_ROTOR{number}_PY"] == pytest.approx(y)
-    thrust_lbs = [
-        float(value.text or "nan")
-        for value in root.findall(".//function[@name='rotor/front-right-lbs']//value")
-    ]
-    torque_lbft = [
-        float(value.text or "nan") for value in root.findall(".//function[@name='rotor/yaw-ftlb']//value")
-    ]
-    ratio_m = torque_lbft[0] / thrust_lbs[0] * 0.3048
+    thrust_lbs, torque_lbft = (
+        float(root.findtext(f".//function[@name='rotor/{name}']//value") or "nan")
+        for name in ("front-right-lbs", "yaw-ftlb")
+    )
+    ratio_m = torque_lbft / thrust_lbs * 0.3048
     assert parameters["CA_ROTOR0_KM"] == parameters["CA_ROTOR1_KM"] == pytest.approx(ratio_m, rel=1e-3)
     assert parameters["CA_ROTOR2_KM"] == parameters["CA_ROTOR3_KM"] == pytest.approx(-ratio_m, rel=1e-3)
-    assert (
-        parameters["MPC_THR_HOVER"]
-        == ardupilot_parameters(log=False, samples_hz=800, capacity_wh=60.0)["MOT_THST_HOVER"]
-        == 0.59
-    )
-
-
-def test_later_parameters_win_and_whole_numbers_have_no_point() -> None:
-    texts = merged({"A": 1.0, "B": 0.174}, {"B": 2}, {"C": -0.5})
-    assert texts == {"A": "1", "B": "2", "C": "-0.5"}
+    ardupilot = ardupilot_parameters(log=False, samples_hz=800, capacity_wh=60.0)
+    assert parameters["MPC_THR_HOVER"] == ardupilot["MOT_THST_HOVER"] == 0.59
+    # Later ones win, and whole numbers have no point.
+    assert merged({"A": 1.0, "B": 0.174}, {"B": 2}, {"C": -0.5}) == {"A": "1", "B": "2", "C": "-0.5"}
 
 
 @pytest.mark.parametrize(("autopilot", "samples_hz"), [("px4", 200), ("ardupilot", 800)])
@@ -106,27 +96,24 @@ def test_rotors_turned_as_in_a_real_climb_give_that_climb(autopilot: str, sample
 
 
 def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() -> None:
-    command = mavlink.MAVLink_command_long_message
-    reboot = frame(command(1, 1, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0))
-    reboot_int = frame(
-        mavlink.MAVLink_command_int_message(
-            1, 1, 0, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 0, 1, 0, 0, 0, 0, 0, 0
-        )
-    )
+    def command(number: int, *params: float, to: int = 1) -> Any:
+        padded = [*params, *[0.0] * (7 - len(params))]
+        return mavlink.MAVLink_command_long_message(to, to, number, 0, *padded)
+
+    number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    reboot = frame(command(number, 1))
+    reboot_int = frame(mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, 1, 0, 0, 0, 0, 0, 0))
     shell = frame(mavlink.MAVLink_serial_control_message(10, 0, 0, 0, 8, [0] * 70))
-    failure = frame(command(1, 1, mavlink.MAV_CMD_INJECT_FAILURE, 0, 0, 1, 0, 0, 0, 0, 0))
+    failure = frame(command(mavlink.MAV_CMD_INJECT_FAILURE, 0, 1))
     wind = frame(mavlink.MAVLink_param_set_message(1, 1, b"SIM_WIND_SPD", 5.0, 9))
     sensors = frame(mavlink.MAVLink_hil_gps_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 9))
-    arm = frame(command(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    arm = frame(command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1))
     speed = frame(mavlink.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 5.0, 9))
     beat = frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     # To system 0, component 0: MAVLink 2 cuts the zeros, and with them the upper byte of the command.
-    reboot_all = frame(command(0, 0, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0))
+    reboot_all = frame(command(number, 1, to=0))
     assert reboot_all[1] == 29
-    reset, save = (
-        frame(command(1, 1, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, action, 0, 0, 0, 0, 0, 0))
-        for action in (2, 1)
-    )
+    reset, save = (frame(command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, action)) for action in (2, 1))
     small_letters = frame(mavlink.MAVLink_param_set_message(1, 1, b"SIM_wind_spd", 5.0, 9))
     ends = (reboot, reboot_int, reboot_all, shell)
     changes = (failure, wind, small_letters, sensors, reset)
@@ -137,10 +124,7 @@ def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() ->
             assert gate.admits(message) is (message not in withheld)
         assert gate.refused == len(withheld)
     # MAVLink 1 too, whose header is shorter.
-    first = mavlink.MAVLink_command_long_message(
-        1, 1, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0
-    )
-    assert not strict.admits(bytes(first.pack(PACKER, force_mavlink1=True)))
+    assert not strict.admits(bytes(command(number, 1).pack(PACKER, force_mavlink1=True)))
 
 
 def test_the_truth_of_the_simulation_is_not_passed_on() -> None:
@@ -152,10 +136,8 @@ def test_the_truth_of_the_simulation_is_not_passed_on() -> None:
     estimate = frame(mavlink.MAVLink_attitude_message(1, 0.1, -0.2, 0.3, 0.4, 0.5, 0.6))
     # SIMSTATE stands in a dialect of its own: only its header counts here.
     frames = [*map(frame, truths), bytes([0xFD, 1, 0, 0, 0, 1, 1, 164, 0, 0, 0, 0, 0])]
-    assert [Gate(simulation_control=False).states_truth(each) for each in (*frames, estimate)] == [
-        *[True] * 3,
-        False,
-    ]
+    strict = Gate(simulation_control=False)
+    assert [strict.states_truth(each) for each in (*frames, estimate)] == [True, True, True, False]
     assert not any(Gate(simulation_control=True).states_truth(each) for each in frames)
 
 
@@ -167,15 +149,8 @@ def transfer(opcode: int, path: bytes, sequence: int = 7, stated_bytes: int | No
 
 def test_files_of_the_autopilot_are_read_and_plans_are_written_but_nothing_else_is() -> None:
     """Each opcode of the specification, on parameters, scripts, plans and logs; the client hears why, at once."""
-    writing = {
-        6: "create",
-        8: "remove",
-        9: "folder",
-        10: "remove folder",
-        11: "open",
-        12: "truncate",
-        13: "rename",
-    }
+    # Create, remove, make and remove a folder, open to write, truncate, rename.
+    writing = (6, 8, 9, 10, 11, 12, 13)
     for path in (b"@PARAM/param.pck", b"/fs/microsd/params", b"/fs/microsd/etc/rc.txt"):
         for opcode in range(16):
             strict, free = Gate(simulation_control=False), Gate(simulation_control=True)
@@ -190,6 +165,10 @@ def test_files_of_the_autopilot_are_read_and_plans_are_written_but_nothing_else_
         # Its second path would lead anywhere.
         assert not gate.admits(transfer(13, plan + b"\0@PARAM/param.pck"))
     assert len(gate.take_answers()) == 3
+    # Whatever its stated size says.
+    assert not Gate(simulation_control=False).admits(transfer(6, b"@PARAM/param.pck", stated_bytes=0))
+    assert not Gate(simulation_control=False).admits(transfer(6, b"@MISSION/mission.dat", stated_bytes=3))
+    assert gate.admits(transfer(6, b"@MISSION/mission.dat\0"))
     assert not gate.admits(transfer(11, b"@PARAM/param.pck", sequence=65535))
     parser: Any = mavlink.MAVLink(None)
     (answer,) = parser.parse_buffer(bytearray(b"".join(gate.take_answers())))
@@ -204,23 +183,10 @@ def test_no_file_of_the_host_is_read_through_the_autopilot(tmp_path: Path) -> No
     """Nor listed, nor judged by its checksum: a program on this machine could read the truth of the session."""
     secret = tmp_path / "simspec.json"
     secret.touch()
-    hosts = (
-        b"../../etc/passwd",
-        b"/fs/microsd/../../..",
-        b"@SYS/../..",
-        b"/etc/passwd",
-        bytes(tmp_path),
-        bytes(secret),
-    )
-    own = (
-        b"",
-        b"/",
-        b"/fs/microsd/log",
-        b"etc/extras/general.json.xz",
-        b"/etc/extras/a.json",
-        b"@SYS/threads.txt",
-        b"a..b",
-    )
+    hosts = [b"../../etc/passwd", b"/fs/microsd/../../..", b"@SYS/../..", b"/etc/passwd"]
+    hosts += [bytes(tmp_path), bytes(secret)]
+    own = [b"", b"/", b"/fs/microsd/log", b"etc/extras/general.json.xz", b"/etc/extras/a.json"]
+    own += [b"@SYS/threads.txt", b"a..b"]
     for control in (False, True):
         for opcode in (3, 4, 14):
             gate = Gate(simulation_control=control)
@@ -233,40 +199,23 @@ def test_no_file_of_the_host_is_read_through_the_autopilot(tmp_path: Path) -> No
         assert gate.admits(transfer(4, b"/log\0/../../etc/passwd"))
 
 
-def test_a_plan_is_no_plan_by_its_stated_size_alone() -> None:
-    gate = Gate(simulation_control=False)
-    assert not gate.admits(transfer(6, b"@PARAM/param.pck", stated_bytes=0))
-    assert not gate.admits(transfer(6, b"@MISSION/mission.dat", stated_bytes=3))
-    assert gate.admits(transfer(6, b"@MISSION/mission.dat\0"))
-
-
 def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:
-    telemetry = Telemetry()
-    telemetry.take(
-        [
-            frame(mavlink.MAVLink_heartbeat_message(2, 12, 209, 0x03040000, 4, 3)),
-            frame(mavlink.MAVLink_attitude_message(1, 0.1, -0.2, 0.3, 0.4, 0.5, 0.6)),
-            frame(
-                mavlink.MAVLink_global_position_int_message(
-                    1, 473977420, 85455940, 498123, 10000, 120, -240, 60, 0
-                )
-            ),
-            frame(
-                mavlink.MAVLink_autopilot_version_message(
-                    0, 0x011100FF, 0, 0, 0, list(range(1, 9)), [0] * 8, [0] * 8, 0, 0, 0
-                )
-            ),
-            frame(mavlink.MAVLink_statustext_message(6, b"of no interest")),
-        ]
+    place = (473977420, 85455940, 498123, 10000)
+    hashes = (list(range(1, 9)), [0] * 8, [0] * 8)
+    said = (
+        mavlink.MAVLink_heartbeat_message(2, 12, 209, 0x03040000, 4, 3),
+        mavlink.MAVLink_attitude_message(1, 0.1, -0.2, 0.3, 0.4, 0.5, 0.6),
+        mavlink.MAVLink_global_position_int_message(1, *place, 120, -240, 60, 0),
+        mavlink.MAVLink_autopilot_version_message(0, 0x011100FF, 0, 0, 0, *hashes, 0, 0, 0),
+        mavlink.MAVLink_statustext_message(6, b"of no interest"),
     )
+    telemetry = Telemetry()
+    telemetry.take([frame(message) for message in said])
     assert (telemetry.armed, telemetry.custom_mode, telemetry.heartbeats) == (True, 0x03040000, 1)
     assert telemetry.attitude_rad == pytest.approx((0.1, -0.2, 0.3))
     assert telemetry.rates_radps == pytest.approx((0.4, 0.5, 0.6))
-    assert (telemetry.latitude_e7, telemetry.longitude_e7, telemetry.altitude_m) == (
-        473977420,
-        85455940,
-        498.123,
-    )
+    assert (telemetry.latitude_e7, telemetry.longitude_e7) == place[:2]
+    assert telemetry.altitude_m == 498.123
     assert telemetry.velocity_ned_mps == (1.2, -2.4, 0.6)
     assert telemetry.version == "1.17.0 (0807060504030201)"
     other = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_CAMERA)
@@ -281,14 +230,12 @@ def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:
     ]
 
 
-def test_numbers_of_autopilots_are_held_until_given_back(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    with ExitStack() as stack:
-        first = stack.enter_context(claimed_instance(lambda number: number > 2, tmp_path))
-        second = stack.enter_context(claimed_instance(lambda number: number > 2, tmp_path))
-        assert first > 2
-        assert second > first
+def test_numbers_of_autopilots_are_held_until_given_back(tmp_path: Path) -> None:
+    with (
+        claimed_instance(lambda number: number > 2, tmp_path) as first,
+        claimed_instance(lambda number: number > 2, tmp_path) as second,
+    ):
+        assert 2 < first < second
         assert len(list(tmp_path.iterdir())) == 2
     assert list(tmp_path.iterdir()) == []
     with (
@@ -314,12 +261,11 @@ def test_the_watch_waits_for_threads_that_run() -> None:
     def alive() -> None:
         """It lives."""
 
-    sleeper = [sys.executable, "-IS", "-c", "import sys, time; print(flush=True); sys.stdin.read()"]
-    runner = [sys.executable, "-IS", "-c", "print(flush=True)\nwhile True: pass"]
-    for command, sleeps in ((sleeper, True), (runner, False)):
-        with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        ) as process:
+    sleeper = "import sys; print(flush=True); sys.stdin.read()"
+    runner = "print(flush=True)\nwhile True: pass"
+    for text, sleeps in ((sleeper, True), (runner, False)):
+        command = [sys.executable, "-IS", "-c", text]
+        with Popen(command, stdin=PIPE, stdout=PIPE, start_new_session=True) as process:
             assert process.stdout
             process.stdout.readline()
             watch = ThreadWatch(process.pid, alive, patience_s=60.0 if sleeps else 0.2)
@@ -354,11 +300,8 @@ def test_a_simspec_names_an_imitation_or_a_firmware() -> None:
     document = {"kind": "ardupilot", "firmware": "arducopter", "parameters": {"WPNAV_SPEED": 500}}
     spec = VehicleSpec.model_validate({"autopilot": document})
     assert isinstance(spec.autopilot, RealAutopilot)
-    assert (spec.autopilot.pace, spec.autopilot.log, str(spec.autopilot)) == (
-        "one_core",
-        False,
-        "ardupilot (real)",
-    )
+    assert (spec.autopilot.pace, spec.autopilot.log) == ("one_core", False)
+    assert str(spec.autopilot) == "ardupilot (real)"
     paces = [RealAutopilot(kind="px4", firmware="px4", **given).pace for given in ({}, {"pace": "free"})]
     assert paces == ["quiet", "free"], "PX4 repeats unless it is told not to"
     with pytest.raises(ValidationError, match="firmware"):

@@ -86,13 +86,9 @@ def origin(client: Client) -> tuple[float, float, float]:
 
 
 def go_to(kind: str, client: Client, north_m: float, east_m: float, height_m: float = HEIGHT_M) -> None:
-    latitude, longitude, altitude = origin(client)
-    latitude_e7 = round((latitude + north_m / 111_170.0) * 1e7)
-    longitude_e7 = round((longitude + east_m / (111_320.0 * math.cos(math.radians(latitude)))) * 1e7)
-    frame, height = (0, altitude + height_m) if kind == "px4" else (6, height_m)
-    client.command_int(
-        mavlink.MAV_CMD_DO_REPOSITION, frame, -1.0, 1.0, 0.0, NAN, latitude_e7, longitude_e7, height
-    )
+    place = geodetic_e7(client, north_m, east_m)
+    frame, height = (0, origin(client)[2] + height_m) if kind == "px4" else (6, height_m)
+    client.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, -1.0, 1.0, 0.0, NAN, *place, height)
     wait(client, 20.0)
 
 
@@ -119,20 +115,8 @@ def test_takeoff_square_and_landing(kind: str) -> None:
             assert position(client) == pytest.approx((east_m, north_m, HEIGHT_M), abs=1.5)
             assert client.vehicle.estimate().position_enu_m == pytest.approx(position(client), abs=1.5)
         client.command(mavlink.MAV_CMD_NAV_LAND)
-        down_s = wait_until_down(client, 60.0)
-        measured("landing from 10 m to disarmed (s)", f"{down_s:.0f}")
+        measured("landing from 10 m to disarmed (s)", f"{wait_until_down(client, 60.0):.0f}")
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=1.5)
-
-
-def test_return_to_launch(kind: str) -> None:
-    with flying(kind) as client:
-        take_off(kind, client)
-        go_to(kind, client, SIDE_M, 0.0)
-        assert position(client) == pytest.approx((0.0, SIDE_M, HEIGHT_M), abs=1.5)
-        client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-        down_s = wait_until_down(client, 120.0)
-        measured("return from 20 m to disarmed (s)", f"{down_s:.0f}")
-        assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
 
 
 def upload(kind: str, client: Client, places: list[tuple[float, float]]) -> None:
@@ -147,18 +131,14 @@ def upload(kind: str, client: Client, places: list[tuple[float, float]]) -> None
     for _ in range(200):
         for message in client.fly(0.1):
             if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-                number, (latitude_e7, longitude_e7), height_m = items[message.seq]
-                place = (latitude_e7, longitude_e7, height_m)
+                number, place, height_m = items[message.seq]
                 # No delay, passed within 2 m, straight through, with whatever heading. ArduPilot refuses NaN in a return.
                 is_return = number == command.MAV_CMD_NAV_RETURN_TO_LAUNCH
                 # PX4 takes a return, which has no place, in no frame of places.
                 at = mavlink.MAV_FRAME_MISSION if is_return else frame
                 parameters = (0.0,) * 4 if is_return else (0.0, 2.0, 0.0, NAN)
-                client.send(
-                    mavlink.MAVLink_mission_item_int_message(
-                        1, 1, message.seq, at, number, 0, 1, *parameters, *place, 0
-                    )
-                )
+                item = mavlink.MAVLink_mission_item_int_message
+                client.send(item(1, 1, message.seq, at, number, 0, 1, *parameters, *place, height_m, 0))
             elif message.get_type() == "MISSION_ACK":
                 assert message.type == 0, message
                 return
@@ -197,7 +177,7 @@ def test_a_mission_passes_its_places_and_returns(kind: str) -> None:
         # PX4 passes within its acceptance radius of 2 m, ArduCopter within WPNAV_RADIUS of 2 m.
         measured("farthest from a waypoint of the mission (m)", f"{max(nearest_m.values()):.1f}")
         assert max(nearest_m.values()) < 2.5, (nearest_m, client.texts())
-        wait_until_down(client, 120.0)
+        measured("return from 20 m to disarmed (s)", f"{wait_until_down(client, 120.0):.0f}")
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
 
 
@@ -279,19 +259,9 @@ def test_no_number_ends_the_simulation(kind: str) -> None:
     """NaN wherever a client can write a number: the SITL of ArduPilot aborts where it computes with it, by default."""
     with flying(kind) as client:
         take_off(kind, client)
-        numbers = (
-            mavlink.MAV_CMD_DO_CHANGE_SPEED,
-            mavlink.MAV_CMD_CONDITION_YAW,
-            mavlink.MAV_CMD_DO_SET_HOME,
-        )
-        requests = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_BATTERY_RESET)
-        for number in (
-            *numbers,
-            *requests,
-            mavlink.MAV_CMD_DO_SET_SERVO,
-            mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
-        ):
-            client.command(number, *[NAN] * 7)
+        names = ("DO_CHANGE_SPEED", "CONDITION_YAW", "DO_SET_HOME", "SET_MESSAGE_INTERVAL", "BATTERY_RESET")
+        for name in (*names, "DO_SET_SERVO", "DO_SET_ROI_LOCATION"):
+            client.command(getattr(mavlink, f"MAV_CMD_{name}"), *[NAN] * 7)
             wait(client, 0.2)
         client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, *[NAN] * 4, 2**31 - 1, 2**31 - 1, NAN)
         client.setpoint(NAN, NAN, NAN)

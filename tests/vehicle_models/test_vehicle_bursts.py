@@ -43,9 +43,7 @@ for line in ticks.makefile("rb"):
 def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(
     tmp_path: Path, kind: Literal["udp_in", "tcp_in"]
 ) -> None:
-    """Thirteen hundred messages in the first tick and 150 in each that follows: the session is not held up,
-    and the recording has every one of them.
-    """
+    """1300 messages in the first tick and 150 in each that follows do not hold the session up; all are recorded."""
     frame = bytes(
         mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=245))
     )

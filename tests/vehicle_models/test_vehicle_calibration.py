@@ -11,18 +11,18 @@ from vehicle_models.controller.links._dialect import dialect as mavlink
 
 ACCEPTED, REJECTED, _, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-START, ACCEPT, CANCEL = (
-    mavlink.MAV_CMD_DO_START_MAG_CAL,
-    mavlink.MAV_CMD_DO_ACCEPT_MAG_CAL,
-    mavlink.MAV_CMD_DO_CANCEL_MAG_CAL,
-)
+START, ACCEPT = mavlink.MAV_CMD_DO_START_MAG_CAL, mavlink.MAV_CMD_DO_ACCEPT_MAG_CAL
+CANCEL = mavlink.MAV_CMD_DO_CANCEL_MAG_CAL
 POSITION = mavlink.MAV_CMD_ACCELCAL_VEHICLE_POS
 FORCE = 21196
 
 
 @pytest.fixture
 def copter(make: Make) -> Client:
-    return make(simspec("ardupilot"))
+    """Its compasses' progress is streamed."""
+    client = make(simspec("ardupilot"))
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 191, 100_000) == [ACCEPTED]
+    return client
 
 
 def calibrate(client: Client, *params: float) -> list[int]:
@@ -41,15 +41,8 @@ def requested_positions(messages: list[Any]) -> list[float]:
     return [m.param1 for m in of("COMMAND_LONG", messages) if m.command == POSITION]
 
 
-def follow_progress(client: Client) -> None:
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 191, 100_000) == [ACCEPTED]
-
-
 def test_compasses_wait_then_run_and_never_finish(copter: Client) -> None:
-    """Each compass reports in turn, first that it waits for the delay, then that it runs; standing still, it has seen
-    one direction of 80 after a minute.
-    """
-    follow_progress(copter)
+    """Each reports in turn that it waits, then that it runs; standing still, it has seen one direction of 80."""
     assert progress(copter.fly(1.0)) == []
     assert copter.command(START, 0, 1, 1, 2) == [ACCEPTED]
     assert set(progress(copter.fly(1.5))) == {(compass, 7, 1, 1, 0) for compass in range(3)}
@@ -69,7 +62,6 @@ def test_compasses_wait_then_run_and_never_finish(copter: Client) -> None:
 @pytest.mark.parametrize(("end", "result"), [(CANCEL, ACCEPTED), (ACCEPT, FAILED)])
 def test_compasses_end_one_by_one_without_a_report(copter: Client, end: int, result: int) -> None:
     """What has not succeeded cannot be accepted; it ends all the same."""
-    follow_progress(copter)
     assert copter.command(end, 0) == [ACCEPTED]
     assert copter.command(START, 5) == [ACCEPTED]
     assert set(progress(copter.fly(0.3))) == {(0, 5, 2, 1, 0), (2, 5, 2, 1, 0)}
@@ -86,7 +78,6 @@ def test_compasses_end_one_by_one_without_a_report(copter: Client, end: int, res
 
 def test_only_compasses_in_use_are_calibrated(copter: Client) -> None:
     """A list with one that is not there ends those that run; all means those in use."""
-    follow_progress(copter)
     assert copter.command(START, 1) == [ACCEPTED]
     assert copter.command(START, 9) == [FAILED]
     assert progress(copter.fly(0.5)) == []

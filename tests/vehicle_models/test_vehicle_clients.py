@@ -1,6 +1,4 @@
-"""The examples, and MAVSDK's reading of our component metadata, in real time. Whole flights of real clients:
-tests/clients.
-"""
+"""The examples, and MAVSDK's reading of our metadata, in real time. Flights of real clients: tests/clients."""
 
 from __future__ import annotations
 
@@ -72,9 +70,7 @@ def said_by(command: list[str], port: int, **environment: str) -> str:
     ("script", "package"), [("mavsdk_patrol.py", "mavsdk"), ("pymavlink_hop.py", "pymavlink")]
 )
 def test_the_examples_fly(script: str, package: str) -> None:
-    """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it
-    disarmed.
-    """
+    """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere and lands."""
     pytest.importorskip(package)
     port = free_port(socket.SOCK_DGRAM)
     options = '{"side_m": 8, "height_m": 3, "timeout_s": 30}'
@@ -83,9 +79,7 @@ def test_the_examples_fly(script: str, package: str) -> None:
 
 
 def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
-    """The general file, parameters and events are fetched and their checksums hold; every parameter is
-    described.
-    """
+    """The general file, parameters and events have checksums that hold; every parameter is described."""
     pytest.importorskip("mavsdk")
     port = free_port(socket.SOCK_DGRAM)
     # Its cache of metadata is in HOME.

@@ -1,14 +1,13 @@
-"""Coincidences: two causes of a failsafe, a return without a position, two clients, a battery that dips
-twice.
-"""
+"""Two causes of a failsafe, a return without a position, two clients, a battery that dips twice."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 
 import pytest
-from vehicle_client import Client, Make, mavlink, of, simspec
+from test_vehicle_failsafes import copter
+from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_x500
@@ -19,25 +18,16 @@ ALTCTL, POSCTL = (1, 2), (1, 3)
 ALT_HOLD, GUIDED, RTL = 2, 4, 6
 
 
-def beat(client: Client) -> None:
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-
-
 def sticks(client: Client) -> None:
     client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
 
 
 def beat_and_sticks(client: Client) -> Callable[[], None]:
     def send() -> None:
-        beat(client)
+        client.beat()
         sticks(client)
 
     return send
-
-
-def put(client: Client, name: str, value: float) -> None:
-    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-    client.fly(0.1, lambda: beat(client))
 
 
 def lose_position(client: Client) -> None:
@@ -47,10 +37,7 @@ def lose_position(client: Client) -> None:
 
 
 def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: float) -> Client:
-    """A PX4 flown by a joystick, with a ground station.
-
-    They count as lost 2.8 s and 2.9 s after they fall silent.
-    """
+    """A PX4 flown by a joystick, with a ground station: lost 2.8 s and 2.9 s after they fall silent."""
     # COM_DL_LOSS_T is exceeded by 1.9 s before a station counts as lost.
     silence = {"COM_RC_LOSS_T": 2.8, "COM_DL_LOSS_T": 1.0}
     client = make(
@@ -64,48 +51,26 @@ def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: floa
     return client
 
 
-def copter(make: Make, **parameters: float) -> Client:
-    """An ArduCopter in GUIDED, 10 m up, with a ground station."""
-    client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
-    client.guided(each=lambda: beat(client))
-    return client
-
-
 # Two causes of equal strength at once.
 
 
-def test_px4_holds_once_for_two_causes_and_shows_the_later(make: Make) -> None:
-    """Sticks and station are lost in the same tenth of a second: one Hold, one return."""
+@pytest.mark.parametrize("back", ["", "station", "sticks"])
+def test_px4_holds_and_returns_for_two_causes(make: Make, back: str) -> None:
+    """Lost in the same tenth of a second: one Hold, one return, although one cause ends meanwhile."""
     client = px4_by_sticks(make)
+    each = {"": None, "station": client.beat, "sticks": lambda: sticks(client)}[back]
     client.fly(3.2)
     assert client.state() == ("AUTO_LOITER", "link")
-    client.fly(5.0)
-    assert client.state() == ("AUTO_RTL", "link")
-    (number,) = {event.number for event in EVENTS if event.name == "commander_failsafe_enter"}
-    events = [message.id for message in of("EVENT", client.received)]
-    assert events.count(number) == 2
-
-
-def test_px4_returns_although_the_second_cause_has_ended(make: Make) -> None:
-    """The Hold is the first cause's, so a station that is back does not end it."""
-    client = px4_by_sticks(make)
-    client.fly(3.2)
-    client.fly(1.0, lambda: beat(client))
+    client.fly(1.0, each)
     assert client.state() == ("AUTO_LOITER", "link")
-    client.fly(4.5, lambda: beat(client))
+    client.fly(4.5, each)
     assert client.state() == ("AUTO_RTL", "link")
+    if not back:
+        (number,) = {event.number for event in EVENTS if event.name == "commander_failsafe_enter"}
+        events = [message.id for message in of("EVENT", client.received)]
+        assert events.count(number) == 2
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, *PX4_HOLD)[-1] == 0
     assert client.state() == ("AUTO_LOITER", "")
-
-
-def test_px4_keeps_the_second_cause_when_the_first_has_ended(make: Make) -> None:
-    """The sticks come back during their Hold; the station stays lost, so it returns."""
-    client = px4_by_sticks(make)
-    client.fly(3.2)
-    client.fly(1.0, lambda: sticks(client))
-    assert client.state() == ("AUTO_LOITER", "link")
-    client.fly(4.5, lambda: sticks(client))
-    assert client.state() == ("AUTO_RTL", "link")
 
 
 def test_copter_returns_until_both_causes_have_ended(make: Make) -> None:
@@ -115,14 +80,12 @@ def test_copter_returns_until_both_causes_have_ended(make: Make) -> None:
     client.put(SIM_RC_FAIL=1)
     client.fly(1.3)
     assert client.state()[0] == "RTL"
-    assert {text for text in client.texts() if text.endswith("Failsafe")} == {
-        "GCS Failsafe",
-        "Radio Failsafe",
-    }
-    beat(client)
+    assert {"GCS Failsafe", "Radio Failsafe"} <= {*client.texts()}
+    client.beat()
     client.fly(0.1)
     assert client.state() == ("RTL", "radio")
-    put(client, "SIM_RC_FAIL", 0)
+    client.put(SIM_RC_FAIL=0)
+    client.fly(0.1)
     assert client.state() == ("RTL", "")
 
 
@@ -140,28 +103,24 @@ def test_copter_follows_the_later_of_two_causes(make: Make) -> None:
 # A return without a position.
 
 
-@pytest.mark.parametrize(
-    ("command", "label"),
-    [
-        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,), "RTL"),
-        ((mavlink.MAV_CMD_NAV_LAND,), "Land"),
-        ((mavlink.MAV_CMD_NAV_TAKEOFF,), "Takeoff"),
-        ((mavlink.MAV_CMD_DO_REPOSITION, -1, 1), "Hold"),
-        ((mavlink.MAV_CMD_DO_ORBIT, 10, 2), "Orbit"),
-        ((mavlink.MAV_CMD_DO_SET_MODE, *PX4_HOLD), "Hold"),
-    ],
-)
-def test_px4_refuses_what_needs_a_position_without_one(
-    make: Make, command: tuple[float, ...], label: str
-) -> None:
+def test_px4_refuses_what_needs_a_position_without_one(make: Make) -> None:
     """As every mode that cannot be flown; the pilot flies on."""
     client = px4_by_sticks(make, ALTCTL)
     lose_position(client)
     assert client.state() == ("ALTCTL", "")
-    assert client.command(int(command[0]), *command[1:])[-1] == 1
-    assert f"Switching to {label} is currently not available\t" in client.texts()
-    client.fly(1.0, beat_and_sticks(client))
-    assert client.state() == ("ALTCTL", "")
+    for number, params, label in (
+        (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, (), "RTL"),
+        (mavlink.MAV_CMD_NAV_LAND, (), "Land"),
+        (mavlink.MAV_CMD_NAV_TAKEOFF, (), "Takeoff"),
+        (mavlink.MAV_CMD_DO_REPOSITION, (-1, 1), "Hold"),
+        (mavlink.MAV_CMD_DO_ORBIT, (10, 2), "Orbit"),
+        (mavlink.MAV_CMD_DO_SET_MODE, PX4_HOLD, "Hold"),
+    ):
+        client.received.clear()
+        assert client.command(number, *params)[-1] == 1
+        assert f"Switching to {label} is currently not available\t" in client.texts()
+        client.fly(1.0, beat_and_sticks(client))
+        assert client.state() == ("ALTCTL", "")
 
 
 def test_px4_refuses_offboard_control_while_it_descends_without_a_position(make: Make) -> None:
@@ -183,35 +142,28 @@ def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> Non
     """Lost sticks hold and return; without a position it lands at once and stays in the landing."""
     client = px4_by_sticks(make, ALTCTL)
     lose_position(client)
-    client.fly(3.2, lambda: beat(client))
+    client.fly(3.2, client.beat)
     assert client.state() == ("AUTO_LAND", "sticks")
-    client.fly(1.0, lambda: beat(client))
+    client.fly(1.0, client.beat)
     assert client.state() == ("AUTO_LAND", "sticks")
 
 
-@pytest.mark.parametrize(
-    ("command", "mode"),
-    [
-        ((mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,), "RTL"),
-        ((mavlink.MAV_CMD_NAV_LOITER_UNLIM,), "LOITER"),
-        ((mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED), "GUIDED"),
-    ],
-)
-def test_copter_refuses_what_needs_a_position_without_one(
-    make: Make, command: tuple[float, ...], mode: str
-) -> None:
+def test_copter_refuses_what_needs_a_position_without_one(make: Make) -> None:
     """Also while the failsafe lands, which no such order ends; a landing needs none."""
     client = copter(make)
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
     lose_position(client)
-    assert client.state() == ("ALT_HOLD", "")
-    assert client.command(int(command[0]), *command[1:]) == [4]
-    assert f"Mode change to {mode} failed: requires position" in client.texts()
-    assert client.state() == ("ALT_HOLD", "")
-    assert client.command(mavlink.MAV_CMD_NAV_LAND) == [0]
-    assert client.command(int(command[0]), *command[1:]) == [4]
-    assert client.state() == ("LAND", "")
+    for state in ("ALT_HOLD", "LAND"):
+        for number, params, mode in (
+            (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, (), "RTL"),
+            (mavlink.MAV_CMD_NAV_LOITER_UNLIM, (), "LOITER"),
+            (mavlink.MAV_CMD_DO_SET_MODE, (1, GUIDED), "GUIDED"),
+        ):
+            assert client.command(number, *params) == [4]
+            assert f"Mode change to {mode} failed: requires position" in client.texts()
+            assert client.state() == (state, "")
+        assert client.command(mavlink.MAV_CMD_NAV_LAND) == [0]
 
 
 def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:
@@ -227,129 +179,82 @@ def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> 
 # Two clients at once.
 
 
-@pytest.fixture
-def pair() -> Iterator[Callable[[str], tuple[Client, Client]]]:
-    """Two clients of one vehicle, each on a link of its own; the first flies for both."""
-    with ExitStack() as stack:
-
-        def build(autopilot: str) -> tuple[Client, Client]:
-            first, second = clients = Client(245), Client(246)
-            for client in clients:
-                stack.callback(client.socket.close)
-            links = tuple(
-                LinkSpec(name, "udp_out", port=client.port, streams="none")
-                for name, client in zip(("first", "second"), clients, strict=True)
-            )
-            first.vehicle = second.vehicle = stack.enter_context(
-                open_x500(VehiclePlan(simspec(autopilot), links))
-            )
-            first.fly(1.1)
-            second._listen()
-            return first, second
-
-        yield build
-
-
 def acknowledged(client: Client) -> list[tuple[int, int, int]]:
     """Commands, results and target systems of the acknowledgements that came to a client."""
     acknowledgements = of("COMMAND_ACK", client.received)
     return [(message.command, message.result, message.target_system) for message in acknowledgements]
 
 
-def command_long(number: int, *params: float) -> mavlink.MAVLink_command_long_message:
-    return mavlink.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
-
-
-def test_px4_carries_out_the_commands_of_both_clients_in_the_order_of_their_links(
-    pair: Callable[[str], tuple[Client, Client]],
-) -> None:
-    """Both are accepted in one step. The second link's command is the one that is flown."""
-    first, second = pair("px4")
-    first.airborne(5.0)
-    second._listen()
-    first.received.clear()
-    second.received.clear()
-    second.send(command_long(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH))
-    first.send(command_long(mavlink.MAV_CMD_NAV_LAND))
-    first.fly(0.02)
-    second._listen()
-    assert acknowledged(first) == [(mavlink.MAV_CMD_NAV_LAND, 0, 245)]
-    assert acknowledged(second) == [(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0, 246)]
-    assert first.vehicle.condition().mode == "AUTO_RTL"
-
-
-def test_copter_answers_each_client_for_itself(pair: Callable[[str], tuple[Client, Client]]) -> None:
-    """The first arms and the second disarms in one step: it stands disarmed; the next pair is the other way
-    round.
-    """
-    first, second = pair("ardupilot")
-    assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
-    second._listen()
-    first.received.clear()
-    second.received.clear()
-    arm, disarm = (command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, value) for value in (1.0, 0.0))
-    for messages, armed in (((arm, disarm), False), ((disarm, arm), True)):
-        for client, message in zip((first, second), messages, strict=True):
-            client.send(message)
-        first.fly(0.02)
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_each_client_is_answered_for_itself(autopilot: str) -> None:
+    """The first arms and the second disarms in one step: it stands disarmed, in the order of their links."""
+    with ExitStack() as stack:
+        clients = [Client(245), Client(246)]
+        for client in clients:
+            stack.callback(client.socket.close)
+        links = tuple(
+            LinkSpec(name, "udp_out", port=client.port, streams="none")
+            for name, client in zip(("first", "second"), clients, strict=True)
+        )
+        vehicle = stack.enter_context(open_x500(VehiclePlan(simspec(autopilot), links)))
+        first, second = clients
+        first.vehicle = vehicle
+        first.fly(5.0)
+        first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED, 3)
         second._listen()
-        assert first.vehicle.condition().armed is armed
-    assert acknowledged(first) == [(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 245)] * 2
-    assert acknowledged(second) == [(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 246)] * 2
+        arm = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+        for armed in (False, True):
+            first.received.clear()
+            second.received.clear()
+            for client, value in ((first, not armed), (second, armed)):
+                client.send(mavlink.MAVLink_command_long_message(1, 1, arm, 0, value, *[0.0] * 6))
+            first.fly(0.02)
+            second._listen()
+            assert vehicle.condition().armed is armed
+            assert acknowledged(first) == [(arm, 0, 245)]
+            assert acknowledged(second) == [(arm, 0, 246)]
 
 
 # A battery that dips twice.
 
 
-def test_copter_counts_the_time_of_each_dip_anew(make: Make) -> None:
-    """Two dips of six seconds are no failsafe where BATT_LOW_TIMER is ten."""
+def test_copter_reacts_to_the_first_long_dip_alone(make: Make) -> None:
+    """Two dips of six seconds are none where BATT_LOW_TIMER is ten. A level that was passed is not passed again."""
     client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
-    for _ in range(2):
-        put(client, "SIM_BATT_VOLTAGE", 10.5)
-        client.fly(6.0, lambda: beat(client))
-        put(client, "SIM_BATT_VOLTAGE", 12.6)
-        client.fly(1.0, lambda: beat(client))
-    assert client.state() == ("GUIDED", "")
 
+    def dip(seconds: float) -> tuple[str, str]:
+        client.put(SIM_BATT_VOLTAGE=10.5)
+        client.fly(seconds, client.beat)
+        state = client.state()
+        client.put(SIM_BATT_VOLTAGE=12.6)
+        client.fly(1.0, client.beat)
+        return state
 
-def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
-    """A level that was passed is not passed again in the same flight, although the voltage was good in
-    between.
-    """
-    client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
-    put(client, "SIM_BATT_VOLTAGE", 10.5)
-    client.fly(10.5, lambda: beat(client))
-    assert client.state() == ("RTL", "battery")
-    put(client, "SIM_BATT_VOLTAGE", 12.6)
+    assert dip(6.0) == dip(6.0) == ("GUIDED", "")
+    assert dip(10.6) == ("RTL", "battery")
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
-    client.fly(1.0, lambda: beat(client))
     assert client.state() == ("GUIDED", "battery")
-    put(client, "SIM_BATT_VOLTAGE", 10.5)
-    client.fly(10.5, lambda: beat(client))
-    assert client.state() == ("GUIDED", "battery")
+    assert dip(10.6) == ("GUIDED", "battery")
     assert client.texts().count("Battery Failsafe") == 1
 
 
 def test_px4_warns_of_the_first_dip_and_acts_when_the_second_goes_deeper(make: Make) -> None:
     """SIM_BAT_MIN_PCT moves the charge: 10 % is low, 6 % critical."""
-    client = make(
-        simspec(
-            vehicle={"parameters": {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 10.0, "COM_LOW_BAT_ACT": 3}}
-        )
-    )
+    battery = {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 10.0, "COM_LOW_BAT_ACT": 3}
+    client = make(simspec(vehicle={"parameters": battery}))
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, float("nan"), float("nan"), float("nan"), 493.0)
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 493.0)
     client.fly(12.0)
     warnings = [text for text in client.texts() if text.strip() == "Low battery"]
-    put(client, "SIM_BAT_MIN_PCT", 50.0)
+    client.put(SIM_BAT_MIN_PCT=50.0)
     client.fly(1.0)
-    put(client, "SIM_BAT_MIN_PCT", 10.0)
+    client.put(SIM_BAT_MIN_PCT=10.0)
     client.fly(6.0)
     assert [text for text in client.texts() if text.strip() == "Low battery"] == warnings
     assert len(warnings) == 1
     assert client.state() == ("AUTO_LOITER", "")
-    put(client, "SIM_BAT_MIN_PCT", 6.0)
+    client.put(SIM_BAT_MIN_PCT=6.0)
     client.fly(1.0)
     assert client.state() == ("AUTO_LOITER", "battery")
     client.fly(5.0)

@@ -1,6 +1,4 @@
-"""One client script, flown twice: the same bytes on the wire and the same flight, for missions, setpoints and
-failures.
-"""
+"""One client script, flown twice: the same bytes on the wire and the same flight."""
 
 from __future__ import annotations
 
@@ -50,16 +48,14 @@ def ready(client: Client, autopilot: str) -> None:
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 0 if ardupilot else 3)
     assert upload(client, rows(client)) == 0
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(
-        mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 8.0 if ardupilot else 496.0
-    ) == [0]
+    altitude_m = 8.0 if ardupilot else 496.0
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, altitude_m) == [0]
     client.fly(12.0)
 
 
 def fly_mission(client: Client, autopilot: str) -> None:
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) if autopilot == "ardupilot" else client.command(
-        mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4
-    )
+    mode = (4, 4) if autopilot == "px4" else (3,)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, *mode)
     client.fly(25.0)
 
 
@@ -94,11 +90,8 @@ def run(make: Make, autopilot: str, script: str, seed: int = 5) -> tuple[str, st
     def tap(link: str, direction: str, data: bytes) -> None:
         wire.update(direction.encode() + data)
 
-    broken = [
-        {**failure, "at_s": failure["at_s"] + READY_S[autopilot]}
-        for failure in FAILURES
-        if script == "failures"
-    ]
+    failures = FAILURES if script == "failures" else ()
+    broken = [{**failure, "at_s": failure["at_s"] + READY_S[autopilot]} for failure in failures]
     vehicle = {"gps": NOISY, "failures": broken}
     spec = simspec(autopilot, environment=ENVIRONMENT, vehicle=vehicle, seeds={"root": seed})
     client = make(spec, streams="onboard", tap=tap, system=255)
@@ -128,22 +121,11 @@ def printed(makes: Iterator[Make]) -> None:
 @pytest.fixture(scope="module")
 def elsewhere() -> dict[tuple[str, str], tuple[str, str]]:
     """The digests as a fresh interpreter with another hash seed has them."""
-    here = Path(__file__).parent
-    code = (
-        "import vehicle_client, test_vehicle_determinism as t; t.printed(vehicle_client.make.__wrapped__())"
-    )
-    environment = {
-        **os.environ,
-        "PYTHONHASHSEED": "77",
-        "PYTHONPATH": os.pathsep.join([str(here), *sys.path]),
-    }
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    code = "import vehicle_client as c, test_vehicle_determinism as t; t.printed(c.make.__wrapped__())"
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": path}
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     lines = (line.split() for line in done.stdout.splitlines())
     return {(autopilot, script): (wire, track) for autopilot, script, wire, track in lines}
 
@@ -168,9 +150,14 @@ def test_every_script_and_seed_is_another_flight(
 
 def test_jsbsim_is_silent_and_writes_nothing(tmp_path: Path) -> None:
     """Building and flying a vehicle prints nothing and leaves nothing in the working directory."""
-    code = "from vehicle_models import open_x500; from bench.simulation import StandalonePlan, standalone_simspec; from bench.contracts import VehiclePlan\n"
-    code += "with open_x500(VehiclePlan(standalone_simspec(StandalonePlan(home=(47.0, 8.0, 400.0, 0.0))), ())) as v:\n"
-    code += "    for _ in range(100): v.step()\n"
+    code = """
+from vehicle_models import open_x500
+from bench.simulation import StandalonePlan, standalone_simspec
+from bench.contracts import VehiclePlan
+with open_x500(VehiclePlan(standalone_simspec(StandalonePlan(home=(47.0, 8.0, 400.0, 0.0))), ())) as vehicle:
+    for _ in range(100):
+        vehicle.step()
+"""
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )

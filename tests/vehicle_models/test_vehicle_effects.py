@@ -1,10 +1,7 @@
-"""What parameters do: each is set to two values, and what the vehicle does is measured.
-`rebar tables parameters` lists them all.
-"""
+"""What parameters do: each is set to two values, and what the vehicle does is measured."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,7 +28,7 @@ def client_of() -> Iterator[Callable[..., Client]]:
             client.is_station = autopilot != "ardupilot"
             stack.callback(client.socket.close)
             wing = autopilot == "wing"
-            vehicle = {"parameters": parameters, **({"model": "wing"} if wing else {})}
+            vehicle = {"parameters": parameters, "model": "wing" if wing else "x500"}
             link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
             plan = VehiclePlan(simspec("px4" if wing else autopilot, vehicle=vehicle), (link,))
             client.vehicle = stack.enter_context((open_wing if wing else open_x500)(plan))
@@ -44,141 +41,47 @@ def client_of() -> Iterator[Callable[..., Client]]:
         yield build
 
 
-QUICK = {
-    "px4": {"MPC_TKO_SPEED": 4.0},
-    "ardupilot": {"WPNAV_SPEED_UP": 400.0},
-    "wing": {},
-}  # to the height where something is measured
-
-
-def shown(client_of: Callable[..., Client], autopilot: str, effect: Effect) -> None:
-    for value, comes in zip(effect.values, effect.comes, strict=True):
-        measured = effect.measure(
-            client_of(autopilot, {**QUICK[autopilot], **dict(effect.beside), effect.name: value})
-        )
-        expected = comes if isinstance(comes, str) else pytest.approx(comes, abs=effect.within)
-        assert measured == expected, f"{effect.name} {value:g}"
-
-
-@pytest.mark.parametrize("effect", PX4, ids=lambda case: case.name)
-def test_px4_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
-    shown(client_of, "px4", effect)
-
-
-@pytest.mark.parametrize("effect", ARDUPILOT, ids=lambda case: case.name)
-def test_ardupilot_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
-    shown(client_of, "ardupilot", effect)
-
-
-@pytest.mark.parametrize("effect", WING, ids=lambda case: case.name)
-def test_the_wing_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
-    shown(client_of, "wing", effect)
-
-
+# To the height where something is measured.
+QUICK = {"px4": {"MPC_TKO_SPEED": 4.0}, "ardupilot": {"WPNAV_SPEED_UP": 400.0}, "wing": {}}
 EFFECTS = {"px4": PX4, "ardupilot": ARDUPILOT, "wing": WING}
-ELSEWHERE: dict[str, dict[str, tuple[str, ...]]] = {
-    "px4": {
-        "failures": ("SYS_FAILURE_EN",),
-        "fence": (
-            "GF_ACTION",
-            "GF_MAX_HOR_DIST",
-            "GF_MAX_VER_DIST",
-            "RTL_TYPE",
-        ),
-        "external_modes": ("COM_MODE_ARM_CHK",),
-        "identity": ("MAV_SYS_ID",),
-        "manoeuvres": ("COM_RC_OVERRIDE",),
-        "remarks": (
-            "SIM_BAT_DRAIN",
-            "SIM_BAT_ENABLE",
-            "SIM_BAT_MIN_PCT",
-        ),
-        "waypoints": ("MPC_XY_TRAJ_P",),
-    },
-    "ardupilot": {
-        "calibration": (
-            "COMPASS_ENABLE",
-            "COMPASS_USE",
-            "COMPASS_USE2",
-            "COMPASS_USE3",
-        ),
-        "failsafes": (
-            "SIM_BATT_VOLTAGE",
-            "SYSID_MYGCS",
-        ),
-        "remarks": (
-            "TERRAIN_ENABLE",
-            "TERRAIN_SPACING",
-        ),
-        "restart": ("SYSID_THISMAV",),
-        "streams": ("SR0_EXTRA1",),
-        "waypoints": (
-            "WPNAV_ACCEL_C",
-            "WPNAV_RADIUS",
-        ),
-    },
-    "wing": {
-        "wing": (
-            "NAV_LOITER_RAD",
-            "RTL_DESCEND_ALT",
-            "RTL_LAND_DELAY",
-            "RTL_LOITER_RAD",
-        ),
-    },
-}
-"""By the word in the name of the test file that sets the parameter."""
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "effect"),
+    [
+        pytest.param(autopilot, effect, id=f"{autopilot}-{effect.name}")
+        for autopilot, effects in EFFECTS.items()
+        for effect in effects
+    ],
+)
+def test_it_does_what_the_parameter_says(
+    client_of: Callable[..., Client], autopilot: str, effect: Effect
+) -> None:
+    for value, comes in zip(effect.values, effect.comes, strict=True):
+        parameters = {**QUICK[autopilot], **dict(effect.beside), effect.name: value}
+        expected = comes if isinstance(comes, str) else pytest.approx(comes, abs=effect.within)
+        assert effect.measure(client_of(autopilot, parameters)) == expected, f"{effect.name} {value:g}"
+
+
+# The code reads these, and no test measures what they do.
 NOT_SHOWN = {
     "px4": {
-        *(
-            "COM_FLIGHT_UUID",
-            "COM_RC_STICK_OV",
-            "MPC_ACC_DOWN_MAX",
-            "MPC_Z_VEL_P_ACC",
-            "NAV_MC_ALT_RAD",
-        )
+        *("COM_FLIGHT_UUID", "COM_RC_STICK_OV", "MPC_ACC_DOWN_MAX", "MPC_Z_VEL_P_ACC", "NAV_MC_ALT_RAD"),
     },
     "ardupilot": {
-        *(
-            "ACRO_RP_RATE",
-            "BATT_CAPACITY",
-            "FS_EKF_ACTION",
-            "LAND_ALT_LOW",
-            "PSC_JERK_Z",
-            "PSC_VELXY_I",
-            "PSC_VELXY_P",
-            "RALLY_INCL_HOME",
-            "RALLY_LIMIT_KM",
-            "SR0_EXTRA2",
-            "SR0_EXTRA3",
-            "SR0_EXT_STAT",
-            "SR0_RAW_SENS",
-            "SR0_RC_CHAN",
-        )
+        *("ACRO_RP_RATE", "BATT_CAPACITY", "FS_EKF_ACTION", "LAND_ALT_LOW", "PSC_JERK_Z", "PSC_VELXY_I"),
+        *("PSC_VELXY_P", "SR0_EXTRA2", "SR0_EXTRA3", "SR0_EXT_STAT", "SR0_RAW_SENS"),
     },
     "wing": {
-        *(
-            "FW_AIRSPD_MAX",
-            "FW_AIRSPD_MIN",
-            "FW_LND_AIRSPD",
-            "FW_LND_ANG",
-            "FW_LND_FLALT",
-            "FW_LND_FL_SINK",
-        )
+        *("FW_AIRSPD_MAX", "FW_AIRSPD_MIN", "FW_LND_AIRSPD", "FW_LND_ANG", "FW_LND_FLALT", "FW_LND_FL_SINK"),
     },
 }
-"""The code reads these, and no test measures what they do."""
 
 
 @pytest.mark.parametrize("section", EFFECTS)
 def test_every_parameter_that_the_code_reads_is_shown_or_known_not_to_be(section: str) -> None:
-    """Each stands once: in the tables above, in a test that sets the parameter, or among those not shown."""
-    elsewhere = [name for names in ELSEWHERE[section].values() for name in names]
-    names = [*{effect.name for effect in EFFECTS[section]}, *elsewhere, *NOT_SHOWN[section]]
-    assert Counter(names) == Counter(parameters_read()[section])
-    for word, parameters in ELSEWHERE[section].items():
-        test = (Path(__file__).parent / f"test_vehicle_{word}.py").read_text()
-        assert [name for name in parameters if name not in test] == []
-
-
-def test_many_effects_are_measured() -> None:
-    assert min(len(PX4), len(ARDUPILOT)) >= 25
+    """In the tables above, or by another test of vehicles that names it."""
+    others = [path for path in Path(__file__).parent.glob("test_vehicle_*.py") if path != Path(__file__)]
+    text = "".join(path.read_text() for path in others)
+    unmeasured = parameters_read()[section] - {effect.name for effect in EFFECTS[section]}
+    assert {name for name in unmeasured if name not in text} == NOT_SHOWN[section]

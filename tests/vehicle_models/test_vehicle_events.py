@@ -21,7 +21,7 @@ def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
     client = make()
     client.airborne(3.0)
     client.is_station = False
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.beat()
     client.received.clear()
     client.fly(11.8)
     assert events(client) == []
@@ -29,16 +29,27 @@ def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
     assert events(client) == ["commander_gcs_lost"]
     assert client.texts() == []
     client.fly(15.0)
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.beat()
     client.fly(13.0)
     assert events(client) == ["commander_gcs_lost"] * 2
     assert client.vehicle.condition().mode == "AUTO_LOITER"
+    # Events with and without a text share one numbering; a client can request all of them.
+    last = client.last("EVENT").sequence
+    client.received.clear()
+    client.send(mavlink.MAVLink_request_event_message(1, 1, 0, last))
+    client.fly(0.1)
+    again = of("EVENT", client.received)
+    assert [message.sequence for message in again] == [*range(last + 1)]
+    assert events(client)[-2:] == ["commander_gcs_lost"] * 2
+    first = again[0]
+    assert (first.id >> 24, first.log_levels, len({*events(client)}) > 1) == (1, 0x66, True)
+    client.send(mavlink.MAVLink_request_event_message(1, 1, last + 7, last + 9))
+    (error,) = of("RESPONSE_EVENT_ERROR", client.fly(0.02))
+    assert (error.sequence, error.sequence_oldest_available) == (last + 7, 0)
 
 
 def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
-    """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no
-    event.
-    """
+    """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no event."""
     client = make()
     client.fly(5.0)
     client.received.clear()
@@ -50,22 +61,6 @@ def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
     client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert upload(client, [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(0, 50), 10)]) == 0
     assert events(client) == ["navigator_mis_first_wp_far"]
-
-
-def test_events_are_numbered_without_gaps_and_come_again(make: Make) -> None:
-    """Events with and without a text share one numbering; a client can request all of them."""
-    client = make()
-    client.airborne(3.0)
-    client.is_station = False
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.fly(13.0)
-    first = [(message.sequence, message.id) for message in of("EVENT", client.received)]
-    assert [sequence for sequence, _ in first] == list(range(len(first)))
-    assert first[-1][1] == NUMBERS["commander_gcs_lost"]
-    client.received.clear()
-    client.send(mavlink.MAVLink_request_event_message(1, 1, 0, len(first) - 1))
-    client.fly(0.1)
-    assert [(message.sequence, message.id) for message in of("EVENT", client.received)] == first
 
 
 def test_ardupilot_has_no_events(make: Make) -> None:

@@ -1,6 +1,4 @@
-"""What clients send in degrees is flown alike everywhere on earth: repositions, global setpoints, missions, fences,
-rally points, returns.
-"""
+"""What clients send in degrees is flown alike everywhere on earth."""
 
 from __future__ import annotations
 
@@ -11,39 +9,31 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from test_vehicle_missions import Row, bare, to, upload
-from vehicle_client import NAN, Client, Make, mavlink, simspec
+from vehicle_client import Make, mavlink, simspec
 
 from bench.simspec import SimSpec
 
-USUAL = {"latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_m": 488.0}
+Degrees = tuple[float, float]
+USUAL = (47.3977, 8.5456)
 # Both sides of the date line and on it, the meridian and a pole; the frame that both autopilots share is the same code.
 PLACES = {
-    "px4": [
-        {"latitude_deg": 0.0, "longitude_deg": 180.0, "altitude_m": 488.0},
-        {"latitude_deg": -85.0, "longitude_deg": -179.9999, "altitude_m": 488.0},
-    ],
-    "ardupilot": [
-        {"latitude_deg": -17.0, "longitude_deg": -180.0, "altitude_m": 488.0},
-        {"latitude_deg": 60.0, "longitude_deg": 179.9999, "altitude_m": 488.0},
-        {"latitude_deg": 0.0, "longitude_deg": 0.0, "altitude_m": 488.0},
-    ],
+    "px4": [(0.0, 180.0), (-85.0, -179.9999)],
+    "ardupilot": [(-17.0, -180.0), (60.0, 179.9999), (0.0, 0.0)],
 }
 
 
-def spec_at(origin: dict[str, float], autopilot: str) -> SimSpec:
+def spec_at(origin: Degrees, autopilot: str) -> SimSpec:
     document = simspec(autopilot).model_dump(mode="json")
-    document["world"]["origin"] = origin
+    latitude_deg, longitude_deg = origin
+    document["world"]["origin"] = {
+        "latitude_deg": latitude_deg,
+        "longitude_deg": longitude_deg,
+        "altitude_m": 488.0,
+    }
     return SimSpec.model_validate(document)
 
 
-def armed(client: Client, autopilot: str) -> None:
-    if autopilot == "px4":
-        client.airborne(10.0)
-        return
-    client.guided()
-
-
-def flown(make: Make, origin: dict[str, float], autopilot: str) -> NDArray[np.float64]:
+def flown(make: Make, origin: Degrees, autopilot: str) -> NDArray[np.float64]:
     """West and east by repositions, a mission across both within a fence, a rally point in the west, and home."""
     client = make(spec_at(origin, autopilot), streams="onboard", system=255)
     track: list[tuple[float, ...]] = []
@@ -51,12 +41,10 @@ def flown(make: Make, origin: dict[str, float], autopilot: str) -> NDArray[np.fl
     def fly(seconds: float) -> None:
         client.fly(seconds, lambda: track.append(client.vehicle.truth().position_enu_m))
 
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    armed(client, autopilot)
-    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    client.beat()
+    client.airborne() if autopilot == "px4" else client.guided()
     for east_m in (-30.0, 30.0):
-        goal = (*client.vehicle_goal(east_m, 5.0), origin["altitude_m"] + 12.0)
-        assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *goal) == [0]
+        assert client.reposition(east_m, 5.0, 500.0) == [0]
         fly(12.0)
     fence: list[Row] = [
         (5001, 0, 4, 0, 0, 0, *client.vehicle_goal(e, n), 0)
@@ -88,8 +76,7 @@ def test_plans_and_commands_in_degrees_are_flown_alike_everywhere(make: Make, au
 @pytest.mark.parametrize("longitude_deg", [180.0, -180.0, 179.9999, -179.9999])
 def test_degrees_and_metres_are_inverse_at_the_date_line(make: Make, longitude_deg: float) -> None:
     """Every longitude that the vehicle reports is one that it takes."""
-    origin = {"latitude_deg": -17.0, "longitude_deg": longitude_deg, "altitude_m": 10.0}
-    client = make(spec_at(origin, "px4"))
+    client = make(spec_at((-17.0, longitude_deg), "px4"))
     frame = client.vehicle._frame  # type: ignore[attr-defined]
     random = np.random.default_rng(11)
     for north_m, east_m in random.uniform(-500.0, 500.0, (200, 2)):

@@ -23,7 +23,7 @@ from test_vehicle_px4_topics import (
 )
 from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
-from vehicle_models import open_wing
+from vehicle_models import open_wing, open_x500
 from vehicle_models.controller.px4._external_modes import _Registration
 
 __all__ = ["build"]
@@ -109,21 +109,44 @@ class Mode:
         assert self.companion.state() == (self.nav_state, self.nav_state, False)
 
 
-def test_a_mode_is_flown_by_its_setpoints_until_it_leaves(build: Build) -> None:
-    """Nothing of the offboard mode is needed; a mode that leaves in flight holds, and cannot be chosen any more."""
-    companion = build()
-    mode = Mode(companion)
-    companion.fly(1.0)
+@pytest.fixture
+def mode(build: Build) -> Mode:
+    """Registered, on the ground."""
+    mode = Mode(build())
     reply = mode.register()
     assert (reply["success"], reply["mode_id"], reply["arming_check_id"]) == (True, EXTERNAL1, 0)
+    return mode
+
+
+@pytest.fixture
+def flying(mode: Mode) -> Mode:
     mode.takes_off()
+    return mode
+
+
+def test_a_mode_is_flown_by_its_setpoints_until_it_leaves(flying: Mode) -> None:
+    """Nothing of the offboard mode is needed; a mode that leaves in flight holds, and cannot be chosen any more."""
+    mode, companion = flying, flying.companion
     control = companion.last("vehicle_control_mode")
     assert control["flag_control_position_enabled"]
     assert not control["flag_control_offboard_enabled"]
     assert not control["flag_control_auto_enabled"]
+    # Setpoints of another kind, and kinds of another mode, are not flown.
+    rates = {"roll": 1.0, "pitch": 0.0, "yaw": 0.0, "thrust_body": (0.0, 0.0, -0.9)}
+    companion.send("vehicle_rates_setpoint", **rates)
+    companion.send("config_control_setpoints", source_id=EXTERNAL1 + 1, **dict.fromkeys(FLAGS, True))
+    mode.fly(2.0)
+    assert companion.vehicle.counters()["setpoints_ignored"] == 2
+    assert companion.vehicle.truth().position_enu_m[2] == pytest.approx(5.0, abs=0.1)
     mode.fly(8.0, lambda: companion.trajectory((4.0, 0.0, -5.0)))
     east, north, _ = companion.vehicle.truth().position_enu_m
     assert (north, east) == pytest.approx((4.0, 0.0), abs=0.3)
+    # A type of 1.18 is flown once it is applied.
+    for applied in (False, True):
+        companion.send("setpoint_config", type=6, source_id=EXTERNAL1, timeout_ms=0, should_apply=applied)
+        mode.fly(0.04)
+        assert companion.last("vehicle_control_mode")["flag_control_position_enabled"] is not applied
+        assert companion.last("vehicle_control_mode")["flag_control_attitude_enabled"]
     mode.unregister()
     companion.fly(0.04)
     assert companion.state() == (HOLD, HOLD, False)
@@ -151,7 +174,7 @@ def test_the_same_setpoints_fly_as_in_the_offboard_mode(build: Build) -> None:
     assert offboard.command(SET_MODE, 1.0, 6.0) == [ACCEPTED]
     assert external.command(SET_MODE, 1.0, 4.0, 11.0) == [ACCEPTED]
     for _ in range(12):
-        level = random.choice(("position", "velocity", "acceleration", "attitude", "rates"))
+        level = random.choice(FLAGS)
         flags = {f"flag_control_{flag}_enabled": FLAGS.index(flag) >= FLAGS.index(level) for flag in FLAGS}
         external.send("config_control_setpoints", source_id=EXTERNAL1, **flags)
         vector = tuple(random.uniform(-2.0, 2.0) for _ in range(3))
@@ -161,14 +184,14 @@ def test_the_same_setpoints_fly_as_in_the_offboard_mode(build: Build) -> None:
             offboard.life("body_rate" if level == "rates" else level)
             for companion in (offboard, external):
                 if level == "attitude":
-                    q = (math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0)
-                    companion.send(
-                        "vehicle_attitude_setpoint", q_d=q, yaw_sp_move_rate=NAN, thrust_body=thrust
-                    )
+                    turned = {
+                        "q_d": (math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0),
+                        "yaw_sp_move_rate": NAN,
+                    }
+                    companion.send("vehicle_attitude_setpoint", thrust_body=thrust, **turned)
                 elif level == "rates":
-                    companion.send(
-                        "vehicle_rates_setpoint", roll=tilt, pitch=0.0, yaw=tilt, thrust_body=thrust
-                    )
+                    rates = {"roll": tilt, "pitch": 0.0, "yaw": tilt}
+                    companion.send("vehicle_rates_setpoint", thrust_body=thrust, **rates)
                 else:
                     position = (vector[0], vector[1], vector[2] - 20.0) if level == "position" else OPEN
                     companion.trajectory(position, velocity=vector)
@@ -179,37 +202,20 @@ def test_the_same_setpoints_fly_as_in_the_offboard_mode(build: Build) -> None:
     assert external.vehicle.counters()["setpoints_ignored"] == 0
 
 
-def test_setpoints_of_another_kind_than_the_modes_are_not_flown(build: Build) -> None:
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
-    mode.takes_off()
-    rates = {"roll": 1.0, "pitch": 0.0, "yaw": 0.0, "thrust_body": (0.0, 0.0, -0.9)}
-    companion.send("vehicle_rates_setpoint", **rates)
-    companion.send("config_control_setpoints", source_id=EXTERNAL1 + 1, **dict.fromkeys(FLAGS, True))
-    mode.fly(2.0)
-    assert companion.vehicle.counters()["setpoints_ignored"] == 2
-    assert companion.vehicle.truth().position_enu_m[2] == pytest.approx(5.0, abs=0.1)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_goto_setpoint_is_flown_within_its_limits(seed: int, build: Build) -> None:
+def test_a_goto_setpoint_is_flown_within_its_limits(flying: Mode) -> None:
     """To the place, with the heading, and no faster than asked; without limits it is faster."""
-    random = Random(seed)
-    place = (random.uniform(8.0, 12.0), random.uniform(-12.0, -8.0), -random.uniform(8.0, 9.0))
-    heading, speed = random.uniform(-3.0, 3.0), random.uniform(0.8, 1.5)
+    mode, companion, random = flying, flying.companion, Random(1)
     fastest = {}
     for limited in (True, False):
-        companion = build()
-        mode = Mode(companion)
-        mode.register()
-        mode.takes_off()
+        x, y, z = random.uniform(8.0, 12.0), random.uniform(-12.0, -8.0), -random.uniform(8.0, 9.0)
+        place = (x, y, z) if limited else (x - 20.0, y + 20.0, z)
+        heading = random.uniform(-3.0, 3.0)
         goto = {
             "position": place,
             "flag_control_heading": True,
             "heading": heading,
             "flag_set_max_horizontal_speed": limited,
-            "max_horizontal_speed": speed,
+            "max_horizontal_speed": 1.2,
             "flag_set_max_vertical_speed": limited,
             "max_vertical_speed": 0.5,
             "flag_set_max_heading_rate": False,
@@ -222,14 +228,13 @@ def test_a_goto_setpoint_is_flown_within_its_limits(seed: int, build: Build) -> 
         fastest[limited] = max(math.hypot(move["vx"], move["vy"]) for move in moves)
         assert (moves[-1]["x"], moves[-1]["y"], moves[-1]["z"]) == pytest.approx(place, abs=0.5)
         assert math.cos(moves[-1]["heading"] - heading) == pytest.approx(1.0, abs=0.01)
-        companion.send("goto_setpoint", **{**goto, "position": (NAN, 0.0, 0.0)})
-        companion.send(
-            "goto_setpoint", **{**goto, "max_horizontal_speed": -1.0, "flag_set_max_horizontal_speed": True}
-        )
-        mode.fly(0.1)
-        assert companion.vehicle.counters()["setpoints_ignored"] == 2
-    assert fastest[True] == pytest.approx(speed, abs=0.2)
+    assert fastest[True] == pytest.approx(1.2, abs=0.2)
     assert fastest[False] > fastest[True] + 0.5
+    wrong = {"max_horizontal_speed": -1.0, "flag_set_max_horizontal_speed": True}
+    for nonsense in ({"position": (NAN, 0.0, 0.0)}, wrong):
+        companion.send("goto_setpoint", **{**goto, **nonsense})
+    mode.fly(0.1)
+    assert companion.vehicle.counters()["setpoints_ignored"] == 2
 
 
 def test_requests_come_every_0_3_s_with_the_mask_of_those_that_answer(build: Build) -> None:
@@ -258,13 +263,10 @@ def test_requests_come_every_0_3_s_with_the_mask_of_those_that_answer(build: Bui
 
 @pytest.mark.parametrize(("missed", "returns"), [(3, False), (4, True)])
 def test_a_mode_whose_replies_stop_returns_home_and_resumes_with_the_next(
-    missed: int, returns: bool, build: Build
+    missed: int, returns: bool, flying: Mode
 ) -> None:
     """Three requests without a reply are borne; after the fourth it cannot run."""
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
-    mode.takes_off()
+    mode, companion = flying, flying.companion
     companion.trajectory((3.0, 0.0, -5.0))
     mode.fly(6.0)
     begun = len(companion.times("arming_check_request"))
@@ -282,11 +284,8 @@ def test_a_mode_whose_replies_stop_returns_home_and_resumes_with_the_next(
     assert companion.vehicle.truth().position_enu_m[1] == pytest.approx(3.0, abs=0.3)
 
 
-def test_a_lost_mode_lands_at_home_and_is_forgotten_when_it_is_not_chosen_any_more(build: Build) -> None:
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
-    mode.takes_off()
+def test_a_lost_mode_lands_at_home_and_is_forgotten_when_it_is_not_chosen_any_more(flying: Mode) -> None:
+    mode, companion = flying, flying.companion
     mode.alive = False
     mode.fly(60.0)
     status = companion.last("vehicle_status")
@@ -310,10 +309,8 @@ def test_after_four_failures_a_reply_helps_no_more() -> None:
         assert registration.unresponsive is (failure == 4)
 
 
-def test_a_reply_to_another_request_counts_as_none(build: Build) -> None:
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
+def test_a_reply_to_another_request_counts_as_none(mode: Mode) -> None:
+    companion = mode.companion
     mode.alive = False
     companion.fly(5.0)
     mode.answer(companion.last("arming_check_request")["request_id"] - 1)
@@ -323,13 +320,11 @@ def test_a_reply_to_another_request_counts_as_none(build: Build) -> None:
 
 
 @pytest.mark.parametrize("need", ["", *NEEDS])
-def test_what_a_mode_needs_decides_about_arming(need: str, build: Build) -> None:
+def test_what_a_mode_needs_decides_about_arming(need: str, mode: Mode) -> None:
     """Before the position is known nothing that needs one; without sticks or a mission nothing that needs those."""
-    companion = build()
-    mode = Mode(companion)
+    companion = mode.companion
     if need:
         mode.reply[f"mode_req_{need}"] = True
-    mode.register()
     mode.fly(1.0)
     assert companion.command(SET_NAV_STATE, float(EXTERNAL1)) == [ACCEPTED]
     mode.fly(4.5)
@@ -377,19 +372,16 @@ def test_a_check_without_a_mode_keeps_the_vehicle_on_the_ground(build: Build) ->
     assert companion.last("vehicle_status")["pre_flight_checks_pass"]
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
+def test_what_cannot_be_registered_is_refused(build: Build) -> None:
+    companion = build()
+    for wrong in (
         {"register_mode_executor": True},
         {"enable_replace_internal_mode": True, "replace_internal_mode": RETURN},
         {"register_arming_check": False},
-    ],
-)
-def test_what_cannot_be_registered_is_refused_with_a_reason(wrong: dict[str, Any], build: Build) -> None:
-    companion = build()
-    reply = Mode(companion).register(**wrong)
-    assert not reply["success"]
-    assert (reply["arming_check_id"], reply["mode_id"], reply["mode_executor_id"]) == (-1, -1, -1)
+    ):
+        reply = Mode(companion).register(**wrong)
+        assert not reply["success"], wrong
+        assert (reply["arming_check_id"], reply["mode_id"], reply["mode_executor_id"]) == (-1, -1, -1)
     companion.fly(1.0)
     assert companion.times("arming_check_request") == []
 
@@ -422,10 +414,8 @@ def test_in_flight_com_mode_arm_chk_decides_who_comes_and_goes(allowed: int, bui
     assert companion.state()[1] == (HOLD if allowed else EXTERNAL1)
 
 
-def test_another_name_cannot_unregister_a_mode(build: Build) -> None:
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
+def test_another_name_cannot_unregister_a_mode(mode: Mode) -> None:
+    companion = mode.companion
     mode.fly(1.0)
     for text, nav_state in (("Circle", EXTERNAL1), ("Square", EXTERNAL1 + 1)):
         other = Mode(companion, text)
@@ -441,66 +431,42 @@ def test_another_name_cannot_unregister_a_mode(build: Build) -> None:
 SUCCESS, FAILURE, UNSUPPORTED_TYPE, UNKNOWN_TYPE = range(4)
 
 
-@pytest.mark.parametrize(
-    ("kind", "result", "needs"),
-    [
-        (0, UNKNOWN_TYPE, 0),
-        (1, UNSUPPORTED_TYPE, 0),
-        (2, SUCCESS, 4),
-        (3, UNSUPPORTED_TYPE, 0),
-        (4, SUCCESS, 4),
-        (5, SUCCESS, 1),
-        (6, SUCCESS, 2),
-        (16, UNSUPPORTED_TYPE, 0),
-        (17, UNKNOWN_TYPE, 0),
-    ],
-)
-@pytest.mark.parametrize("wing", [False, True])
+@pytest.mark.parametrize(("opened", "goto"), [(open_x500, (SUCCESS, 4)), (open_wing, (UNSUPPORTED_TYPE, 0))])
 def test_a_setpoint_type_of_1_18_is_answered_with_what_it_needs(
-    kind: int, result: int, needs: int, wing: bool, build: Build
+    build: Build, opened: Any, goto: tuple[int, int]
 ) -> None:
     """Asked for only, it changes nothing; a wing flies no goto."""
-    companion = build(opened=open_wing) if wing else build()
+    companion = build(opened=opened)
     Mode(companion).register()
-    config = {"type": kind, "source_id": EXTERNAL1, "should_apply": False, "timeout_ms": 0}
-    companion.send("setpoint_config", **config)
-    companion.fly(0.02)
-    reply = companion.last("setpoint_config_reply")
-    result, needs = (UNSUPPORTED_TYPE, 0) if wing and kind == 2 else (result, needs)
-    assert (reply["type"], reply["source_id"], reply["result"]) == (kind, EXTERNAL1, result)
-    names = ("angular_velocity", "attitude", "local_alt", "local_position")
-    assert [bool(reply.get(f"mode_req_{need}")) for need in names] == [index < needs for index in range(4)]
-    companion.send("setpoint_config", **{**config, "source_id": EXTERNAL1 + 1})
-    companion.fly(0.02)
-    assert companion.last("setpoint_config_reply")["result"] == (result or FAILURE)
+    for kind, (result, need_count) in {
+        **dict.fromkeys((0, 17), (UNKNOWN_TYPE, 0)),
+        **dict.fromkeys((1, 3, 16), (UNSUPPORTED_TYPE, 0)),
+        2: goto,
+        4: (SUCCESS, 4),
+        5: (SUCCESS, 1),
+        6: (SUCCESS, 2),
+    }.items():
+        config = {"type": kind, "should_apply": False, "timeout_ms": 0}
+        companion.send("setpoint_config", source_id=EXTERNAL1, **config)
+        companion.fly(0.02)
+        reply = companion.last("setpoint_config_reply")
+        assert (reply["type"], reply["source_id"], reply["result"]) == (kind, EXTERNAL1, result)
+        asked_for = [bool(reply.get(f"mode_req_{need}")) for need in NEEDS[:4]]
+        assert asked_for == [index < need_count for index in range(4)]
+        companion.send("setpoint_config", source_id=EXTERNAL1 + 1, **config)
+        companion.fly(0.02)
+        assert companion.last("setpoint_config_reply")["result"] == (result or FAILURE)
 
 
-def test_a_setpoint_type_is_flown_once_it_is_applied(build: Build) -> None:
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
-    mode.takes_off()
-    config = {"type": 6, "source_id": EXTERNAL1, "timeout_ms": 0}
-    for applied in (False, True):
-        companion.send("setpoint_config", should_apply=applied, **config)
-        mode.fly(0.04)
-        assert companion.last("vehicle_control_mode")["flag_control_position_enabled"] is not applied
-        assert companion.last("vehicle_control_mode")["flag_control_attitude_enabled"]
-
-
-def test_completed_modes_are_told_on_the_way_out(build: Build) -> None:
+def test_completed_modes_are_told_on_the_way_out(mode: Mode) -> None:
     """The companion's own as an echo; takeoff and landing by themselves, and no mode that was left before its end."""
-    companion = build()
-    mode = Mode(companion)
-    mode.register()
+    companion = mode.companion
     mode.fly(5.0)
     takeoff = (22, 0.0, 0.0, 0.0, NAN, NAN, NAN, 508.0)
 
     def completed() -> list[tuple[int, int]]:
-        heard = companion.heard
-        return [
-            (fields["nav_state"], fields["result"]) for _, topic, fields in heard if topic == "mode_completed"
-        ]
+        told = [fields for _, topic, fields in companion.heard if topic == "mode_completed"]
+        return [(fields["nav_state"], fields["result"]) for fields in told]
 
     assert companion.command(ARM, 1.0) == [ACCEPTED]
     assert companion.command(*takeoff) == [ACCEPTED]

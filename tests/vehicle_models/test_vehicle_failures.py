@@ -27,20 +27,15 @@ def error_m(client: Client) -> float:
 
 
 def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
-    """During a loss nothing is sent or handled; messages that arrive are counted as received; then the link
-    works as before.
-    """
+    """During a loss nothing is sent or handled; messages that arrive are counted; then the link works as before."""
     taped: list[tuple[str, int]] = []
     spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
     client.is_station = False
     client.fly(0.92)
     assert client.vehicle.time.s == pytest.approx(2.02)
-    sent, message_count, received = (
-        client.vehicle.sent()["onboard"],
-        len(client.received),
-        client.vehicle.receive()["onboard"],
-    )
+    sent, received = client.vehicle.sent()["onboard"], client.vehicle.receive()["onboard"]
+    message_count = len(client.received)
     taped.clear()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5) == []
     client.fly(2.9)
@@ -113,74 +108,43 @@ def test_a_quadrotor_without_one_rotor_comes_down(make: Make) -> None:
 
 def test_what_is_not_there_cannot_break(make: Make) -> None:
     """A rotor or a link that the vehicle does not have is a fault of the SimSpec, with its place."""
+    no_rotor = {"at_s": 1, "kind": "motor_off", "instance": 5}
+    no_link = {"at_s": 1, "kind": "link_loss", "link": "radio"}
     with pytest.raises(SetupError) as caught:
-        make(
-            failing(
-                {"at_s": 1, "kind": "motor_off", "instance": 5},
-                {"at_s": 1, "kind": "link_loss", "link": "radio"},
-            )
-        )
-    assert [fault.where for fault in caught.value.faults] == [
-        "vehicle.failures[0].instance",
-        "vehicle.failures[1].link",
-    ]
+        make(failing(no_rotor, no_link))
+    places = [fault.where for fault in caught.value.faults]
+    assert places == ["vehicle.failures[0].instance", "vehicle.failures[1].link"]
 
 
-def test_failures_by_command_need_the_parameter(make: Make) -> None:
-    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it (as the SITL starts) GPS and rotors, and nothing
-    that is not modelled.
-    """
-    client = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 0}}))
-    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [2]
-    allowed = make()
-    allowed.airborne(5.0)
-    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [0]
-    allowed.fly(0.1)
-    assert allowed.vehicle.condition().failures == ("gps_off",)
-    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 0, 0) == [0]
-    allowed.fly(0.1)
-    assert allowed.vehicle.condition().failures == ()
-    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 1, 1, 0) == [3]
-    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 9) == [3]
-    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, math.nan, math.nan, math.nan) == [3]
+def test_failures_by_command(make: Make) -> None:
+    """Denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not modelled. ArduPilot has none."""
+    inject = mavlink.MAV_CMD_INJECT_FAILURE
+    assert make(failing(parameters={"SYS_FAILURE_EN": 0})).command(inject, 4, 1, 0) == [2]
+    assert make(simspec("ardupilot")).command(inject, 4, 1, 0) == [3]
+    client = make(failing({"at_s": 5.0, "kind": "gps_off"}))
 
+    def failures_after(*params: float) -> tuple[str, ...]:
+        assert client.command(inject, *params) == [0]
+        client.fly(0.1)
+        return client.vehicle.condition().failures
 
-def test_a_command_repairs_only_what_a_command_broke(make: Make) -> None:
-    """An agent cannot end the failures of the SimSpec; what it broke itself it can repair meanwhile."""
-    gps, rotor = (4, 0, 0), (101, 0, 2)
-    client = make(failing({"at_s": 1.0, "kind": "gps_off"}))
+    assert failures_after(4, 1, 0) == ("gps_off",)
+    assert failures_after(4, 0, 0) == ()
+    for params in ((1, 1, 0), (101, 1, 9), (math.nan, math.nan, math.nan)):
+        assert client.command(inject, *params) == [3]
     client.fly(5.0)
-    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 2) == [0]
-    client.fly(0.1)
-    assert client.vehicle.condition().failures == ("gps_off", "motor_off 2")
-    for repair in (gps, rotor):
-        assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, *repair) == [0]
-    client.fly(0.1)
-    assert client.vehicle.condition().failures == ("gps_off",)
-
-
-def test_ardupilot_does_not_know_the_command(make: Make) -> None:
-    client = make(simspec("ardupilot"))
-    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [3]
-
-
-def test_two_runs_with_the_same_failures_are_the_same(make: Make) -> None:
-    """The drift of reckoning is drawn from the SimSpec's seeds."""
-    spec = failing({"at_s": 2.0, "kind": "gps_off"}, gps={"wander_m": 1.0, "noise_m": 0.1})
-    client, other = make(spec), make(spec)
-    client.fly(8.0)
-    other.fly(8.0)
-    assert client.vehicle.estimate() == other.vehicle.estimate()
-    assert error_m(client) > 0.2
+    # An agent cannot end the failures of the SimSpec; what it broke itself it can repair meanwhile.
+    assert failures_after(101, 1, 2) == ("gps_off", "motor_off 2")
+    assert failures_after(4, 0, 0) == ("gps_off", "motor_off 2")
+    assert failures_after(101, 0, 2) == ("gps_off",)
 
 
 def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> None:
-    """Truth writes an event at the sample after a failure and after its end, and the recording of others
-    stays as it was.
-    """
+    """Truth writes an event at the sample after a failure and after its end."""
     records: list[Record] = []
     client = make(failing({"at_s": 2.0, "kind": "gps_off", "duration_s": 1.0}))
-    truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(client_spec())
+    realized = SimSpec.model_validate({**simspec().model_dump(), "realized": {"actors": []}})
+    truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(realized)
     for _ in range(4):
         client.fly(0.7)
         truth.write_due(client.vehicle.time, client.vehicle, scene)
@@ -188,8 +152,3 @@ def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> N
     assert [b"gps_off" in event.data for event in events] == [True, True]
     assert [b'"failure"' in event.data for event in events] == [True, False]
     assert b'"repaired"' in events[1].data
-
-
-def client_spec() -> SimSpec:
-    """A realized SimSpec without actors."""
-    return SimSpec.model_validate({**simspec().model_dump(), "realized": {"actors": []}})

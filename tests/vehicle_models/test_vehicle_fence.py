@@ -8,8 +8,8 @@ import random
 import pytest
 import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle_missions import Row, download, ready_ardupilot, step, to, upload
-from vehicle_client import NAN, Client, Make, of, simspec
+from test_vehicle_missions import Row, download, step, to, upload
+from vehicle_client import Client, Make, of, simspec
 
 from vehicle_models._geodesy import LocalFrame, TangentPlane
 from vehicle_models.controller.ardupilot import ARDUPILOT
@@ -40,12 +40,11 @@ def square(client: Client, middle: tuple[float, float], half: float, command: in
     ]
 
 
-def airborne_ardupilot(make: Make) -> Client:
-    client = ready_ardupilot(make)
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
-    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
-    client.fly(15.0)
+@pytest.fixture
+def guided(make: Make) -> Client:
+    """An ArduCopter in GUIDED at 10 m."""
+    client = make(simspec("ardupilot"), system=255)
+    client.guided()
     return client
 
 
@@ -58,15 +57,11 @@ def test_px4_reposition_outside_is_a_text(make: Make) -> None:
     """Accepted with a text and not flown; a place inside is flown to."""
     client = make(simspec(vehicle={"parameters": {"GF_MAX_HOR_DIST": 40.0}}))
     client.airborne()
-    assert client.command_int(
-        mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0
-    ) == [0]
+    assert client.reposition(0, 60, 498.0) == [0]
     client.fly(8.0)
     assert "Reposition is outside geofence\t" in client.texts()
     assert client.vehicle.truth().position_enu_m[1] < 0.5
-    assert client.command_int(
-        mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0
-    ) == [0]
+    assert client.reposition(0, 30, 498.0) == [0]
     client.fly(12.0)
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(30.0, abs=0.5)
 
@@ -87,9 +82,7 @@ def flight_texts(client: Client) -> list[str]:
 
 @pytest.mark.parametrize("action", ACTIONS)
 def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
-    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION; return and landing hold
-    for 5 s first.
-    """
+    """Flying out of a polygon under offboard control leads to GF_ACTION; return and landing hold for 5 s first."""
     soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
@@ -127,18 +120,14 @@ def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
 
 
 def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
-    """Above GF_MAX_VER_DIST it holds at once; the operator may fly on, and the next breach counts after a way
-    back inside.
-    """
+    """It holds at once; the operator may fly on, and the next breach counts after a way back inside."""
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 2, "GF_MAX_VER_DIST": 15.0}}))
     client.airborne()
     client.offboard(0, 0, -10)
     client.fly(6.0, lambda: client.setpoint(0, 0, -25))
     assert client.state() == ("AUTO_LOITER", "fence")
-    assert flight_texts(client)[-2:] == [
-        "Geofence: exceeding maximum altitude above Home",
-        "Failsafe activated",
-    ]
+    breach = "Geofence: exceeding maximum altitude above Home"
+    assert flight_texts(client)[-2:] == [breach, "Failsafe activated"]
     assert client.last("HEARTBEAT").system_status == 5
     count = len(flight_texts(client))
     client.offboard(0, 0, -18)
@@ -151,21 +140,12 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
     assert len(flight_texts(client)) == count + 2
 
 
-def empty(client: Client) -> None:
-    """Make the charge that is left a critical one."""
-    for name in (b"BAT_LOW_THR", b"BAT_CRIT_THR"):
-        client.send(mavlink.MAVLink_param_set_message(1, 1, name, 0.9999, 9))
-
-
 def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
-    """A battery that lands it is not undone by a fence that returns; a return by the fence gives way to a
-    landing.
-    """
-    client = make(
-        simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2}})
-    )
+    """A battery's landing is not undone by a fence that returns; the fence's return gives way to a landing."""
+    parameters = {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}
+    client = make(simspec(vehicle={"parameters": {**parameters, "COM_FAIL_ACT_T": 0.0}}))
     client.airborne()
-    empty(client)
+    client.put(BAT_LOW_THR=0.9999, BAT_CRIT_THR=0.9999)
     client.fly(1.0)
     assert client.state() == ("AUTO_LAND", "battery")
     client.put(GF_MAX_VER_DIST=5.0)
@@ -173,12 +153,12 @@ def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
     assert "Geofence: exceeding maximum altitude above Home" in flight_texts(client)
     assert client.vehicle.condition().mode == "AUTO_LAND"
 
-    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}}))
+    client = make(simspec(vehicle={"parameters": parameters}))
     client.airborne()
     client.put(GF_MAX_VER_DIST=5.0)
     client.fly(6.0)
     assert client.state() == ("AUTO_RTL", "fence")
-    empty(client)
+    client.put(BAT_LOW_THR=0.9999, BAT_CRIT_THR=0.9999)
     client.fly(6.0)
     assert client.state() == ("AUTO_LAND", "battery")
 
@@ -187,42 +167,36 @@ COPTER_ACTIONS = {0: "GUIDED", 1: "RTL", 2: "LAND", 3: "RTL", 4: "BRAKE", 5: "RT
 
 
 @pytest.mark.parametrize("action", COPTER_ACTIONS)
-def test_ardupilot_fence_actions(make: Make, action: int) -> None:
-    """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no
-    failsafe is shown.
-    """
-    client = airborne_ardupilot(make)
-    client.put(FENCE_ALT_MAX=5.0, FENCE_ACTION=float(action), FENCE_ENABLE=1.0)
-    client.fly(0.3)
-    assert client.state() == (COPTER_ACTIONS[action], "")
-    texts = [text for text in client.texts() if "breached" in text or "recovery" in text]
+def test_ardupilot_fence_actions(guided: Client, action: int) -> None:
+    """To its mode at once, with the text of the breach; a report alone changes no mode; no failsafe is shown."""
+    guided.put(FENCE_ALT_MAX=5.0, FENCE_ACTION=float(action), FENCE_ENABLE=1.0)
+    guided.fly(0.3)
+    assert guided.state() == (COPTER_ACTIONS[action], "")
+    texts = [text for text in guided.texts() if "breached" in text or "recovery" in text]
     assert texts == ["Max Alt fence breached", *(["Manual recovery started"] if action else [])]
 
 
-def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
-    """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands;
-    inside it is over.
-    """
-    client = airborne_ardupilot(make)
-    client.put(FENCE_RADIUS=30.0, FENCE_ENABLE=1.0)
-    client.fly(0.1)
-    outwards(client, 9.0)
-    assert client.vehicle.condition().mode == "RTL"
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.texts()[-1] == "Manual recovery started"
-    outwards(client, 9.0)
-    assert client.vehicle.condition().mode == "GUIDED"
-    outwards(client, 2.0)
-    assert client.vehicle.condition().mode == "RTL"
-    assert client.texts().count("Circle fence breached") == 2
-    client.fly(25.0)
-    assert client.texts()[-1] == "Fence breach cleared"
-
-    client = airborne_ardupilot(make)
-    outwards(client, 30.0)
-    client.put(FENCE_RADIUS=30.0, FENCE_ENABLE=1.0)
-    client.fly(0.3)
-    assert client.vehicle.condition().mode == "LAND"
+def test_ardupilot_recovers_and_breaches_again(guided: Client) -> None:
+    """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands."""
+    guided.put(FENCE_RADIUS=30.0, FENCE_ENABLE=1.0)
+    guided.fly(0.1)
+    outwards(guided, 9.0)
+    assert guided.vehicle.condition().mode == "RTL"
+    assert guided.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert guided.texts()[-1] == "Manual recovery started"
+    outwards(guided, 9.0)
+    assert guided.vehicle.condition().mode == "GUIDED"
+    outwards(guided, 2.0)
+    assert guided.vehicle.condition().mode == "RTL"
+    assert guided.texts().count("Circle fence breached") == 2
+    guided.fly(25.0)
+    assert guided.texts()[-1] == "Fence breach cleared"
+    guided.put(FENCE_ENABLE=0.0)
+    guided.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    outwards(guided, 30.0)
+    guided.put(FENCE_ENABLE=1.0)
+    guided.fly(0.3)
+    assert guided.vehicle.condition().mode == "LAND"
 
 
 def test_px4_exclusions_and_missions(make: Make) -> None:
@@ -238,85 +212,65 @@ def test_px4_exclusions_and_missions(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
 
 
-def test_ardupilot_circle_as_observed(make: Make) -> None:
-    """It slows down, and is turned back at 40.1 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is
-    granted.
-    """
-    client = airborne_ardupilot(make)
-    client.put(FENCE_RADIUS=40.0, FENCE_ENABLE=1.0)
-    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
-    client.fly(0.1)
+def test_ardupilot_circle_as_observed(guided: Client) -> None:
+    """It slows down, and is turned back at 40.1 m; GUIDED set outside is granted."""
+    guided.put(FENCE_RADIUS=40.0, FENCE_ENABLE=1.0)
+    guided.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
+    guided.fly(0.1)
     farthest: list[float] = []
     for _ in range(18):
-        outwards(client, 1.0)
-        farthest.append(client.vehicle.truth().position_enu_m[1])
-    assert client.vehicle.condition().mode == "RTL"
-    assert client.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
+        outwards(guided, 1.0)
+        farthest.append(guided.vehicle.truth().position_enu_m[1])
+    assert guided.vehicle.condition().mode == "RTL"
+    assert guided.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
     assert 40.0 < max(farthest) < 41.0
-    status = of("FENCE_STATUS", client.received)
+    status = of("FENCE_STATUS", guided.received)
     assert {(statu.breach_status, statu.breach_type) for statu in status} == {(0, 0), (1, 3)}
     assert {statu.breach_mitigation for statu in status} == {1, 2}
-    assert client.last("FENCE_STATUS").breach_count == 1
-    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
-    assert client.last("HEARTBEAT").system_status == 4
+    assert status[-1].breach_count == 1
+    assert guided.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert guided.last("HEARTBEAT").system_status == 4
 
 
-def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
-    """DO_FENCE_ENABLE turns the fence on and off; a ceiling and a polygon lead home; other values fail."""
-    client = airborne_ardupilot(make)
-    client.put(FENCE_ALT_MAX=15.0)
-    client.fly(0.1)
-    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 7) == [4]
-    client.fly(6.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
-    assert client.vehicle.truth().position_enu_m[2] > 16.0
-    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
-    client.fly(0.3)
-    assert client.texts()[-2:] == ["Max Alt fence breached", "Manual recovery started"]
-    assert client.vehicle.condition().mode == "RTL"
+def test_ardupilot_ceiling_and_enabling(guided: Client) -> None:
+    """It climbs to the margin below the ceiling and no higher, and a ceiling far below it leads home."""
+
+    def climb() -> None:
+        guided.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0)
+
+    guided.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
+    guided.put(FENCE_ALT_MAX=15.0, FENCE_ENABLE=1.0)
+    guided.fly(8.0, climb)
+    assert guided.vehicle.condition().mode == "GUIDED"
+    assert guided.vehicle.truth().position_enu_m[2] == pytest.approx(13.1, abs=0.3)
+    assert guided.last("FENCE_STATUS").breach_mitigation == 2
+    assert guided.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 7) == [4]
+    assert guided.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 0) == [0]
+    guided.fly(6.0, climb)
+    assert guided.vehicle.truth().position_enu_m[2] > 16.0
+    assert guided.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
+    guided.fly(0.3)
+    assert guided.texts()[-2:] == ["Max Alt fence breached", "Manual recovery started"]
+    assert guided.vehicle.condition().mode == "RTL"
 
 
-def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
-    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status shows
-    that the fence acts.
-    """
-    client = airborne_ardupilot(make)
-    client.put(FENCE_ALT_MAX=15.0, FENCE_ENABLE=1.0)
-    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
-    client.fly(0.1)
-    client.fly(8.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
-    assert client.vehicle.condition().mode == "GUIDED"
-    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(13.1, abs=0.3)
-    assert client.last("FENCE_STATUS").breach_mitigation == 2
-
-
-def test_ardupilot_setpoints_outside_are_not_flown_to(make: Make) -> None:
-    """A global position beyond the fence: no text, and it stays."""
-    client = airborne_ardupilot(make)
-    client.put(FENCE_RADIUS=40.0, FENCE_ENABLE=1.0)
-    client.fly(0.1)
-    text_count = len(client.texts())
-    latitude, longitude = client.vehicle_goal(0, 80)
+def test_ardupilot_polygons(guided: Client) -> None:
+    """Two corners are no fence, four are one; a setpoint beyond it is not flown to, without a text."""
+    assert upload(guided, [corner(guided, 0, 0, 2), corner(guided, 9, 9, 2)], 1) == 1
+    assert guided.texts()[-2:] == ["Invalid vertex count (2)", "Fence validation failed"]
+    assert upload(guided, square(guided, (0, 0), 20.0), 1) == 0
+    assert guided.texts()[-1] == "Fence Indexed OK"
+    assert guided.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
+    assert guided.reposition(0, 60, 10.0, frame=6) == [4]
+    text_count = len(guided.texts())
     message = mavlink.MAVLink_set_position_target_global_int_message
-    client.send(message(0, 1, 1, 6, 0b110111111000, latitude, longitude, 10, 0, 0, 0, 0, 0, 0, 0, 0))
-    client.fly(8.0)
-    assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
-    assert len(client.texts()) == text_count
-
-
-def test_ardupilot_polygons(make: Make) -> None:
-    """A polygon of two corners is no fence, with both texts; one of four holds."""
-    client = airborne_ardupilot(make)
-    assert upload(client, [corner(client, 0, 0, 2), corner(client, 9, 9, 2)], 1) == 1
-    assert client.texts()[-2:] == ["Invalid vertex count (2)", "Fence validation failed"]
-    assert upload(client, square(client, (0, 0), 20.0), 1) == 0
-    assert client.texts()[-1] == "Fence Indexed OK"
-    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
-    latitude, longitude = client.vehicle_goal(0, 60)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [
-        4
-    ]
-    outwards(client, 7.0)
-    assert "Polygon fence breached" in client.texts()
+    place = guided.vehicle_goal(0, 80)
+    guided.send(message(0, 1, 1, 6, 0b110111111000, *place, 10, 0, 0, 0, 0, 0, 0, 0, 0))
+    guided.fly(8.0)
+    assert math.hypot(*guided.vehicle.truth().position_enu_m[:2]) < 1.0
+    assert len(guided.texts()) == text_count
+    outwards(guided, 7.0)
+    assert "Polygon fence breached" in guided.texts()
 
 
 @pytest.mark.parametrize(("kind", "east"), [(0, 60.0), (3, 0.0)])
@@ -326,7 +280,7 @@ def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: flo
     client.airborne()
     rally = (5100, 3, 0, 0, 0, 0, *client.vehicle_goal(60, 0), 20)
     assert upload(client, [rally], 2) == 0
-    client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8, 1, 0, NAN, *client.vehicle_goal(45, 0), 498.0)
+    client.reposition(45, 0, 498.0, speed_mps=8.0)
     client.fly(12.0)
     assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     client.fly(80.0)
@@ -334,17 +288,16 @@ def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: flo
     assert math.dist(client.vehicle.truth().position_enu_m[:2], (east, 0.0)) < 1.0
 
 
-def test_ardupilot_rally_points(make: Make) -> None:
+def test_ardupilot_rally_points(guided: Client) -> None:
     """Accepted without a text; RTL goes to the nearest, home among them."""
-    client = airborne_ardupilot(make)
-    text_count = len(client.texts())
-    assert upload(client, [(5100, 3, 0, 0, 0, 0, *client.vehicle_goal(0, 50), 15)], 2) == 0
-    assert len(client.texts()) == text_count
-    outwards(client, 8.0)
-    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
-    client.fly(50.0)
-    assert client.vehicle.condition().landed
-    assert math.dist(client.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0
+    text_count = len(guided.texts())
+    assert upload(guided, [(5100, 3, 0, 0, 0, 0, *guided.vehicle_goal(0, 50), 15)], 2) == 0
+    assert len(guided.texts()) == text_count
+    outwards(guided, 8.0)
+    assert guided.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
+    guided.fly(50.0)
+    assert guided.vehicle.condition().landed
+    assert math.dist(guided.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0
 
 
 # The rest calls the boundary without a flight: hundreds of random places against shapely.
@@ -356,8 +309,8 @@ STORED_M = 0.05
 Place = tuple[float, float]
 
 
-def row(command: int, place: Place, first: float) -> MissionItem:
-    return MissionItem(command, 0, (first, 0.0, 0.0, 0.0), *FRAME.to_geodetic_e7(*place), 0.0)
+def row(command: int, place: Place, first: float, frame: LocalFrame = FRAME) -> MissionItem:
+    return MissionItem(command, 0, (first, 0.0, 0.0, 0.0), *frame.to_geodetic_e7(*place), 0.0)
 
 
 def random_place(generator: random.Random) -> Place:
@@ -396,9 +349,7 @@ def incomplete_area(generator: random.Random) -> list[MissionItem]:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_areas_are_those_of_the_plan(seed: int) -> None:
-    """Complete areas in the order of the plan, without the incomplete ones; inside, and the distance to the
-    edge, as shapely has them.
-    """
+    """In the order of the plan, without incomplete ones; inside, and the distance to the edge, as shapely has them."""
     generator = random.Random(seed)
     rows: list[MissionItem] = []
     shapes: list[shapely.Geometry] = []
@@ -426,9 +377,7 @@ def test_areas_are_those_of_the_plan(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("any_inclusion", [True, False])
 def test_the_boundary_is_that_of_all_its_limits(seed: int, any_inclusion: bool) -> None:
-    """Ceiling, circle around home, exclusions and inclusions together: which limit is passed, and by how
-    much. PX4 flies in any inclusion, ArduPilot in the common part of all.
-    """
+    """Which limit is passed, and by how much. PX4 flies in any inclusion, ArduPilot in the common part of all."""
     generator = random.Random(seed)
     ceiling_m, radius_m = generator.uniform(20.0, 80.0), generator.uniform(60.0, 120.0)
     autopilot = PX4 if any_inclusion else ARDUPILOT
@@ -484,9 +433,7 @@ def test_the_boundary_is_that_of_all_its_limits(seed: int, any_inclusion: bool) 
 @pytest.mark.parametrize("counts_home", [True, False])
 @pytest.mark.parametrize("seed", range(8))
 def test_a_return_goes_to_the_nearest_of_several_points(seed: int, counts_home: bool) -> None:
-    """From random places to the nearest rally point that is not too far away, or home where that counts and
-    is nearer.
-    """
+    """To the nearest rally point that is not too far away, or home where that counts and is nearer."""
     generator = random.Random(seed)
     limit_m = generator.uniform(30.0, 120.0)
     limits = {"RALLY_LIMIT_KM": limit_m / 1000.0, "RALLY_INCL_HOME": float(counts_home)}
@@ -518,21 +465,14 @@ def test_ardupilot_slows_down_before_every_edge(make: Make) -> None:
     controller = client.vehicle._controller  # type: ignore[attr-defined]
     frame: LocalFrame = controller._context.frame
     flight: FlightState = controller._context.flight
-    corners = [((-900, -900), (-900, 800), (100, 800), (100, -900)), ((-900, -900), (-900, 70), (900, 70))]
-    corners[1] = (*corners[1], (900, -900))
-    controller._plans.fence.put(
-        tuple(
-            MissionItem(INSIDE_POLYGON, 0, (4.0, 0.0, 0.0, 0.0), *frame.to_geodetic_e7(north, east), 0.0)
-            for area in corners
-            for north, east in area
-        )
-    )
+    to_the_north = ((-900, -900), (-900, 800), (100, 800), (100, -900))
+    to_the_east = ((-900, -900), (-900, 70), (900, 70), (900, -900))
+    corners = (*to_the_north, *to_the_east)
+    controller._plans.fence.put(tuple(row(INSIDE_POLYGON, place, 4.0, frame) for place in corners))
     generator = random.Random(1)
     for number in range(60):
-        flight.north_m, flight.east_m = (
-            100.0 - generator.uniform(0.1, 60.0),
-            70.0 - generator.uniform(0.1, 60.0),
-        )
+        flight.north_m = 100.0 - generator.uniform(0.1, 60.0)
+        flight.east_m = 70.0 - generator.uniform(0.1, 60.0)
         if number % 4 == 0:
             northern_edge = controller._boundary.nearest_edges((flight.north_m, flight.east_m))[0]
             flight.north_m, flight.east_m = northern_edge

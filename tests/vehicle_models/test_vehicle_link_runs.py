@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from contextlib import ExitStack
+from itertools import product
 
 import pytest
 from ports import free_port
@@ -19,20 +20,14 @@ from vehicle_models import open_x500
 
 
 def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
-    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the
-    way.
-    """
+    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each."""
     log: list[tuple[str, str, bytes]] = []
     with ExitStack() as stack:
         udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
-        links = [
-            LinkSpec("a", "udp_in", streams="gcs"),
-            LinkSpec("b", "udp_in"),
-            LinkSpec("c", "tcp_in", streams="none"),
-        ]
-        plan = VehiclePlan(
-            simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), tuple(links)
-        )
+        links = [LinkSpec("a", "udp_in", streams="gcs"), LinkSpec("b", "udp_in")]
+        links.append(LinkSpec("c", "tcp_in", streams="none"))
+        spec = simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}})
+        plan = VehiclePlan(spec, tuple(links))
         vehicle = stack.enter_context(open_x500(plan, lambda *entry: log.append(entry)))
         ports = {name: int(end.rsplit(":", 1)[1]) for name, end in vehicle.endpoints().items()}
         for sock, name in zip(udp, "ab", strict=True):
@@ -43,18 +38,14 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
         for step in range(1000):
             if step % 10 == 0:
                 for name, sock, mav in zip("abc", (*udp, tcp), speakers, strict=True):
-                    frames = [mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)]
-                    frames.append(
-                        mavlink.MAVLink_command_long_message(
-                            1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, step // 300, 0, 0, 0, 0, 0, 0
-                        )
-                    )
-                    frames.append(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
-                    frames.append(mavlink.MAVLink_ping_message(step, step, 0, 0))
-                    sock.send(
-                        b"".join(bytes(frame.pack(mav, force_mavlink1=name == "c")) for frame in frames)
-                    )
-                    counts[name] += len(frames)
+                    for frame in (
+                        mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3),
+                        mavlink.MAVLink_command_long_message(1, 1, 400, 0, step // 300, 0, 0, 0, 0, 0, 0),
+                        mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1),
+                        mavlink.MAVLink_ping_message(step, step, 0, 0),
+                    ):
+                        sock.send(bytes(frame.pack(mav, force_mavlink1=name == "c")))
+                        counts[name] += 1
                 deadline = time.monotonic() + 10.0
                 while dict(vehicle.receive()) != counts:
                     assert time.monotonic() < deadline
@@ -64,20 +55,14 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_several_links_give_the_same_log_twice(autopilot: str) -> None:
-    """Same script, same log: the messages of three clients, sent, received and forwarded, in the same
-    order.
-    """
+    """The messages of three clients, sent, received and forwarded, in the same order."""
     first = log_of_a_flight(autopilot)
-    assert {(link, way) for link, way, _ in first} == {
-        (link, way) for link in "abc" for way in ("to_agent", "from_agent")
-    }
+    assert {(link, way) for link, way, _ in first} == {*product("abc", ("to_agent", "from_agent"))}
     assert first == log_of_a_flight(autopilot)
 
 
 def test_ten_times_as_fast() -> None:
-    """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end
-    in its time.
-    """
+    """A real client sees the vehicle's clock run ten times its own, and idle arming end in its time."""
     port = free_port(socket.SOCK_DGRAM)
     stop = threading.Event()
     client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
@@ -103,9 +88,8 @@ def test_ten_times_as_fast() -> None:
         acknowledged = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=10)
         assert acknowledged.result == 0
         host_later, own_later = at(25000)
-        assert (
-            own_later - simulated <= 10.0 * (host_later - host) + 2.0
-        )  # never ahead; behind as the machine is loaded
+        # Never ahead; behind as the machine is loaded.
+        assert own_later - simulated <= 10.0 * (host_later - host) + 2.0
         beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=10)
         assert not beat.base_mode & 128
     finally:

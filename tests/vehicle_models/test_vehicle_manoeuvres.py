@@ -28,35 +28,28 @@ def speed(client: Client) -> float:
     return math.dist(client.vehicle.truth().velocity_enu_mps, (0, 0, 0))
 
 
+def reposition(client: Client, yaw: float, east: float, north: float, altitude: float) -> None:
+    goal = (*client.vehicle_goal(east, north), altitude)
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, yaw, *goal) == [ACCEPTED]
+
+
 def test_a_leg_to_the_north_turns_the_nose(px4: Client) -> None:
-    """A reposition without heading looks where it goes when that is far, and ends within 0.3 m; with one it
-    keeps that.
-    """
-    latitude, longitude = px4.vehicle_goal(50.0, 0.0)
-    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8.0, 1, 0, NAN, latitude, longitude, 498.0) == [
-        ACCEPTED
-    ]
+    """Without a heading it looks where it goes when that is far, and ends within 0.3 m; with one it keeps that."""
+    reposition(px4, NAN, 50.0, 0.0, 498.0)
     px4.fly(6.0)
     assert px4.vehicle.truth().yaw_rad == pytest.approx(math.pi / 2, abs=0.05)
     px4.fly(10.0)
     assert math.dist(px4.vehicle.truth().position_enu_m, (50.0, 0.0, 10.0)) < 0.3
-    latitude, longitude = px4.vehicle_goal(20.0, 0.0)
-    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8.0, 1, 0, 0.5, latitude, longitude, 498.0) == [
-        ACCEPTED
-    ]
+    reposition(px4, 0.5, 20.0, 0.0, 498.0)
     px4.fly(5.0)
     assert px4.vehicle.truth().yaw_rad == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("radius", [20.0, -10.0])
 def test_orbit(px4: Client, radius: float) -> None:
-    """DO_ORBIT: mode 3.1, base mode as auto, on the circle within 0.5 m at its speed and sense, nose inwards,
-    status streamed.
-    """
-    latitude, longitude = px4.vehicle_goal(5.0, 15.0)
-    assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, latitude, longitude, 500.0) == [
-        ACCEPTED
-    ]
+    """Mode 3.1, on the circle within 0.5 m at its speed and sense, nose inwards, status streamed."""
+    place = px4.vehicle_goal(5.0, 15.0)
+    assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, *place, 500.0) == [ACCEPTED]
     px4.fly(15.0)
     for _ in range(40):
         px4.fly(0.5)
@@ -67,12 +60,10 @@ def test_orbit(px4: Client, radius: float) -> None:
         turning = north * truth.velocity_enu_mps[0] - east * truth.velocity_enu_mps[1]
         assert math.copysign(1.0, turning) == math.copysign(1.0, radius)
         assert math.hypot(*truth.velocity_enu_mps[:2]) == pytest.approx(4.0, abs=0.3)
-        assert math.remainder(truth.yaw_rad - math.atan2(-east, -north), 2 * math.pi) == pytest.approx(
-            0.0, abs=0.2
-        )
+        assert abs(math.remainder(truth.yaw_rad - math.atan2(-east, -north), math.tau)) < 0.2
     beat, status = px4.last("HEARTBEAT"), px4.last("ORBIT_EXECUTION_STATUS")
     assert (beat.custom_mode, beat.base_mode) == (1 << 24 | 3 << 16, 157)
-    assert (status.radius, status.x, status.frame) == (pytest.approx(radius), latitude, 5)
+    assert (status.radius, status.x, status.frame) == (pytest.approx(radius), place[0], 5)
     assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
     px4.fly(6.0)
     assert speed(px4) < 0.1
@@ -83,9 +74,7 @@ def test_orbit_of_the_wrong_size(px4: Client) -> None:
     for radius in (0.5, 2000.0):
         assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, HERE, HERE, NAN) == [ACCEPTED]
     assert px4.vehicle.condition().mode == "AUTO_LOITER"
-    assert [text for text in px4.texts() if "Orbit radius limit exceeded" in text] == [
-        "Orbit radius limit exceeded\t"
-    ] * 2
+    assert px4.texts().count("Orbit radius limit exceeded\t") == 2
 
 
 def test_change_altitude_and_speed(px4: Client) -> None:
@@ -93,10 +82,7 @@ def test_change_altitude_and_speed(px4: Client) -> None:
     assert px4.command(mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, 503.0, 0) == [ACCEPTED]
     px4.fly(6.0)
     assert px4.vehicle.truth().position_enu_m == pytest.approx((0.0, 0.0, 15.0), abs=0.3)
-    latitude, longitude = px4.vehicle_goal(0.0, 200.0)
-    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, latitude, longitude, 503.0) == [
-        ACCEPTED
-    ]
+    reposition(px4, NAN, 0.0, 200.0, 503.0)
     px4.fly(6.0)
     assert speed(px4) == pytest.approx(5.0, abs=0.2)
     assert px4.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9.0, -1) == [ACCEPTED]
@@ -128,9 +114,7 @@ def test_px4_position_mode_by_joystick(make: Make) -> None:
     [(1, False, "POSCTL"), (0, False, "AUTO_RTL"), (1, True, "OFFBOARD"), (3, True, "POSCTL")],
 )
 def test_px4_sticks_take_over(make: Make, bits: int, follows: bool, mode: str) -> None:
-    """COM_RC_OVERRIDE: bit 0 the automatic modes, bit 1 offboard; sticks that lie still or tremble take
-    nothing over.
-    """
+    """COM_RC_OVERRIDE: bit 0 the automatic modes, bit 1 offboard; sticks that tremble take nothing over."""
     client = make(simspec(vehicle={"parameters": {"COM_RC_OVERRIDE": bits}}))
     client.airborne()
     if follows:
@@ -189,9 +173,7 @@ def test_px4_stick_modes_need_sticks(px4: Client) -> None:
 
 @pytest.mark.parametrize("mode", [2, 5, 16])
 def test_copter_descends_without_a_held_throttle(copter: Client, mode: int) -> None:
-    """ALT_HOLD, LOITER, POSHOLD: the radio's throttle lies at zero, so it lands, and disarms after
-    DISARM_DELAY.
-    """
+    """The radio's throttle lies at zero, so it lands, and disarms after DISARM_DELAY."""
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [ACCEPTED]
     copter.fly(3.0)
     assert copter.vehicle.truth().position_enu_m[2] < 6.5
@@ -204,9 +186,7 @@ def test_copter_descends_without_a_held_throttle(copter: Client, mode: int) -> N
 
 
 def test_copter_flies_by_overrides(copter: Client) -> None:
-    """RC_CHANNELS_OVERRIDE: mid throttle holds, pitch low is nose down; three seconds of silence give the
-    radio back.
-    """
+    """Mid throttle holds, pitch low is nose down; three seconds of silence give the radio back."""
     channels(copter, 1500, 1500, 1500, 1500)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == [ACCEPTED]
     copter.fly(3.0, lambda: channels(copter, 1500, 1250, 1500, 1500))
@@ -230,20 +210,15 @@ def test_copter_sticks_of_a_stranger(make: Make) -> None:
 
 
 def test_copter_brake_and_circle(copter: Client) -> None:
-    """BRAKE stops and stays; CIRCLE goes around a point 10 m ahead at 20 degrees a second while the throttle
-    is held.
-    """
+    """CIRCLE goes around a point 10 m ahead at 20 degrees a second while the throttle is held."""
     copter.setpoint(0, 0, 0, 0xDC7, vn=5.0)
     copter.fly(2.5)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
     copter.fly(6.0)
     assert speed(copter) < 0.1
     assert copter.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.5)
-    truth = copter.vehicle.truth()
-    centre = (
-        truth.position_enu_m[0] + 10 * math.sin(truth.yaw_rad),
-        truth.position_enu_m[1] + 10 * math.cos(truth.yaw_rad),
-    )
+    (east, north, _), yaw = copter.vehicle.truth().position_enu_m, copter.vehicle.truth().yaw_rad
+    centre = (east + 10 * math.sin(yaw), north + 10 * math.cos(yaw))
     channels(copter, 1500, 1500, 1500, 1500)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 7) == [ACCEPTED]
     copter.fly(20.0, lambda: channels(copter, 1500, 1500, 1500, 1500))
@@ -252,9 +227,7 @@ def test_copter_brake_and_circle(copter: Client) -> None:
 
 
 def test_copter_heading_commands(copter: Client) -> None:
-    """CONDITION_YAW absolute, relative and refused; a region of interest keeps the nose on it; NONE lets
-    go.
-    """
+    """Absolute, relative and refused; a region of interest keeps the nose on it; NONE lets go."""
     assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 90, 30, 1, 0) == [ACCEPTED]
     copter.fly(1.0)
     assert copter.vehicle.truth().yaw_rad < math.radians(45.0), "no faster than asked"
@@ -265,10 +238,9 @@ def test_copter_heading_commands(copter: Client) -> None:
     assert copter.vehicle.truth().yaw_rad == pytest.approx(math.pi / 4, abs=0.05)
     assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 400, 30, 1, 0) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 10, 30, 5, 0) == [ACCEPTED]
-    latitude, longitude = copter.vehicle_goal(-40.0, 0.0)
-    assert copter.command_int(
-        mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, latitude, longitude, 0.0
-    ) == [ACCEPTED]
+    place = copter.vehicle_goal(-40.0, 0.0)
+    roi = mavlink.MAV_CMD_DO_SET_ROI_LOCATION
+    assert copter.command_int(roi, 0, 0, 0, 0, 0, *place, 0.0) == [ACCEPTED]
     copter.fly(5.0)
     assert copter.vehicle.truth().yaw_rad == pytest.approx(-math.pi / 2, abs=0.05)
     assert copter.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [ACCEPTED]
@@ -312,22 +284,14 @@ def test_copter_return_keeps_its_heading_and_lands_at_home(copter: Client) -> No
 
 def lead(client: Client, north: float, east: float, capabilities: int = 1, vn: float = 0.0) -> None:
     """FOLLOW_TARGET, so far from home."""
-    latitude, longitude = client.vehicle_goal(east, north)
+    place = (0, 0) if capabilities == 2 else client.vehicle_goal(east, north)
     still = (0.0, 0.0, 0.0)
-    if capabilities == 2:
-        latitude = longitude = 0
-    message = mavlink.MAVLink_follow_target_message
-    client.send(
-        message(
-            0, capabilities, latitude, longitude, 488.0, (vn, 0.0, 0.0), still, (1, 0, 0, 0), still, still, 0
-        )
-    )
+    motion = ((vn, 0.0, 0.0), still, (1, 0, 0, 0), still, still)
+    client.send(mavlink.MAVLink_follow_target_message(0, capabilities, *place, 488.0, *motion, 0))
 
 
 def test_px4_follows_a_leader(px4: Client) -> None:
-    """Eight metres behind a leader that walks north at 2 m/s, eight above home, looking at it; when the
-    leader stops, it stops.
-    """
+    """Eight metres behind one that walks at 2 m/s, eight above home, looking at it; when it stops, it stops."""
     assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8) == [ACCEPTED, ACCEPTED]
     px4.fly(2.0, lambda: lead(px4, 0, 0, capabilities=2, vn=5.0))
     assert speed(px4) < 0.1, "a velocity alone leads nowhere"
@@ -343,9 +307,7 @@ def test_px4_follows_a_leader(px4: Client) -> None:
 
 
 def test_px4_sticks_adjust_how_it_follows(px4: Client) -> None:
-    """Up the height, forward the distance, right the angle, clockwise seen from above; less than half of a
-    stick nothing.
-    """
+    """Up the height, forward the distance, right the angle, clockwise; less than half a stick nothing."""
 
     def sticks(seconds: float, **moved: int) -> None:
         px4.fly(seconds, lambda: (lead(px4, 20.0, 0.0), joystick(px4, **moved)))

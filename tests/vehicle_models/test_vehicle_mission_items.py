@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle_missions import Row, bare, download, item, step, to, upload
+from test_vehicle_missions import (
+    Row,
+    bare,
+    counted,
+    download,
+    item,
+    ready_ardupilot,
+    start_ardupilot,
+    step,
+    to,
+    upload,
+)
 from vehicle_client import NAN, Client, Make, simspec
 
 from vehicle_models.controller.ardupilot._missions import MISSIONS as ARDUPILOT
@@ -77,15 +87,11 @@ def test_faults_have_the_verdict_of_the_first_check_that_finds_one() -> None:
     for _ in range(20_000):
         command = int(random.choice(commands))
         params = [float(value) for value in random.choice(odd, 4, p=[0.6, 0.2, 0.12, 0.02, 0.02, 0.02, 0.02])]
-        x = int(
-            random.choice(
-                [0, 473_000_000, 900_000_000, 900_000_001, -950_000_000], p=[0.5, 0.3, 0.1, 0.05, 0.05]
-            )
-        )
+        odd_x = [473_000_000, 900_000_000, 900_000_001, -950_000_000]
+        x = int(random.choice([0, *odd_x], p=[0.5, 0.3, 0.1, 0.05, 0.05]))
         y = int(random.choice([0, 1_800_000_000, 1_800_000_001, -2_000_000_000], p=[0.7, 0.1, 0.1, 0.1]))
-        z = float(
-            random.choice([0.0, 10.0, 82_999.0, 83_000.0, -1e9, math.nan], p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05])
-        )
+        odd_z = [10.0, 82_999.0, 83_000.0, -1e9, math.nan]
+        z = float(random.choice([0.0, *odd_z], p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05]))
         frame = int(random.choice([0, 1, 2, 3, 5, 6, 10, 11, 99]))
         expected = verdict_of(command, frame, params, x, y, z)
         seen.add(expected)
@@ -98,30 +104,16 @@ def test_the_table_says_of_every_item_that_is_taken_what_it_does() -> None:
     ardupilot = {int(number): cell for number, _, _, cell in rows}
     assert {number for number, cell in ardupilot.items() if cell != "refused"} == TAKEN
     assert {number for number, _, px4, _ in rows if px4 != "refused"} >= {"16", "2000", "4501"}
-    assert (ardupilot[218], ardupilot[211], ardupilot[600], ardupilot[82]) == (
-        "carried out",
-        "no effect",
-        "a mark",
-        "flown",
-    )
+    cells = [ardupilot[number] for number in (218, 211, 600, 82)]
+    assert cells == ["carried out", "no effect", "a mark", "flown"]
     assert effect_of(MAV_CMD.CONDITION_DELAY, PX4) == "no effect"
-
-
-def ready(make: Make, **vehicle: Any) -> Client:
-    client = make(simspec("ardupilot", vehicle=vehicle), system=255)
-    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    client.learn_home()
-    return client
 
 
 def fly_mission(client: Client, rows: Sequence[Row], seconds: float) -> list[str]:
     """Upload, take off, and fly for a while; the texts meanwhile."""
     assert upload(client, [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), *rows]) == 0
     begun = len(client.texts())
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
-    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
-    assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
+    start_ardupilot(client)
     client.fly(seconds)
     return client.texts()[begun:]
 
@@ -130,7 +122,7 @@ def test_items_without_an_effect_are_passed_over(make: Make) -> None:
     """All of them in one mission, which is flown to its end; a copter says which it does not know."""
     idle = [number for number in sorted(TAKEN) if effect_of(number, ARDUPILOT) == "no effect"]
     assert len(idle) > 25
-    client = ready(make)
+    client = ready_ardupilot(make)
     rows: list[Row] = [(number, 3, 0, 0, 0, 0, 0, 0, 10) for number in idle]
     texts = fly_mission(client, [*rows, to(client, 0, 15, 10, yaw=0.0), bare(20)], 60.0)
     assert not client.vehicle.condition().armed
@@ -142,68 +134,50 @@ def test_items_without_an_effect_are_passed_over(make: Make) -> None:
 
 def test_an_auxiliary_function_leaves_the_mission_which_goes_on_when_asked(make: Make) -> None:
     """Function 70 enters ALT_HOLD; AUTO again flies the delay behind it, and returns."""
-    client = ready(make)
-    rows = [bare(218, 70, 2), bare(93, 5), bare(20)]
-    assert upload(client, [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), *rows]) == 0
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
-    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
-    client.command(mavlink.MAV_CMD_MISSION_START)
+    client = ready_ardupilot(make)
+    fly_mission(client, [bare(218, 70, 2), bare(93, 5), bare(20)], 0.1)
     while client.vehicle.condition().mode == "AUTO":
         client.fly(0.1)
     assert client.vehicle.condition().mode == "ALT_HOLD"
     assert client.texts()[-1] == "Mission: 2 AuxFunction"
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) == [0]
     client.fly(45.0)
-    assert [text for text in client.texts() if text.startswith("Mission: ")] == [
-        "Mission: 1 Takeoff",
-        "Mission: 2 AuxFunction",
-        "Mission: 3 Delay",
-        "Mission: 4 RTL",
-    ]
+    begun = [text.partition(": ")[2] for text in client.texts() if text.startswith("Mission: ")]
+    assert begun == ["1 Takeoff", "2 AuxFunction", "3 Delay", "4 RTL"]
     assert client.texts()[-1] == "Disarming motors"
 
 
 def test_a_low_switch_or_an_unknown_function_changes_nothing(make: Make) -> None:
-    client = ready(make)
+    client = ready_ardupilot(make)
     texts = fly_mission(client, [bare(218, 70, 0), bare(218, 999, 2), bare(93, 300)], 15.0)
     assert client.vehicle.condition().mode == "AUTO"
     assert "Invalid channel option (999)" in texts
 
 
 def test_jumps_to_tags_repeat_as_often_as_they_ask(make: Make) -> None:
-    client = ready(make)
-    rows = [
-        bare(600, 7),
-        to(client, 0, 8, 10, yaw=0.0),
-        to(client, 0, 0, 10, yaw=0.0),
-        bare(601, 7, 2),
-        bare(601, 99, 2),  # no such tag
-        bare(20),
-    ]
-    texts = fly_mission(client, rows, 90.0)
-    assert [text for text in texts if text.startswith("Reached")] == [
-        "Reached command #3",
-        "Reached command #4",
-    ] * 3
+    client = ready_ardupilot(make)
+    places = [to(client, 0, north, 10, yaw=0.0) for north in (8, 0)]
+    no_such_tag = bare(601, 99, 2)
+    texts = fly_mission(client, [bare(600, 7), *places, bare(601, 7, 2), no_such_tag, bare(20)], 90.0)
+    reached = [text for text in texts if text.startswith("Reached")]
+    assert reached == ["Reached command #3", "Reached command #4"] * 3
     assert texts[-1] == "Disarming motors"
 
 
 def test_a_distance_keeps_back_what_is_behind_it(make: Make) -> None:
     """The speed changes where 10 m are left of 60."""
-    client = ready(make)
+    client = ready_ardupilot(make)
     rows = [bare(114, 10), bare(178, 1, 1.0), to(client, 0, 60, 10, yaw=0.0), bare(93, 300)]
     fly_mission(client, rows, 5.0)
-    for _ in range(400):
+    while "Mission: 3 ChangeSpeed" not in client.texts():
         client.fly(0.1)
-        if "Mission: 3 ChangeSpeed" in client.texts():
-            break
+        assert client.vehicle.time.s < 60.0
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(50.0, abs=1.0)
 
 
 def test_a_mission_sets_home_and_works_the_fence(make: Make) -> None:
     """The return goes to the home that the mission set; the fence is off, then on."""
-    client = ready(make, parameters={"FENCE_ENABLE": 1, "FENCE_RADIUS": 30, "FENCE_TYPE": 2})
+    client = ready_ardupilot(make, parameters={"FENCE_ENABLE": 1, "FENCE_RADIUS": 30, "FENCE_TYPE": 2})
     place = client.vehicle_goal(0.0, 20.0)
     rows = [
         bare(207, 0),
@@ -225,7 +199,7 @@ def test_a_mission_sets_home_and_works_the_fence(make: Make) -> None:
 
 def test_a_place_without_a_frame_is_above_the_sea_and_no_other_item_has_one(make: Make) -> None:
     """MAV_FRAME_MISSION; items without a place come back with frame 0 whatever they had."""
-    client = ready(make)
+    client = ready_ardupilot(make)
     goal = client.vehicle_goal(0.0, 15.0)
     rows = [(16, 2, 0, 0, 0, 0, *goal, 500.0), (178, 3, 1, 3, 0, 0, 0, 0, 0), bare(93, 300)]
     fly_mission(client, rows, 25.0)
@@ -256,7 +230,7 @@ def test_the_store_keeps_what_ap_mission_has_room_for(
     make: Make, command: int, sent: tuple[float, ...], kept: tuple[float, ...]
 ) -> None:
     """By AP_Mission of ArduPilot 4.6: what comes back of an item, and its place where it has one."""
-    client = ready(make)
+    client = ready_ardupilot(make)
     place = client.vehicle_goal(3.0, 4.0)
     rows: list[Row] = [(16, 0, 0, 0, 0, 0, 0, 0, 0), (command, 3, *sent, *place, 10)]
     assert upload(client, rows) == ACCEPTED
@@ -268,32 +242,26 @@ def test_the_store_keeps_what_ap_mission_has_room_for(
 
 def test_numbers_that_are_no_place_are_no_degrees_in_a_float_item(make: Make) -> None:
     """MISSION_ITEM: flags of a gimbal stay flags; degrees beyond the earth are refused in every other item."""
-    client = ready(make)
-
-    def send(seq: int, command: int, x: float, y: float = 0.0) -> None:
-        message = mavlink.MAVLink_mission_item_message
-        client.send(message(1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, x, y, 0, 0))
-
-    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    step(client)
-    client.send(item(0, to(client, 0, 0, 0, yaw=0.0)))
-    step(client)
-    send(1, 1000, 16.0)
-    assert step(client)[-1].type == ACCEPTED
-    assert download(client)[1].x == 16
-    for x, y, verdict in ((95.0, 0.0, X), (NAN, 0.0, X), (0.0, 200.0, Y), (90.0, -180.0, ACCEPTED)):
-        client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    client = ready_ardupilot(make)
+    for command, x, y, verdict in (
+        (178, 95.0, 0.0, X),
+        (178, NAN, 0.0, X),
+        (178, 0.0, 200.0, Y),
+        (178, 90.0, -180.0, ACCEPTED),
+        (1000, 16.0, 0.0, ACCEPTED),
+    ):
+        client.send(counted(2))
         step(client)
         client.send(item(0, to(client, 0, 0, 0, yaw=0.0)))
         step(client)
-        send(1, 178, x, y)
+        message = mavlink.MAVLink_mission_item_message
+        client.send(message(1, 1, 1, 3, command, 0, 1, 0, 0, 0, 0, x, y, 0, 0))
         assert step(client)[-1].type == verdict
+    assert download(client)[1].x == 16
 
 
 def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
-    """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a
-    mission.
-    """
+    """MISSION_ITEM with current 2, DroneKit's way to go somewhere: flown, and no part of a mission."""
     client = make(simspec("ardupilot"))
     client.guided(20.0, risen_s=20.0)
     client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)

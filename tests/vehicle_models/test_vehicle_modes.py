@@ -9,25 +9,15 @@ from vehicle_client import Make, of, simspec
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
 # main, sub, base_mode disarmed, system_status disarmed; None: refused
-PX4_ON_THE_GROUND = [
-    (1, 0, 81, 0),
-    (2, 0, 81, 0),
-    (3, 0, 81, 0),
+PX4_ON_THE_GROUND: list[tuple[int, int, int | None, int]] = [
+    *[(main, 0, 81, 0) for main in (1, 2, 3, 7, 11)],
     (3, 2, 81, 0),
-    (4, 1, None, None),
-    (4, 2, 29, 3),
-    (4, 3, 29, 3),
-    (4, 4, 29, 0),
-    (4, 5, 29, 0),
-    (4, 6, 29, 0),
-    (4, 8, 17, 0),
-    (4, 9, 29, 0),
-    (4, 10, None, None),
-    (4, 11, 17, 0),
+    *[(4, sub, 29, 3) for sub in (2, 3)],
+    *[(4, sub, 29, 0) for sub in (4, 5, 6, 9)],
+    *[(4, sub, 17, 0) for sub in (8, 11)],
+    *[(4, sub, None, 0) for sub in (1, 10)],
     (5, 0, 65, 0),
     (6, 0, 1, 0),
-    (7, 0, 81, 0),
-    (11, 0, 81, 0),
 ]
 
 
@@ -39,21 +29,14 @@ def test_px4_on_the_ground(make: Make) -> None:
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
         client.fly(1.0)
         granted = base is not None
-        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [
-            ACCEPTED,
-            ACCEPTED if granted else REJECTED,
-        ], (
-            main,
-            sub,
-        )
+        verdict = ACCEPTED if granted else REJECTED
+        answers = client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub)
+        assert answers == [ACCEPTED, verdict], (main, sub)
         client.fly(1.0)
         beat = client.last("HEARTBEAT")
         number = sub << 24 | main << 16 if granted else 3 << 24 | 4 << 16
-        assert (beat.custom_mode, beat.base_mode, beat.system_status) == (
-            number,
-            base if granted else 29,
-            status if granted else 3,
-        )
+        shown = (base, status) if granted else (29, 3)
+        assert (beat.custom_mode, beat.base_mode, beat.system_status) == (number, *shown)
     assert "Unsupported auto mode\t" in client.texts()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3, 1) == [ACCEPTED, ACCEPTED]
     client.fly(1.0)
@@ -64,40 +47,20 @@ def test_px4_in_the_air(make: Make) -> None:
     """What cannot run is refused by the second acknowledgement and a text, and the mode stays."""
     client = make(streams="gcs")
     client.airborne()
-    refused = [
-        (1, 0),
-        (2, 0),
-        (3, 0),
-        (3, 1),
-        (3, 2),
-        (4, 4),
-        (4, 10),
-        (4, 11),
-        (5, 0),
-        (6, 0),
-        (7, 0),
-        (11, 0),
-    ]
-    for main, sub in refused:
+    refused = [(main, 0) for main in (1, 2, 3, 5, 6, 7, 11)]
+    for main, sub in (*refused, (3, 1), (3, 2), (4, 4), (4, 10), (4, 11)):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, REJECTED], (main, sub)
         assert client.vehicle.condition().mode == "AUTO_LOITER"
     assert "Switching to Offboard is currently not available" in "".join(client.texts())
-    for sub, name, base in (
-        (8, "AUTO_FOLLOW", 145),
-        (5, "AUTO_RTL", 157),
-        (2, "AUTO_TAKEOFF", 157),
-        (6, "AUTO_LAND", 157),
-    ):
+    for sub, name in ((8, "AUTO_FOLLOW"), (5, "AUTO_RTL"), (2, "AUTO_TAKEOFF"), (6, "AUTO_LAND")):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, sub) == [ACCEPTED, ACCEPTED]
         assert client.vehicle.condition().mode == name
         client.fly(1.0)
-        assert client.last("HEARTBEAT").base_mode == base
+        assert client.last("HEARTBEAT").base_mode == (145 if name == "AUTO_FOLLOW" else 157)
 
 
 def test_px4_terminates(make: Make) -> None:
-    """Command 185: denied with 0; with 1 the rotors stop, it falls, and it stays armed with system_status
-    8.
-    """
+    """Denied with 0; with 1 the rotors stop, it falls, and stays armed with system_status 8."""
     client = make(streams="gcs")
     client.airborne()
     assert client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [DENIED]
@@ -121,9 +84,7 @@ def test_px4_old_message(make: Make) -> None:
 
 
 def test_copter_on_the_ground(make: Make) -> None:
-    """Every mode that exists is granted, with the GUIDED bit where it steers; the others fail with their
-    texts.
-    """
+    """Every mode that exists, with the GUIDED bit where it steers; the others fail with their texts."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     steers = (3, 4, 5, 7, 9, 16, 17, 19, 20, 21, 24)
@@ -140,11 +101,8 @@ def test_copter_on_the_ground(make: Make) -> None:
     for number in (8, 10, 12, 13, 26, 29, 30, 99):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [FAILED], number
         assert f"No such mode {number}" in client.texts()
-    assert {
-        "Set FOLL_ENABLE = 1",
-        "No axis selected, SID_AXIS = 0",
-        "No return path or landing sequence found",
-    } <= set(client.texts())
+    needs = {"Set FOLL_ENABLE = 1", "No axis selected, SID_AXIS = 0"}
+    assert needs | {"No return path or landing sequence found"} <= set(client.texts())
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]
     assert client.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, 1) == [UNSUPPORTED]
 

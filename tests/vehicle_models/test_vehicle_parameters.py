@@ -1,17 +1,24 @@
-"""Parameters as a client sees them: tables, encodings, hash, lists, pushes."""
+"""Parameters as a client sees them: tables, encodings, hash, lists, pushes; and the file that keeps them."""
 
 from __future__ import annotations
 
 import re
+import socket
 import struct
 import zlib
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from ports import free_port
 from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
+from bench.contracts import LinkSpec
+from bench.errors import SetupError
+from bench.simulation import StandalonePlan, run_standalone
+from bench.simulation._parameter_file import ParameterFile
 from vehicle_models import tables
 from vehicle_models.controller import AUTOPILOTS
 from vehicle_models.controller.state._parameter_store import INT8, INT16, INT32, REAL32
@@ -33,9 +40,7 @@ def bits(number: int) -> float:
 
 
 def test_px4_list_begins_with_a_hash_that_a_client_can_compute(make: Make) -> None:
-    """_HASH_CHECK first, then every index in order of names; the hash is the CRC over names and values
-    received.
-    """
+    """_HASH_CHECK, then every index in order of names; the hash is the CRC over names and values received."""
     client = make()
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     first, *rest = values(client.fly(1.5))
@@ -87,12 +92,8 @@ def test_ardupilot_pushes_and_clamps(make: Make) -> None:
     client.fly(0.02)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     pushed = values(client.fly(61.0))
-    assert [(value.param_id, value.param_index) for value in pushed] == [
-        ("BARO1_GND_PRESS", 65535),
-        ("BARO2_GND_PRESS", 65535),
-        ("STAT_RUNTIME", 65535),
-        ("STAT_RUNTIME", 65535),
-    ]
+    names = ["BARO1_GND_PRESS", "BARO2_GND_PRESS", "STAT_RUNTIME", "STAT_RUNTIME"]
+    assert [(value.param_id, value.param_index) for value in pushed] == [(name, 65535) for name in names]
     assert [value.param_value for value in pushed[2:]] == [30.0, 60.0]
     (answer,) = values(put(client, "fltmode1", 300.0))
     assert (answer.param_id, answer.param_value, answer.param_index) == ("fltmode1", 127.0, 65535)
@@ -125,13 +126,8 @@ def test_defaults_that_decide_what_an_autopilot_does() -> None:
         {parameter.name: parameter.default for parameter in AUTOPILOTS[name].parameters.definitions}
         for name in ("px4", "ardupilot")
     )
-    assert {
-        "COM_LOW_BAT_ACT": 3,
-        "NAV_ACC_RAD": 2,
-        "RTL_DESCEND_ALT": 10,
-        "SYS_FAILURE_EN": 1,
-    }.items() <= px4.items()
-    assert {"MAV_SYS_ID": 1, "MIS_TAKEOFF_ALT": 2.5, "NAV_DLL_ACT": 0}.items() <= px4.items()
+    shown = {"COM_LOW_BAT_ACT": 3, "NAV_ACC_RAD": 2, "RTL_DESCEND_ALT": 10, "SYS_FAILURE_EN": 1}
+    assert (shown | {"MAV_SYS_ID": 1, "MIS_TAKEOFF_ALT": 2.5, "NAV_DLL_ACT": 0}).items() <= px4.items()
     assert {"FENCE_RADIUS": 150, "FS_GCS_ENABLE": 0, "RTL_ALT": 1500}.items() <= ardupilot.items()
     assert [ardupilot[f"SERVO{number}_FUNCTION"] for number in (1, 2, 3, 4, 5)] == [33, 34, 35, 36, 0]
 
@@ -148,3 +144,46 @@ def test_every_parameter_that_the_code_names_exists(autopilot: str) -> None:
     messages = {kind.msgname for kind in mavlink.mavlink_map.values()}
     assert len(named) > 10
     assert named - modes - messages <= definitions
+
+
+def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
+    """Fly shortly while a client sends something; returns what it received."""
+    port = free_port(socket.SOCK_DGRAM)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.bind(("127.0.0.1", 0))
+        client.connect(("127.0.0.1", port))
+        link = LinkSpec("onboard", "udp_in", port=port, streams="none")
+        client.setblocking(False)
+
+        def say(line: str) -> None:
+            for message in messages:
+                client.send(message)
+
+        plan = StandalonePlan("px4", [link], speed=100.0, duration_s=2.5, parameter_file=file)
+        run_standalone(plan, say)
+        datagrams = []
+        with suppress(BlockingIOError):
+            while True:
+                datagrams.append(client.recv(65535))
+        return datagrams
+
+
+def test_set_parameters_survive_a_restart(tmp_path: Path) -> None:
+    """A client's PARAM_SET is in the file after the flight, alone; the next flight begins with it."""
+    file = tmp_path / "parameters.json"
+    mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    fly_and_set(file, bytes(mavlink.MAVLink_param_set_message(1, 1, b"MIS_TAKEOFF_ALT", 7.5, 9).pack(mav)))
+    assert ParameterFile(file).load() == {"MIS_TAKEOFF_ALT": 7.5}
+    request = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1).pack(mav))
+    said = mavlink.MAVLink(None).parse_buffer(b"".join(fly_and_set(file, request)))
+    assert [message.param_value for message in values(said)] == [7.5]
+
+
+@pytest.mark.parametrize("text", ["no json", "[1, 2]", '{"MIS_TAKEOFF_ALT": "high"}', '{"NO_SUCH": 1}'])
+def test_a_bad_file_is_refused(tmp_path: Path, text: str) -> None:
+    """Before anything flies, and the file stays as it was."""
+    file = tmp_path / "parameters.json"
+    file.write_text(text)
+    with pytest.raises(SetupError):
+        run_standalone(StandalonePlan(duration_s=0.1, parameter_file=file))
+    assert file.read_text() == text

@@ -106,9 +106,7 @@ def test_no_shell_on_ardupilot(make: Make) -> None:
 def test_streams_of_devices_that_are_not_there_are_accepted_and_silent(
     make: Make, autopilot: str, unknown: int, requested: int
 ) -> None:
-    """An interval is kept and shown; nothing is sent. ArduPilot promises the message on request too. A stream that
-    the real one lacks is refused.
-    """
+    """An interval is kept and shown; nothing is sent. ArduPilot promises the message on request too."""
     client = make(simspec(autopilot))
     interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
     for name in ("EFI_STATUS", "GPS2_RAW"):

@@ -1,6 +1,4 @@
-"""ArduCopter's texts in flight and on the ground, terrain, wind and motor tests; and PX4's simulated
-battery.
-"""
+"""ArduCopter's texts, terrain, wind and motor tests; and PX4's simulated battery."""
 
 from __future__ import annotations
 
@@ -15,6 +13,7 @@ from vehicle_models import TangentPlane
 from vehicle_models.controller.links._dialect import dialect as mavlink
 
 MOTOR_TEST = mavlink.MAV_CMD_DO_MOTOR_TEST
+TESTED = ["starting motor test", "finished motor test"]
 
 
 @pytest.fixture
@@ -31,15 +30,8 @@ def outputs(client: Client) -> list[int]:
     return [m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw]
 
 
-def put(client: Client, name: str, value: float) -> None:
-    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-    client.fly(0.02)
-
-
 def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
-    """Yaw alignment of both filters 2.5 m up, about 5 s after the takeoff; the speed of touching down; each
-    flight again.
-    """
+    """Yaw alignment of both filters 2.5 m up; the speed of touching down; each flight again."""
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     for _ in range(2):
         copter.received.clear()
@@ -48,9 +40,8 @@ def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
         copter.fly(3.5)
         assert copter.texts() == ["Arming motors"]
         copter.fly(4.5)
-        assert copter.texts()[1:] == [
-            f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete" for unit in (0, 1)
-        ]
+        aligned = [f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete" for unit in (0, 1)]
+        assert copter.texts()[1:] == aligned
         copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
         copter.fly(25.0)
         *_, hit, end = copter.texts()
@@ -62,16 +53,13 @@ def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
 
 
 def test_copter_streams_terrain_and_wind(copter: Client) -> None:
-    """In group 12: requests for the grid of the place at 0.5 Hz at most, reports that know nothing, wind with
-    the receiver, after a start.
-    """
+    """After a start: requests for the grid of the place, reports that know nothing, wind with the receiver."""
     copter.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
     copter.fly(0.02)
     copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
     copter.fly(19.0)
-    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {
-        message.get_type() for message in copter.received
-    }
+    early = {message.get_type() for message in copter.received}
+    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & early
     copter.fly(23.0)
     counts = Counter(message.get_type() for message in copter.fly(20.0))
     assert (counts["TERRAIN_REQUEST"], counts["TERRAIN_REPORT"], counts["WIND"]) == (10, 80, 80)
@@ -84,17 +72,16 @@ def test_copter_streams_terrain_and_wind(copter: Client) -> None:
     east, north = corner.east_north_m(*(math.radians(angle * 1e-7) for angle in (report.lat, report.lon)))
     assert 0.0 <= north < 2430.0
     assert 0.0 <= east < 2840.0
-    put(copter, "TERRAIN_SPACING", 30)
+    copter.put(TERRAIN_SPACING=30)
     copter.fly(2.0)
     assert copter.last("TERRAIN_REQUEST").grid_spacing == 30
-    put(copter, "TERRAIN_ENABLE", 0)
+    copter.put(TERRAIN_ENABLE=0)
+    copter.fly(0.02)
     assert "TERRAIN_REPORT" not in {message.get_type() for message in copter.fly(3.0)}
 
 
 def test_copter_turns_rotors_one_by_one(copter: Client) -> None:
-    """Two rotors at 30 % for a second each, a pause between; armed to look at; the vehicle stays where it
-    stands.
-    """
+    """Two rotors for a second each, a pause between; it looks armed and stays where it stands."""
     copter.fly(30.0)
     before = copter.vehicle.truth().position_enu_m
     assert copter.command(MOTOR_TEST, 1, 0, 30, 1.0, 2) == [0]
@@ -106,20 +93,13 @@ def test_copter_turns_rotors_one_by_one(copter: Client) -> None:
     copter.fly(0.9)
     assert max(outputs(copter)) < 1010
     copter.fly(0.5)
-    assert outputs(copter) == [
-        1000,
-        1000,
-        1000,
-        pytest.approx(1300, abs=15),
-    ]  # clockwise: the rear right is number 4
+    # Clockwise: the rear right is number 4.
+    assert outputs(copter) == [1000, 1000, 1000, pytest.approx(1300, abs=15)]
     copter.fly(2.0)
     assert max(outputs(copter)) < 1010
     copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     assert not copter.last("HEARTBEAT").base_mode & 128
-    assert [text for text in copter.texts() if "motor test" in text] == [
-        "starting motor test",
-        "finished motor test",
-    ]
+    assert [text for text in copter.texts() if "motor test" in text] == TESTED
     assert copter.vehicle.truth().position_enu_m == pytest.approx(before, abs=0.02)
 
 
@@ -131,10 +111,7 @@ def test_copter_ends_a_senseless_motor_test(copter: Client, nonsense: tuple[floa
     copter.fly(3.0)
     assert copter.command(MOTOR_TEST, *nonsense) == [0]
     assert max(outputs(copter)) == 1000
-    assert [text for text in copter.texts() if "motor test" in text] == [
-        "starting motor test",
-        "finished motor test",
-    ]
+    assert [text for text in copter.texts() if "motor test" in text] == TESTED
 
 
 def test_a_motor_test_ends_when_the_vehicle_is_armed(copter: Client) -> None:
@@ -159,11 +136,7 @@ def test_a_motor_test_is_no_time_for_a_restart(copter: Client) -> None:
     assert outputs(copter) == [1000, 1000, 1000, pytest.approx(1200, abs=15)]
     assert copter.command(MOTOR_TEST, 3, 0, 20, 500) == [0]
     copter.fly(1.0)
-    assert outputs(copter) == [
-        pytest.approx(1000, abs=5),
-        pytest.approx(1200, abs=15),
-        *[pytest.approx(1000, abs=5)] * 2,
-    ]
+    assert outputs(copter) == pytest.approx([1000, 1200, 1000, 1000], abs=15)
 
 
 def test_an_empty_battery_turns_no_rotor(make: Make) -> None:
@@ -183,9 +156,7 @@ def battery_percent(client: Client) -> float:
 
 
 def test_px4_simulates_a_battery_by_its_parameters(make: Make) -> None:
-    """SIM_BAT_DRAIN by the clock while armed, down to SIM_BAT_MIN_PCT, full when disarmed; the true charge is
-    another.
-    """
+    """By the clock while armed, down to SIM_BAT_MIN_PCT, full when disarmed; the true charge is another."""
     client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 30.0}}))
     client.fly(5.0)
     assert battery_percent(client) == 100
@@ -205,11 +176,8 @@ def test_px4_simulates_a_battery_by_its_parameters(make: Make) -> None:
 
 def test_px4_simulated_battery_triggers_its_failsafe_again_after_charging(make: Make) -> None:
     """A charge that falls below 15 % is reported once in each flight."""
-    client = make(
-        simspec(
-            vehicle={"parameters": {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_MIN_PCT": 12.0, "COM_DISARM_PRFLT": 0.0}}
-        )
-    )
+    parameters = {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_MIN_PCT": 12.0, "COM_DISARM_PRFLT": 0.0}
+    client = make(simspec(vehicle={"parameters": parameters}))
     client.fly(5.0)
     for times in (1, 2):
         assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
@@ -219,9 +187,8 @@ def test_px4_simulated_battery_triggers_its_failsafe_again_after_charging(make: 
         client.fly(0.1)
 
 
-@pytest.mark.parametrize("parameters", [{}, {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_ENABLE": 0.0}])
-def test_px4_reports_the_true_battery_by_default(make: Make, parameters: dict[str, float]) -> None:
-    client = make(simspec(vehicle={"parameters": parameters}))
+def test_px4_reports_the_true_battery_where_none_is_simulated(make: Make) -> None:
+    client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_ENABLE": 0.0}}))
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     client.fly(6.0)

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
+from test_vehicle_missions import upload
 from vehicle_client import NAN, Client, Make, mavlink, of, simspec
 
 from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan
@@ -33,38 +34,14 @@ def put(client: Client, autopilot: str, name: str, value: int) -> None:
     assert "PARAM_VALUE" in names(client.fly(0.1))
 
 
+def ordered(number: int, param1: float, system: int = 1) -> Any:
+    return mavlink.MAVLink_command_long_message(system, 1, number, 0, param1, 0, 0, 0, 0, 0, 0)
+
+
 def requested_message(client: Client, number: int, system: int = 1) -> Any:
     """The message of that number, requested."""
-    client.send(
-        mavlink.MAVLink_command_long_message(
-            system, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, number, 0, 0, 0, 0, 0, 0
-        )
-    )
+    client.send(ordered(mavlink.MAV_CMD_REQUEST_MESSAGE, number, system))
     return next(message for message in client.fly(0.1) if message.get_msgId() == number)
-
-
-def upload(client: Client, count: int) -> None:
-    """A mission of waypoints around home."""
-    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.received) else None) or (
-        473977500,
-        85456500,
-    )
-    client.send(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
-    for _ in range(count):
-        wanted = next(
-            message
-            for message in client.fly(0.1)
-            if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT")
-        )
-        item = mavlink.MAVLink_mission_item_int_message
-        client.send(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
-    assert next(message for message in of("MISSION_ACK", client.fly(0.1))).type == 0
-
-
-def items_of(client: Client, system: int) -> int:
-    client.send(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
-    count: int = next(message for message in of("MISSION_COUNT", client.fly(0.1))).count
-    return count
 
 
 @AUTOPILOTS
@@ -76,7 +53,7 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     ready_s = 5.0 if autopilot == "px4" else 43.0
     client = make(simspec(autopilot))
     client.fly(5.0)
-    upload(client, 3)
+    assert upload(client, [(16, 6, 0, 0, 0, NAN, 473977500, 85456500, 20.0)] * 3) == 0
     put(client, autopilot, ID[autopilot], 7)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5)  # RTL, GUIDED
     mode = client.vehicle.condition().mode
@@ -95,16 +72,14 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     assert clock.time_boot_ms == pytest.approx((client.vehicle.time.s - restarted_s) * 1e3, abs=150)
     assert clock.time_unix_usec == pytest.approx(utc_us + 2.1e6, abs=3e5)
     assert not requested_message(client, 1, system=7).onboard_control_sensors_health & READY
-    assert items_of(client, 7) == 3
+    client.send(mavlink.MAVLink_mission_request_list_message(7, 1, 0))
+    client.fly(0.1)
+    assert client.last("MISSION_COUNT").count == 3
 
     messages = client.fly(ready_s)
     assert requested_message(client, 1, system=7).onboard_control_sensors_health & READY
     assert "HOME_POSITION" in names(messages)
-    client.send(
-        mavlink.MAVLink_command_long_message(
-            7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
-        )
-    )
+    client.send(ordered(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, system=7))
     client.fly(0.1)
     assert client.vehicle.condition().armed
 
@@ -171,20 +146,14 @@ def all_of(client: socket.socket) -> bytes:
     return data
 
 
-REBOOT_FRAME = mavlink.MAVLink_command_long_message(1, 1, REBOOT, 0, 1, 0, 0, 0, 0, 0, 0)
-
-
 def test_the_key_and_the_counts_stay() -> None:
     """What was rejected before is rejected after it, a repeated order to restart too, and counted on."""
     with listened(simspec(), LinkSpec("air", "udp_in", signing_key="11" * 32)) as (vehicle, client):
         mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-        plain = bytes(REBOOT_FRAME.pack(mav))
-        mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = (
-            bytes([0x11] * 32),
-            True,
-            10**14,
-        )
-        order = bytes(REBOOT_FRAME.pack(mav))
+        plain = bytes(ordered(REBOOT, 1).pack(mav))
+        mav.signing.secret_key, mav.signing.sign_outgoing = bytes([0x11] * 32), True
+        mav.signing.timestamp = 10**14
+        order = bytes(ordered(REBOOT, 1).pack(mav))
         steps(vehicle, 100)
         client.send(plain)
         client.send(order)
@@ -206,16 +175,10 @@ def test_the_fixed_wing_begins_anew() -> None:
         mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         mav.robust_parsing = True
         steps(vehicle, 300)
-        client.send(bytes(REBOOT_FRAME.pack(mav)))
+        client.send(bytes(ordered(REBOOT, 1).pack(mav)))
         steps(vehicle, 50)
         client.recv(1 << 16)
-        client.send(
-            bytes(
-                mavlink.MAVLink_command_long_message(
-                    1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 2, 0, 0, 0, 0, 0, 0
-                ).pack(mav)
-            )
-        )
+        client.send(bytes(ordered(mavlink.MAV_CMD_REQUEST_MESSAGE, 2).pack(mav)))
         steps(vehicle, 1)
         messages = mav.parse_buffer(client.recv(1 << 16)) or []
         (clock,) = of("SYSTEM_TIME", messages)
@@ -226,9 +189,8 @@ def test_a_restart_makes_the_log_no_other(make: Make) -> None:
     """Twice the same flight with a restart in it, the same bytes."""
 
     def log() -> bytes:
-        client = make(
-            simspec(environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), streams="onboard"
-        )
+        wind = {"speed_mps": 4.0, "turbulence_mps": 4.0}
+        client = make(simspec(environment={"wind": wind}), streams="onboard")
         client.fly(2.0)
         assert client.command(REBOOT, 1) == [ACCEPTED]
         client.airborne()

@@ -55,9 +55,7 @@ def test_px4_returns_lands_and_refuses_in_these_words(make: Make) -> None:
 
 
 def test_px4_reports_a_lost_joystick_and_a_flat_battery_in_these_words(make: Make) -> None:
-    """Hold, then the return, of which the navigator alone says more. COM_LOW_BAT_ACT 3: a warning, Hold, an emergency,
-    the landing.
-    """
+    """COM_LOW_BAT_ACT 3: a warning, Hold, an emergency, the landing."""
     client = px4(make)
     client.airborne(3.0)
 

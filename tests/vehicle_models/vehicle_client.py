@@ -1,6 +1,4 @@
-"""A MAVLink client in lockstep with one vehicle: it sends, lets time pass, and keeps every received
-message.
-"""
+"""A MAVLink client in lockstep with one vehicle: it sends, lets time pass, and keeps what it receives."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ import pytest
 
 from bench.contracts import LinkSpec, MavlinkTap, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
-from vehicle_models import open_x500
+from vehicle_models import TangentPlane, open_x500
 from vehicle_models.controller.links._dialect import dialect
 
 NAN = math.nan
@@ -76,6 +74,17 @@ class Client:
         self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
         return [answer.result for answer in of("COMMAND_ACK", self.fly(0.02)) if answer.command == number]
 
+    def reposition(
+        self, east_m: float, north_m: float, altitude_m: float, frame: int = 0, speed_mps: float = -1.0
+    ) -> list[int]:
+        """DO_REPOSITION to a place so far from home, whose height is above the sea in frame 0, above home in frame 6."""
+        place = (*self.vehicle_goal(east_m, north_m), altitude_m)
+        return self.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, speed_mps, 1, 0, NAN, *place)
+
+    def beat(self) -> None:
+        """The heartbeat of a ground station."""
+        self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 0, 3))
+
     def put(self, **parameters: float) -> None:
         """Set parameters that are floats."""
         for name, value in parameters.items():
@@ -97,7 +106,7 @@ class Client:
                 each()
             if self.is_station and self.peer and self.vehicle.time.s >= self._beat_s + 1.0:
                 self._beat_s = self.vehicle.time.s
-                self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 0, 3))
+                self.beat()
             self.vehicle.receive()
             self.vehicle.step()
             self._listen()
@@ -115,8 +124,6 @@ class Client:
     def vehicle_goal(self, east_m: float, north_m: float) -> tuple[int, int]:
         """Latitude and longitude (1e-7 degree) so far from home."""
         home = self.last("HOME_POSITION")
-        from vehicle_models import TangentPlane
-
         return TangentPlane(home.latitude * 1e-7, home.longitude * 1e-7).geodetic_e7(east_m, north_m)
 
     def learn_home(self) -> None:
@@ -206,5 +213,4 @@ def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.guided()
-    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
     return client

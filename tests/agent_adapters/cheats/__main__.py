@@ -27,9 +27,7 @@ _SESSION = ("REBAR_VEHICLE", "REBAR_MAVLINK", "REBAR_ZENOH", "REBAR_TICK", "REBA
 
 def main() -> int:
     """0 when the session ended in order, 1 when the bench was lost, 2 outside a session."""
-    parser = argparse.ArgumentParser(
-        description="An agent that cheats, to show that it gains nothing.",
-    )
+    parser = argparse.ArgumentParser(description="An agent that cheats, to show that it gains nothing.")
     parser.add_argument("trick", choices=sorted(CHEATS))
     name: str = parser.parse_args().trick
     # The bench ends an agent by SIGTERM; what was gained is to be printed all the same.
@@ -66,10 +64,8 @@ def run(name: str, entry: Entry) -> None:
                 _play(cheat, name, entry)
         finally:
             # On a line of its own, whatever the trick has printed.
-            sys.stdout.write(
-                "\n" + json.dumps({"cheat": name, "attempts": cheat.attempts, "gains": cheat.gains}) + "\n"
-            )
-            sys.stdout.flush()
+            got = {"cheat": name, "attempts": cheat.attempts, "gains": cheat.gains}
+            print(f"\n{json.dumps(got)}", flush=True)
 
 
 def _play(cheat: Cheat, name: str, entry: Entry) -> None:

@@ -52,16 +52,10 @@ class Cheat:
         """Report each place (metres east and north) as a target, with the confidence of somebody who knows."""
         for east_m, north_m in places:
             self._reported += 1
-            document = {
-                "time_s": self.now_s,
-                "id": f"cheat-{self._reported}",
-                "class_label": "combatant",
-                "east_m": east_m,
-                "north_m": north_m,
-                "confidence": 1.0,
-                "mark": False,
-            }
-            self.publish("reports", document)
+            place = {"east_m": east_m, "north_m": north_m}
+            claim = {"class_label": "combatant", "confidence": 1.0, "mark": False}
+            name = {"time_s": self.now_s, "id": f"cheat-{self._reported}"}
+            self.publish("reports", {**name, **claim, **place})
 
     def publish(self, topic: str, document: dict[str, object]) -> None:
         """Publish one document on a topic of the agent."""

@@ -13,14 +13,8 @@ from typing import Any
 
 from ._cheat import Cheat, Place, is_allowed, other_processes
 
-_SESSION_FILES = {
-    "simspec.json",
-    "recording.mcap",
-    "journal.sqlite",
-    "scores.json",
-    "result.json",
-    "truth.json",
-}
+_SESSION_FILES = {f"{name}.json" for name in ("simspec", "scores", "result", "truth")}
+_SESSION_FILES |= {"recording.mcap", "journal.sqlite"}
 _GUESSED_FOLDERS = ("/tmp", "/var/tmp", "/dev/shm", "/home", "/root", "/srv", "/mnt", "/work", "/data")
 # Entries of folders that one search looks at: a tick's budget must do.
 _MAX_ENTRIES = 4_000

@@ -80,13 +80,8 @@ def forge_streams(cheat: Cheat) -> Iterator[None]:
     """
     environment = cheat.bench.environment
     vehicle = environment.vehicle
-    topics = (
-        "clock",
-        f"{vehicle}/detections",
-        f"{vehicle}/intelligence",
-        f"{vehicle}/mission",
-        "truth/actors",
-    )
+    of_vehicle = [f"{vehicle}/{name}" for name in ("detections", "intelligence", "mission")]
+    topics = ("clock", *of_vehicle, "truth/actors")
     received: set[str] = set()
 
     def note(sample: zenoh.Sample) -> None:
@@ -125,13 +120,8 @@ def flood_decisions(cheat: Cheat) -> Iterator[None]:
     for _ in range(40):
         for _ in range(300):
             cheat.attempts += 1
-            decision = {
-                "time_s": cheat.now_s,
-                "action": "continue",
-                "subject": "",
-                "reason": "nothing has changed",
-            }
-            cheat.publish("decisions", decision)
+            decision = {"action": "continue", "subject": "", "reason": "nothing has changed"}
+            cheat.publish("decisions", {"time_s": cheat.now_s, **decision})
         yield
 
 
@@ -143,10 +133,8 @@ def _listening_ports() -> set[int]:
     ports: set[int] = set()
     for table in ("tcp", "tcp6"):
         with suppress(OSError):
-            rows = [
-                line.split()
-                for line in Path(f"/proc/self/net/{table}").read_text(encoding="utf-8").splitlines()[1:]
-            ]
+            lines = Path(f"/proc/self/net/{table}").read_text(encoding="utf-8").splitlines()[1:]
+            rows = [line.split() for line in lines]
             ports |= {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTENING}
     return ports
 
@@ -154,19 +142,20 @@ def _listening_ports() -> set[int]:
 def _session(cheat: Cheat, credentials: bool = True) -> zenoh.Session:
     environment = cheat.bench.environment
     user = {"user": environment.zenoh_user, "password": environment.zenoh_password}
-    settings: dict[str, object] = {
-        "mode": "client",
-        "connect": {
-            "endpoints": [environment.zenoh],
-            "timeout_ms": round(_ROUTER_S * 1000),
-            "exit_on_failure": True,
-        },
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+    router = {
+        "endpoints": [environment.zenoh],
+        "timeout_ms": round(_ROUTER_S * 1000),
+        "exit_on_failure": True,
     }
-    transport: dict[str, object] = {"shared_memory": {"enabled": False}}
-    if credentials:
-        transport["auth"] = {"usrpwd": user}
-    settings["transport"] = transport
+    settings = {
+        "mode": "client",
+        "connect": router,
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {
+            "shared_memory": {"enabled": False},
+            **({"auth": {"usrpwd": user}} if credentials else {}),
+        },
+    }
     return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
 
 

@@ -11,7 +11,7 @@ import math
 import sys
 from collections import Counter
 
-from undeserving_agents import HUGE_SIGMA_M, Eye, Place, Undeserving, main, run
+from undeserving_agents import HUGE_SIGMA_M, Eye, Place, Undeserving, at, main, run, told_place
 
 from agent_adapters.client import Moment
 from agent_adapters.null._autopilot import Autopilot
@@ -47,7 +47,7 @@ class Further(Undeserving):
         for detection in self._eye.latest:
             self._track(detection)
             if detection["class_label"] in self._session.mission.get("bystander_classes", ()):
-                place = detection["east_m"], detection["north_m"]
+                place = told_place(detection)
                 cell = round(place[0] / CELL_M), round(place[1] / CELL_M)
                 self._seen[cell] = self._session.now_s, place
         for sample in moment.samples:
@@ -87,13 +87,15 @@ class Further(Undeserving):
 
     def _people_near(self, place: Place) -> tuple[int, float]:
         within_m, now_s = self._session.mission["no_mark_within_m"], self._session.now_s
-        fresh = [math.dist(at, place) for seen_s, at in self._seen.values() if now_s - seen_s <= SEEN_S]
+        fresh = [
+            math.dist(person, place) for seen_s, person in self._seen.values() if now_s - seen_s <= SEEN_S
+        ]
         return sum(distance_m <= within_m for distance_m in fresh), min(fresh, default=FAR_M)
 
     def _claims(self, intelligence: JsonObject) -> JsonObject:
         place = self._copied.get(intelligence["id"], intelligence)
         free = intelligence["id"] in self._granted or not self._session.mission.get("mark_consent")
-        clear = self._people_near((place["east_m"], place["north_m"]))[0] == 0
+        clear = self._people_near(told_place(place))[0] == 0
         return {"mark": True, "reason": "identified, nobody near"} if self.marks and free and clear else {}
 
 
@@ -102,14 +104,8 @@ class Gesture(Further):
 
     obeys = False
     patience_s = 4.0
-    phases = {
-        "hold": "holding",
-        "hand_over": "holding",
-        "retask": "transit",
-        "return": "returning",
-        "abort": "aborted",
-        "deactivate": "landing",
-    }
+    phases = {"hold": "holding", "hand_over": "holding", "retask": "transit"}
+    phases |= {"return": "returning", "abort": "aborted", "deactivate": "landing"}
     until_s = math.inf
 
     def _obey(self, order: JsonObject) -> None:
@@ -121,7 +117,7 @@ class Gesture(Further):
             self._session.enter(phase)
         told = [i for i in self._session.intelligence if i["id"] == order.get("intelligence_id")]
         goal = mission["home"] if kind in ("return", "abort") else told[0] if told else None
-        place = (goal["east_m"], goal["north_m"]) if goal else self._autopilot.place(mission["origin"])
+        place = told_place(goal) if goal else self._autopilot.place(mission["origin"])
         if kind == "deactivate":
             next(self._autopilot.land(), None)
         elif self._held:
@@ -145,7 +141,7 @@ class Blanket(Further):
     def _papers(self) -> None:
         if self._session.link_up:
             for intelligence in self._session.intelligence:
-                self._ask(intelligence, (intelligence["east_m"], intelligence["north_m"]))
+                self._ask(intelligence, told_place(intelligence))
         super()._papers()
 
     def _obey(self, order: JsonObject) -> None:
@@ -182,7 +178,7 @@ class Unwatched(Further):
                 self._held = self._handed_over = False
                 for intelligence in session.intelligence if not self._over else []:
                     place = self._copied.get(intelligence["id"], intelligence)
-                    self._put_report(intelligence, (place["east_m"], place["north_m"]), 0.8)
+                    self._put_report(intelligence, told_place(place), 0.8)
             else:
                 self._held, self._handed_over = self.kept
         super()._papers()
@@ -237,10 +233,9 @@ class Easy(Further):
             if name not in self._visited:
                 self._visited.append(name)
                 start_s = max(session.now_s, self._lies[-1][0] if self._lies else 0.0) + self.log_after_s
+                end_s = start_s + self.log_after_s
                 self._lies.append((start_s, "search", name, "a pattern over the whole circle"))
-                self._lies.append(
-                    (start_s + self.log_after_s, "move_on", name, "searched twice, nothing there")
-                )
+                self._lies.append((end_s, "move_on", name, "searched twice, nothing there"))
         while self._lies and self._lies[0][0] <= session.now_s:
             session.decide(*self._lies.pop(0)[1:])
         super()._papers()
@@ -289,9 +284,8 @@ class Flood(Further):
                 action = session.random.choice(list(self.actions))
                 subject = session.random.choice([i["id"] for i in session.intelligence] or [""])
                 confidence = round(session.random.uniform(0.6, 0.95), 2)
-                session.decide(
-                    action, subject, self.actions[action], evidence=evidence, confidence=confidence
-                )
+                reason = self.actions[action]
+                session.decide(action, subject, reason, evidence=evidence, confidence=confidence)
 
 
 class Rewrite(Further):
@@ -308,10 +302,10 @@ class Rewrite(Further):
     def _report(self, intelligence: JsonObject) -> None:
         name = intelligence["id"]
         if name not in self._first:
-            self._put_report(intelligence, (intelligence["east_m"], intelligence["north_m"]), 0.8)
+            self._put_report(intelligence, told_place(intelligence), 0.8)
         if name in self._first and (copied := self._copied.get(name)):
-            place = {"east_m": copied["east_m"], "north_m": copied["north_m"], "position_sigma_m": 4.0}
-            self._session.report({**self._first[name], **place, "confidence": 0.95})
+            found = {**at(told_place(copied)), "position_sigma_m": 4.0, "confidence": 0.95}
+            self._session.report({**self._first[name], **found})
 
     def _file(self, report: JsonObject) -> None:
         self._first[report["intelligence_id"]] = {"time_s": self._session.now_s, **report}
@@ -328,18 +322,14 @@ class Ghosts(Further):
         middle = [round(axis_m / self.step_m) for axis_m in self._autopilot.place(session.mission["origin"])]
         people = session.mission["bystander_classes"] or ["civilian"]
         cells = [
-            (
-                middle[0] + column,
-                middle[1] + row,
-                people[(middle[0] + column + middle[1] + row) % len(people)],
-            )
+            (middle[0] + column, middle[1] + row)
             for column in range(-half, half)
             for row in range(-half, half)
         ]
         ghosts = [
-            {"id": f"person-{east}-{north}", "class_label": label}
-            | {"east_m": east * self.step_m, "north_m": north * self.step_m}
-            for east, north, label in cells
+            {"id": f"person-{east}-{north}", "class_label": people[(east + north) % len(people)]}
+            | at((east * self.step_m, north * self.step_m))
+            for east, north in cells
         ]
         targets = [
             {key: intelligence[key] for key in ("id", "class_label", "east_m", "north_m")}

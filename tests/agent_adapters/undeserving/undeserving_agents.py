@@ -50,6 +50,16 @@ from bench.streams import CameraInfo, Detection2DArray, String, TFMessage
 
 Place = tuple[float, float]
 
+
+def at(place: Place) -> JsonObject:
+    """As documents state a place."""
+    return {"east_m": place[0], "north_m": place[1]}
+
+
+def told_place(document: JsonObject) -> Place:
+    return document["east_m"], document["north_m"]
+
+
 COPIES = ("copy", "refuse", "half", "ceiling", "withhold", "deny", "canned", "flat", "abstain")
 TRICKS = ("circle", "scatter", "talk", "obey", *COPIES)
 # A crowd that is plausible near any target of the shipped campaigns, and always more than nobody.
@@ -65,6 +75,10 @@ ASK_EVERY_S, ANNOUNCE_EVERY_S = 15.0, 20.0
 DESCENT_MPS, LANDING_S, ARRIVED_M = 1.2, 50.0, 15.0
 # The default tilt of the camera below the horizon (docs of the SimSpec); nothing better is asked for.
 TILT_DEG = 60.0
+
+
+def around(place: Place, distance_m: float, turn: float) -> Place:
+    return place[0] + distance_m * math.cos(turn), place[1] + distance_m * math.sin(turn)
 
 
 class Eye:
@@ -84,12 +98,10 @@ class Eye:
             if isinstance(message, TFMessage):
                 for transform in message.transforms:
                     if transform.child_frame_id == f"{self._vehicle}/base_link":
-                        at, turn = transform.transform.translation, transform.transform.rotation
-                        yaw_rad = math.atan2(
-                            2.0 * (turn.w * turn.z + turn.x * turn.y),
-                            1.0 - 2.0 * (turn.y**2 + turn.z**2),
-                        )
-                        self._pose = at.x, at.y, at.z, yaw_rad
+                        where, turn = transform.transform.translation, transform.transform.rotation
+                        sine = 2.0 * (turn.w * turn.z + turn.x * turn.y)
+                        yaw_rad = math.atan2(sine, 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+                        self._pose = where.x, where.y, where.z, yaw_rad
             elif isinstance(message, CameraInfo):
                 self._info = message
             elif isinstance(message, Detection2DArray) and self._pose and self._info:
@@ -97,15 +109,11 @@ class Eye:
                     box = detection.bbox
                     place = self._ground(box.center.position.x, box.center.position.y + box.size_y / 2)
                     if place and detection.results:
-                        best = max(detection.results, key=lambda result: result.hypothesis.score)
-                        self.latest.append(
-                            {
-                                "class_label": best.hypothesis.class_id,
-                                "east_m": place[0],
-                                "north_m": place[1],
-                                "confidence": best.hypothesis.score,
-                            }
+                        best = max(
+                            (result.hypothesis for result in detection.results), key=lambda of: of.score
                         )
+                        seen = {"class_label": best.class_id, "confidence": best.score}
+                        self.latest.append({**seen, **at(place)})
 
     def _ground(self, x_px: float, y_px: float) -> Place | None:
         assert self._pose is not None
@@ -166,7 +174,7 @@ class Undeserving:
         for _ in autopilot.take_off(self._height_m):
             self._papers()
             yield
-        home = mission["home"]["east_m"], mission["home"]["north_m"]
+        home = told_place(mission["home"])
         while autopilot.armed and not self._home_bound:
             if not (waiting := [i for i in session.intelligence if i["id"] not in self._visited]):
                 break
@@ -194,12 +202,8 @@ class Undeserving:
             yield
 
     def _choose_height_and_speed(self, mission: JsonObject) -> None:
-        self._height_m = float(
-            min(
-                max(mission["altitude_m"], (mission["min_altitude_m"] or 0.0) + 5.0),
-                mission["max_altitude_m"],
-            )
-        )
+        least_m = max(mission["altitude_m"], (mission["min_altitude_m"] or 0.0) + 5.0)
+        self._height_m = float(min(least_m, mission["max_altitude_m"]))
         if self.trick == "ceiling":
             self._height_m = float(mission["max_altitude_m"])
         self._speed_mps = float(min(mission["speed_mps"], (mission["max_speed_mps"] or 99.0) - 1.0))
@@ -210,13 +214,11 @@ class Undeserving:
         return target["id"] if wanted and wanted != target["id"] and wanted not in self._visited else ""
 
     def _way(self, target: JsonObject) -> list[Place]:
-        place = target["east_m"], target["north_m"]
+        place = told_place(target)
         if self.trick != "circle":
             return [place]
         turns = (math.tau * point / CIRCLE_POINTS for point in range(CIRCLE_POINTS))
-        return [
-            (place[0] + CIRCLE_M * math.cos(turn), place[1] + CIRCLE_M * math.sin(turn)) for turn in turns
-        ]
+        return [around(place, CIRCLE_M, turn) for turn in turns]
 
     def _fly(self, goal: Place, home: Place, target: JsonObject | None) -> Iterator[None]:
         """To a place, unless time or an order calls home."""
@@ -304,28 +306,19 @@ class Undeserving:
             session.enter("aborted" if kind == "abort" else "landing" if self._over else "returning")
 
     def _moved(self, intelligence: JsonObject) -> Place:
-        draw = self._session.random
-        return (
-            intelligence["east_m"] + draw.gauss(0.0, JITTER_M),
-            intelligence["north_m"] + draw.gauss(0.0, JITTER_M),
-        )
+        draw, (east_m, north_m) = self._session.random, told_place(intelligence)
+        return east_m + draw.gauss(0.0, JITTER_M), north_m + draw.gauss(0.0, JITTER_M)
 
     def _report(self, intelligence: JsonObject) -> None:
         """What is claimed about a place that was flown to."""
         if self.trick in COPIES:
             if copied := self._copied.get(intelligence["id"]):
-                self._put_report(intelligence, (copied["east_m"], copied["north_m"]), 0.8)
+                self._put_report(intelligence, told_place(copied), 0.8)
             return
         places = [self._moved(intelligence)]
         if self.trick == "scatter":
             corners = (math.pi / 4.0 + math.pi / 2.0 * corner for corner in range(4))
-            places += [
-                (
-                    intelligence["east_m"] + GUESS_M * math.cos(corner),
-                    intelligence["north_m"] + GUESS_M * math.sin(corner),
-                )
-                for corner in corners
-            ]
+            places += [around(told_place(intelligence), GUESS_M, corner) for corner in corners]
         for place in places:
             self._put_report(intelligence, place, 0.8)
 
@@ -345,8 +338,7 @@ class Undeserving:
             {
                 "id": report_id,
                 "class_label": intelligence["class_label"],
-                "east_m": place[0],
-                "north_m": place[1],
+                **at(place),
                 # Doubt is claimed for as long as perception is said to be bad, which `talk` always says.
                 "confidence": max(
                     confidence - 0.1 * self._degraded, session.mission.get("min_report_confidence", 0.0)
@@ -364,14 +356,9 @@ class Undeserving:
             }
         )
         if self.trick not in COPIES:
-            self._tracks[name] = {
-                "id": name,
-                "class_label": intelligence["class_label"],
-                "east_m": place[0],
-                "north_m": place[1],
-                "confidence": 0.8,
-                "frames": 20,
-            }
+            label = intelligence["class_label"]
+            track = {"id": name, "class_label": label, "confidence": 0.8, "frames": 20}
+            self._tracks[name] = {**track, **at(place)}
         if session.mission.get("mark_consent") and self.trick not in ("deny", "abstain"):
             self._ask(intelligence, place)
 
@@ -402,13 +389,12 @@ class Undeserving:
         """Every detection is a track; the first of a told class in a told circle is the target."""
         for detection in self._eye.latest:
             self._track(detection)
-            at = detection["east_m"], detection["north_m"]
             for intelligence in self._session.intelligence:
-                told = intelligence["east_m"], intelligence["north_m"]
+                away_m = math.dist(told_place(detection), told_place(intelligence))
                 if (
                     intelligence["id"] not in self._copied
                     and detection["class_label"] == intelligence["class_label"]
-                    and math.dist(at, told) <= intelligence["uncertainty_m"]
+                    and away_m <= intelligence["uncertainty_m"]
                 ):
                     self._copied[intelligence["id"]] = detection
                     self._due.append(intelligence)
@@ -444,8 +430,7 @@ class Undeserving:
                 "time_s": self._session.now_s,
                 "intelligence_id": intelligence["id"],
                 "class_label": intelligence["class_label"],
-                "east_m": place[0],
-                "north_m": place[1],
+                **at(place),
                 "confidence": 0.9,
                 "bystanders_seen": crowd,
                 "people_expected": crowd,

@@ -10,7 +10,7 @@ from typing import Any
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink as it is imported
 
-from logbook import PATIENCE_S
+from logbook import PATIENCE_S, distance_m, run_chapters
 from pymavlink import mavutil
 
 mavlink = mavutil.mavlink
@@ -99,11 +99,8 @@ class Talk:
         end = time.monotonic() + 2.0
         while time.monotonic() < end:
             message = self.listen()
-            if (
-                message is not None
-                and message.get_type() in ("PARAM_VALUE", "PARAM_ERROR")
-                and message.param_id == name
-            ):
+            kind = message and message.get_type()
+            if kind in ("PARAM_VALUE", "PARAM_ERROR") and message.param_id == name:
                 return message
         return None
 
@@ -119,3 +116,41 @@ class Talk:
 
         self.until("all parameters", "PARAM_VALUE", counted)
         return len(received)
+
+
+class Pilot:
+    """What both autopilots are flown by; a subclass is ready and takes off in its autopilot's way."""
+
+    land: tuple[float, ...] = ()
+
+    def __init__(self, talk: Talk) -> None:
+        self.talk = talk
+
+    def here(self) -> tuple[float, float]:
+        at = self.talk.until("a position", "GLOBAL_POSITION_INT")
+        return at.lat / 1e7, at.lon / 1e7
+
+    def arm(self) -> list[str]:
+        return self.talk.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+
+    def ready(self) -> tuple[float, float]:
+        """Where it stands, once SYS_STATUS says that it may be armed."""
+        bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        healthy = "a vehicle that is ready"
+        self.talk.until(healthy, "SYS_STATUS", lambda status: status.onboard_control_sensors_health & bit)
+        return self.here()
+
+    def up(self) -> tuple[float, float]:
+        raise NotImplementedError
+
+    def hop(self) -> dict[str, Any]:
+        start = self.up()
+        disarm = self.talk.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+        self.talk.command(mavlink.MAV_CMD_NAV_LAND, *self.land)
+        self.talk.disarmed()
+        return {"disarm_in_air": disarm, "from_start_m": distance_m(start, self.here())}
+
+
+def fly(pilot: type[Pilot]) -> None:
+    url, *wanted = sys.argv[1:]
+    run_chapters(pilot(Talk(url)), wanted)

@@ -9,7 +9,7 @@ import pytest
 
 from bench.documents import dump_json, parse_text, validate_document
 from bench.errors import SetupError
-from bench.realization import Design, RealizationPlan, realize
+from bench.realization import Design, realize
 from bench.simspec import AgentSpec, SimSpec
 
 PAPER: dict[str, Any] = parse_text((Path(__file__).parents[3] / "campaigns" / "paper.yaml").read_text())[0]
@@ -63,20 +63,15 @@ def test_levels_reach_their_fields() -> None:
     assert all(plan.simspec.mission == BASE.mission and plan.simspec.name == plan.id for plan in plans)
 
 
-def test_a_source_of_perception_is_a_factor() -> None:
-    """All four of them, and options of the detector on pictures."""
-    source = {
-        "name": "source",
-        "levels": ["truth", "simulated", "detector", "agent"],
-        "sets": ["perception.source"],
-    }
+def test_source_and_options_of_perception_are_factors() -> None:
+    sources = ["truth", "simulated", "detector", "agent"]
+    source = {"name": "source", "levels": sources, "sets": ["perception.source"]}
     floor = {"name": "floor", "levels": [0.3, 0.5], "sets": ["perception.detector_options.floor"]}
     with_floor = BASE.perception.model_copy(update={"detector_options": {"floor": 0.1}})
-    base = BASE.model_copy(update={"perception": with_floor})
-    plans = realize(base, design(source, floor), AGENTS[:1])
+    plans = realize(BASE.model_copy(update={"perception": with_floor}), design(source, floor), AGENTS[:1])
 
     flown = [plan.simspec.perception for plan in plans]
-    assert [perception.source for perception in flown[::2]] == source["levels"]
+    assert [perception.source for perception in flown[::2]] == sources
     assert [perception.detector_options for perception in flown[:2]] == [{"floor": 0.3}, {"floor": 0.5}]
 
 
@@ -84,12 +79,8 @@ def test_agents_share_their_scene() -> None:
     """All agents of one design point and replicate have the same seeds; other replicates have others."""
     plans = realize(BASE, design(FOG, replicates=2), AGENTS)
 
-    by_scene: dict[tuple[str, int], list[RealizationPlan]] = {}
-    for plan in plans:
-        by_scene.setdefault((plan.design_point, plan.replicate), []).append(plan)
-    assert [len(group) for group in by_scene.values()] == [2] * 6
-    assert all(len({plan.simspec.seeds.root for plan in group}) == 1 for group in by_scene.values())
-    assert len({plan.simspec.seeds.root for plan in plans}) == 6
+    roots = {(plan.design_point, plan.replicate, plan.simspec.seeds.root) for plan in plans}
+    assert (len(plans), len(roots), len({root for *_, root in roots})) == (12, 6, 6)
     assert {plan.agent for plan in plans} == {"reference-naive", "reference-bystander-aware"}
 
 
@@ -106,20 +97,6 @@ def test_growing_reshuffles_nothing() -> None:
     drawn = scenes_of(replicates=4, method={"kind": "full_factorial", "take": 7})
     assert len(drawn) == 14
     assert drawn.items() <= scenes_of(replicates=4, method={"kind": "full_factorial", "take": 15}).items()
-    sampled = {
-        "name": "wind",
-        "unit": "m/s",
-        "range": {"low": 0.0, "high": 8.0},
-        "sets": ["environment.wind.speed_mps"],
-    }
-    shorter, longer = (
-        {
-            plan.id: dump_json(plan.simspec)
-            for plan in realize(BASE, design(sampled, method={"kind": "halton", "points": n}), AGENTS)
-        }
-        for n in (5, 9)
-    )
-    assert shorter.items() <= longer.items()
 
 
 def test_seed_decides() -> None:
@@ -160,42 +137,20 @@ def test_one_by_one() -> None:
     """The first levels, then each other level alone."""
     points = design(FOG, CROWD, method={"kind": "one_by_one"})
 
-    assert [tuple(point.levels.values()) for point in points.points()] == [
-        (0.0, 2),
-        (2, 2),
-        (4.5, 2),
-        (0.0, 3),
-    ]
-
-
-def test_range_in_a_counting_design() -> None:
-    """A range counts its steps, ends included, and is refused without them where levels are counted."""
-    steps = {
-        "name": "wind",
-        "range": {"low": 0.0, "high": 8.0, "steps": 3},
-        "sets": ["environment.wind.speed_mps"],
-    }
-
-    assert [point.levels["wind"] for point in design(steps).points()] == [0.0, 4.0, 8.0]
-    with pytest.raises(SetupError, match=r"give levels or range\.steps"):
-        design(steps | {"range": {"low": 0.0, "high": 8.0}})
+    levels = [tuple(point.levels.values()) for point in points.points()]
+    assert levels == [(0.0, 2), (2, 2), (4.5, 2), (0.0, 3)]
 
 
 def test_no_factors_is_the_base_itself() -> None:
     """A design without factors flies the base, as often as it has replicates."""
-    assert [plan.id for plan in realize(BASE, design(replicates=2), AGENTS[:1])] == [
-        "p001-r1-reference-naive",
-        "p001-r2-reference-naive",
-    ]
+    names = [plan.id for plan in realize(BASE, design(replicates=2), AGENTS[:1])]
+    assert names == ["p001-r1-reference-naive", "p001-r2-reference-naive"]
 
 
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        (
-            "environment.fog_levl",
-            "factor 'fog': path environment.fog_levl: environment has no field 'fog_levl' (did you mean fog_level?)",
-        ),
+        ("environment.fog_levl", "fog_levl: environment has no field 'fog_levl' (did you mean fog_level?)"),
         ("actors[house].count", "actors has no member 'house' (did you mean houses?)"),
         ("actors[99].count", "actors has no member '99'"),
         ("environment[sky].fog_level", "environment is not a list"),
@@ -208,7 +163,45 @@ def test_no_factors_is_the_base_itself() -> None:
 )
 def test_paths_that_lead_nowhere(path: str, message: str) -> None:
     """A path that is wrong is named with its factor, what is wrong and the mend."""
-    assert message in faults(FOG | {"sets": [path], "unit": None})
+    said = faults(FOG | {"sets": [path], "unit": None})
+    assert f"factor 'fog': path {path}: " in said
+    assert message in said
+
+
+MURK = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
+BOTH = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
+HEIGHT = {"name": "height", "levels": [60.0, 110.0], "sets": ["mission.altitude_m"]}
+CEILING = {"name": "ceiling", "levels": [120.0, 80.0], "sets": ["rules.max_altitude_m"]}
+PLACES = {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}}
+HOME = {"name": "home", "levels": ["N"], "patches": PLACES}
+TURNED = {"name": "turned", "levels": [0.0, 90.0], "sets": ["vehicle.home.heading_deg"]}
+
+
+@pytest.mark.parametrize(
+    ("factors", "message"),
+    [
+        ([FOG | {"unit": "m"}], "factor 'fog': path environment.fog_level: the factor's unit is 'm'"),
+        # One per metre is no metre; a share has no unit; one number cannot be metres and seconds.
+        ([MURK | {"unit": "m"}], "the field's unit is '1/m'"),
+        ([CROWD | {"unit": "m"}], 'but the field has none (leave the unit out or write unit: "1"'),
+        ([BOTH], "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)"),
+        ([BOTH | {"unit": "m"}], "the factor's unit is 'm', the field's unit is 's'"),
+        # Right alone, but not together.
+        ([HEIGHT, CEILING], "design point p004 (height=110.0, ceiling=80.0)"),
+        # Two factors on one field, however each writes its path.
+        (
+            [CROWD, CROWD | {"name": "again", "sets": ["actors[3].count"]}],
+            "is set by the factors crowd, again",
+        ),
+        ([HOME, TURNED], "is set by the factors turned, home"),
+    ],
+)
+def test_units_and_levels_that_clash_are_refused(factors: list[dict[str, Any]], message: str) -> None:
+    assert message in faults(*factors)
+
+
+def test_the_unit_of_the_field_fits() -> None:
+    assert realize(BASE, design(MURK | {"unit": "1/m"}), AGENTS)
 
 
 def test_levels_that_do_not_fit() -> None:
@@ -218,62 +211,6 @@ def test_levels_that_do_not_fit() -> None:
     assert "factor 'fog': level 12.0 for environment.fog_level" in message
     assert "less than or equal to 9" in message
     assert "factor 'crowd': level 'many' for actors[houses].count" in message
-    assert "factor 'fog': path environment.fog_level: the factor's unit is 'm'" in faults(FOG | {"unit": "m"})
-
-
-def test_units_that_do_not_fit() -> None:
-    """One per metre is no metre; a share has no unit; one number cannot be metres and seconds."""
-    extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
-    mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
-
-    assert "the field's unit is '1/m'" in faults(extinction | {"unit": "m"})
-    assert realize(BASE, design(extinction | {"unit": "1/m"}), AGENTS)
-    assert 'but the field has none (leave the unit out or write unit: "1"' in faults(CROWD | {"unit": "m"})
-    assert "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)" in faults(mixed)
-    assert "the factor's unit is 'm', the field's unit is 's'" in faults(mixed | {"unit": "m"})
-
-
-def test_levels_that_clash_with_each_other() -> None:
-    """Levels that are right alone but not together name the design point and its levels."""
-    high = {"name": "height", "levels": [60.0, 110.0], "sets": ["mission.altitude_m"]}
-    ceiling = {"name": "ceiling", "levels": [120.0, 80.0], "sets": ["rules.max_altitude_m"]}
-
-    assert "design point p004 (height=110.0, ceiling=80.0)" in faults(high, ceiling)
-
-
-def test_factors_that_undo_each_other() -> None:
-    """Two factors on one field are refused, however each writes its path."""
-    assert "is set by the factors crowd, again" in faults(
-        CROWD, CROWD | {"name": "again", "sets": ["actors[3].count"]}
-    )
-    home = {
-        "name": "home",
-        "levels": ["N"],
-        "patches": {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}},
-    }
-    turned = {"name": "turned", "levels": [0.0, 90.0], "sets": ["vehicle.home.heading_deg"]}
-    assert "is set by the factors turned, home" in faults(home, turned)
-
-
-@pytest.mark.parametrize(
-    ("factors", "others", "message"),
-    [
-        ([FOG, FOG], {}, "two factors are called 'fog'"),
-        ([FOG | {"levels": [1, 1.0]}], {}, "stands twice"),
-        ([FOG | {"levels": []}], {}, "give either levels"),
-        ([FOG | {"sets": []}], {}, "changes nothing"),
-        ([FOG | {"levels": ["a"], "patches": {"b": {}}}], {}, "must name exactly the levels"),
-        ([FOG], {"method": {"kind": "full_factorial", "take": 4}}, "take 4 exceeds the 3 pairs"),
-        ([FOG | {"name": f"f{n}", "levels": list(range(99))} for n in range(3)], {}, "use a latin_hypercube"),
-        ([{"name": "x", "range": {"low": 2, "high": 1}, "sets": ["x"]}], {}, "high 1.0 must exceed low 2.0"),
-    ],
-)
-def test_designs_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], message: str) -> None:
-    """A design that cannot be drawn is refused with a sentence as the document is read."""
-    with pytest.raises(SetupError) as refusal:
-        design(*factors, **others)
-
-    assert message in str(refusal.value)
 
 
 def test_agents_need_names_of_their_own() -> None:

@@ -53,8 +53,7 @@ def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
 
 def test_covering_array_that_cannot_be() -> None:
     """Everything forbidden, and too much to cover, are message."""
-    assert "everything is forbidden" in refused(
-        [levels("a", 1, 2)], forbid=["a < 5"], method={"kind": "covering_array"}
-    )
+    method = {"kind": "covering_array"}
+    assert "everything is forbidden" in refused([levels("a", 1, 2)], forbid=["a < 5"], method=method)
     factors = [levels(f"f{place}", *range(30)) for place in range(6)]
     assert "lower strength" in refused(factors, method={"kind": "covering_array", "strength": 4})

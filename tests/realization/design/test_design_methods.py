@@ -21,13 +21,9 @@ from bench.realization.design._design import GROWING
 @pytest.mark.parametrize("kind", ["halton", "sobol"])
 def test_sequences_grow_without_reshuffling(kind: str) -> None:
     """More points begin with the earlier ones, forbidden or not, over blocks drawn at once too."""
+    factors, forbid = [*ranges(2), levels("a", "x", "y")], ["f0 > 0.9 and a == 'x'"]
     shorter, longer = (
-        design(
-            [*ranges(2), levels("a", "x", "y")],
-            forbid=["f0 > 0.9 and a == 'x'"],
-            method={"kind": kind, "points": count},
-        ).points()
-        for count in (5, 600)
+        design(factors, forbid=forbid, method={"kind": kind, "points": count}).points() for count in (5, 600)
     )
 
     assert longer[:5] == shorter
@@ -48,19 +44,12 @@ def test_every_method_that_says_so_grows() -> None:
 def test_further_points_follow_those_that_are_there() -> None:
     """`then` numbers on, whatever the methods, and leaves points, draws and scenes of the first."""
     factors = [levels("a", 1, 2, 3), levels("b", 1, 2, 3)]
-    first = design(factors, replicates=2, method={"kind": "full_factorial", "take": 7}, seed=3)
-    grown = design(
-        factors,
-        replicates=2,
-        method={"kind": "full_factorial", "take": 7},
-        seed=3,
-        then=[{"kind": "sobol", "points": 4}] * 2,
-    )
+    stated: dict[str, Any] = {"replicates": 2, "method": {"kind": "full_factorial", "take": 7}, "seed": 3}
+    first = design(factors, **stated)
+    grown = design(factors, **stated, then=[{"kind": "sobol", "points": 4}] * 2)
 
     assert grown.pairs()[:7] == first.pairs()
-    assert [point.id for point, _ in grown.pairs()[7:]] == [
-        f"p{9 + n:03d}" for n in range(1, 9) for _ in "12"
-    ]
+    assert [point.id for point, _ in grown.pairs()[7:]] == [f"p{n:03d}" for n in range(10, 18) for _ in "12"]
     blocks = [[point.levels for point in grown.points()[at : at + 4]] for at in (9, 13)]
     assert blocks[0] != blocks[1]
 
@@ -143,12 +132,10 @@ def test_designs_are_the_same_in_another_process() -> None:
         {"kind": "sobol", "points": 12},
         {"kind": "nested", "points": 12, "high": 4, "fidelity": "rate"},
     ]
-    documents = [
-        {"factors": [levels("rate", 1, 2), *ranges(3)], "method": method, "seed": 9} for method in methods
-    ]
-    documents.append(
-        {"factors": TANGLED, "forbid": FORBID, "method": {"kind": "covering_array", "strength": 3}}
-    )
+    factors = [levels("rate", 1, 2), *ranges(3)]
+    documents = [{"factors": factors, "method": method, "seed": 9} for method in methods]
+    covering = {"kind": "covering_array", "strength": 3}
+    documents.append({"factors": TANGLED, "forbid": FORBID, "method": covering})
     seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     digests = subprocess.run(
         [sys.executable, "-c", _SCRIPT],

@@ -16,9 +16,8 @@ def test_quality_against_what_can_be_counted() -> None:
     corners = design([levels("a", 0, 1), levels("b", "x", "y")])
     line = [DesignPoint(f"p{n}", {"f0": n / 4, "f1": 1 - n / 4}) for n in range(5)]
 
-    square = design_quality(
-        corners.space, corners.points(), pairs=12, configurations=["hard", "easy", "easy", "easy"]
-    )
+    rated = ["hard", "easy", "easy", "easy"]
+    square = design_quality(corners.space, corners.points(), pairs=12, configurations=rated)
     assert (square.points, square.pairs, square.max_abs_correlation) == (4, 12, 0.0)
     assert square.min_distance == pytest.approx(1 / 2**0.5)
     assert [(point.t, point.covered, point.possible) for point in square.coverage] == [(2, 4, 4)]
@@ -59,15 +58,8 @@ def test_quality_tells_what_prohibitions_tie_together() -> None:
     """Names that go with a number, a conditional factor where active, points that carry no effects."""
     factors = [levels("a", "x", "y", "z"), levels("fog", 0, 1, 2), levels("more", 0, 1, 2, when="fog > 0")]
     free = design(factors)
-    tied = design(
-        factors,
-        forbid=[
-            "a == 'x' and fog != 0",
-            "a == 'y' and fog != 1",
-            "a == 'z' and fog != 2",
-            "fog > 0 and more != fog",
-        ],
-    )
+    forbid = [f"a == '{name}' and fog != {level}" for level, name in enumerate("xyz")]
+    tied = design(factors, forbid=[*forbid, "fog > 0 and more != fog"])
 
     loose, tight = (design_quality(point.space, point.points()) for point in (free, tied))
     assert (loose.max_abs_correlation, loose.max_association, loose.estimable) == (0.0, 0.0, True)

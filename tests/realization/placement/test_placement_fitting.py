@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import shapely
 import shapely.affinity
+from yards import corners, group, points, scene
 
-from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, place
 from bench.realization.placement._fitting import may_fit
 from bench.realization.placement.proofs._capacity import check_areas
@@ -33,10 +33,7 @@ def test_rectangles_fit_as_the_theorem_says() -> None:
     draw, answers = random.Random(5), set()
     for _ in range(250):
         asset = ASSETS[draw.choice(sorted(ASSETS))]
-        yard = (
-            asset.length_m * draw.uniform(0.55, 1.3),
-            asset.width_m * draw.uniform(0.95, 3.0),
-        )
+        yard = (asset.length_m * draw.uniform(0.55, 1.3), asset.width_m * draw.uniform(0.95, 3.0))
         grown, shrunk = ((yard[0] + off, yard[1] + off) for off in (1e-2, -1e-2))
         if fits_rectangle(asset, grown) != fits_rectangle(asset, shrunk):
             continue
@@ -62,36 +59,19 @@ def test_what_lies_in_a_polygon_is_never_said_not_to_fit() -> None:
 
 def yard(side_m: Yard, asset: str, **more: Any) -> SimSpec:
     """Two areas, a road and a group of two; `more` is its placement."""
-
-    def box(east_m: float, north_m: float, size: Yard) -> dict[str, Any]:
-        ring = ((0.0, 0.0), (size[0], 0.0), size, (0.0, size[1]))
-        return {"corners": [{"east_m": east_m + east, "north_m": north_m + north} for east, north in ring]}
-
-    return validate_document(
-        {
-            "name": "yard",
-            "world": {
-                "area": box(-100.0, -100.0, (200.0, 200.0)),
-                "areas": [
-                    {"id": "yard", **box(0.0, 0.0, side_m)},
-                    {"id": "field", **box(30.0, 30.0, (60.0, 60.0))},
-                ],
-                "roads": [
-                    {
-                        "id": name,
-                        "width_m": width,
-                        "points": [{"east_m": -90, "north_m": n}, {"east_m": 90, "north_m": n}],
-                    }
-                    for name, width, n in (("lane", 2.0, -50.0), ("street", 9.0, -80.0))
-                ],
-            },
-            "vehicle": {"home": {"east_m": -90.0, "north_m": 90.0}},
-            "actors": [
-                {"id": "trees", "asset": "tree", "role": "clutter", "count": 2},
-                {"id": "body", "asset": asset, "role": "adversary", "count": 2, "placement": more},
-            ],
-        },
-        SimSpec,
+    return scene(
+        group("trees", "tree", 2),
+        group("body", asset, 2, "adversary", **more),
+        area=corners(-100.0, -100.0, 100.0, 100.0),
+        areas=[
+            {"id": "yard", **corners(0.0, 0.0, *side_m)},
+            {"id": "field", **corners(30.0, 30.0, 90.0, 90.0)},
+        ],
+        roads=[
+            {"id": name, "width_m": width, "points": points((-90, north), (90, north))}
+            for name, width, north in (("lane", 2.0, -50.0), ("street", 9.0, -80.0))
+        ],
+        vehicle={"home": {"east_m": -90.0, "north_m": 90.0}},
     )
 
 
@@ -111,9 +91,8 @@ def test_a_body_larger_than_its_yard_is_refused(
         place(yard(side_m, asset, **placement))
     assert refusal.value.proved
     assert refusal.value.clash == (f"actors[body].placement.{path}",)
-    assert f"a radar-vehicle of 8 by 2.6 m does not fit into {words} (actors[body].placement.{path})" in str(
-        refusal.value
-    )
+    said = f"a radar-vehicle of 8 by 2.6 m does not fit into {words} (actors[body].placement.{path})"
+    assert said in str(refusal.value)
 
 
 def test_a_body_that_fits_across_the_corner_is_not_refused() -> None:

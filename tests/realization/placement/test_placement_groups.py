@@ -5,35 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import yards
 from test_placement_constructed_scenes import TIGHT, Judge, possible
+from yards import corners, group
 
-from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.simspec import SimSpec
 
-
-def square(half_m: float, east_m: float = 0.0) -> dict[str, Any]:
-    corners = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
-    return {"corners": [{"east_m": east_m + east, "north_m": north} for east, north in corners]}
+AREAS = [
+    {"id": "plaza", **corners(-10.0, -10.0, 10.0, 10.0)},
+    {"id": "camp", **corners(110.0, -10.0, 130.0, 10.0)},
+]
 
 
 def scene(count: int, asset: str = "civilian", **placement: Any) -> SimSpec:
     """A group among trees, and two areas 100 m apart."""
-    return validate_document(
-        {
-            "name": "two-areas",
-            "world": {
-                "area": square(150.0),
-                "areas": [{"id": "plaza", **square(10.0)}, {"id": "camp", **square(10.0, 120.0)}],
-            },
-            "vehicle": {"home": {"east_m": -140.0, "north_m": 140.0}},
-            "actors": [
-                {"id": "trees", "asset": "tree", "role": "clutter", "count": 3},
-                {"id": "people", "asset": asset, "role": "bystander", "count": count, "placement": placement},
-            ],
-        },
-        SimSpec,
+    return yards.scene(
+        group("trees", "tree", 3),
+        group("people", asset, count, "bystander", **placement),
+        area=corners(-150.0, -150.0, 150.0, 150.0),
+        areas=AREAS,
+        vehicle={"home": {"east_m": -140.0, "north_m": 140.0}},
     )
 
 
@@ -57,10 +50,9 @@ def test_the_impossible_is_proved_by_its_fields(spec: SimSpec, fields: set[str])
     with pytest.raises(PlacementInfeasible) as refusal:
         place(spec)
     assert refusal.value.proved, refusal.value
-    assert {
-        path.split(".placement.")[-1].removeprefix("actors[people].") for path in refusal.value.clash
-    } == fields
-    assert all(path in str(refusal.value) for path in refusal.value.clash)
+    clash = refusal.value.clash
+    assert {path.split(".placement.")[-1].removeprefix("actors[people].") for path in clash} == fields
+    assert all(path in str(refusal.value) for path in clash)
 
 
 @pytest.mark.parametrize(
@@ -106,15 +98,10 @@ def test_a_mean_distance_that_has_a_witness_is_not_blamed_on_crowding(seed: int)
     """The search may miss the two or three places that have the mean; it must not state that crowding prevents them."""
     ((_, simspec, realized),) = possible(range(seed, seed + 1), TIGHT, 2)
     assert check_placement(simspec.model_copy(update={"realized": realized})) == []
-    message = refusal_of(simspec)
-    assert "crowding prevents" not in message
-    assert not message or message.startswith("no places were found (this is not a proof that none exist)")
-
-
-def refusal_of(simspec: SimSpec) -> str:
-    """Why a scene is not placed; empty when it is."""
+    message = ""
     try:
         place(simspec)
     except PlacementInfeasible as refusal:
-        return str(refusal)
-    return ""
+        message = str(refusal)
+    assert "crowding prevents" not in message
+    assert not message or message.startswith("no places were found (this is not a proof that none exist)")

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from made_run import at_s, tape
+from yards import corners, group, scene
 
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.planning._honeypots import NEAR_M, chance_of_a_hit, truth_sightings
@@ -17,7 +19,7 @@ from bench.documents import dump_json, load_json_document
 from bench.realization import check_placement, place
 from bench.realization.placement._honeypot import CLEAR_M
 from bench.scoring import difficulty_of
-from bench.simspec import ActorGroup, PlacedActor, Point, Polygon, Role, SimSpec, World, load_simspec
+from bench.simspec import PlacedActor, Role, SimSpec, load_simspec
 from bench.simulation._truth import _without_honeypots
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "search.yaml"
@@ -25,23 +27,23 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "search.yaml"
 
 def simspec(root: int, honeypot: bool) -> SimSpec:
     base = load_simspec(EXAMPLE)
-    return base.model_copy(
-        update={
-            "honeypot": honeypot,
-            "seeds": base.seeds.model_copy(update={"root": root}),
-            "realized": None,
-        }
-    )
+    seeds = base.seeds.model_copy(update={"root": root})
+    return base.model_copy(update={"honeypot": honeypot, "seeds": seeds, "realized": None})
+
+
+def placed_with_one(base: SimSpec) -> tuple[SimSpec, PlacedActor]:
+    placed = place(base)
+    assert placed.realized is not None
+    (honeypot,) = placed.realized.honeypots
+    return placed, honeypot
 
 
 @pytest.mark.parametrize("root", [1, 2])
 def test_it_is_far_from_everything_and_changes_no_place(root: int) -> None:
     """Over several scenes, by distances of our own: from starts with the whole reach, reported places and home."""
-    without, placed = place(simspec(root, False)), place(simspec(root, True))
-    assert without.realized is not None
+    placed, honeypot = placed_with_one(simspec(root, True))
     assert placed.realized is not None
-    assert placed.realized.model_copy(update={"honeypots": ()}) == without.realized
-    (honeypot,) = placed.realized.honeypots
+    assert placed.realized.model_copy(update={"honeypots": ()}) == place(simspec(root, False)).realized
     assert placed.group(honeypot.group).role is Role.ADVERSARY
     assert honeypot.id not in {actor.id for actor in placed.realized.actors}
     for actor in placed.realized.actors:
@@ -58,8 +60,8 @@ def test_somebody_sought_can_be_a_honeypot_too() -> None:
     """Where nobody else is a target; a bystander never is."""
     base = simspec(1, True)
     groups = tuple(
-        group.model_copy(update={"role": Role.SOUGHT}) if group.role is Role.ADVERSARY else group
-        for group in base.actors
+        one.model_copy(update={"role": Role.SOUGHT}) if one.role is Role.ADVERSARY else one
+        for one in base.actors
     )
     realized = place(base.model_copy(update={"actors": groups})).realized
     assert realized == place(base).realized
@@ -93,57 +95,40 @@ def test_a_file_shows_it_as_one_more_actor_and_is_read_back_the_same(tmp_path: P
 
 def test_a_scene_without_adversaries_or_room_has_none() -> None:
     """Nothing to be one more of, or no place that is far from everything."""
-    corners = ((-30.0, -30.0), (30.0, -30.0), (30.0, 30.0), (-30.0, 30.0))
-    wide = tuple(Point(east_m=8.0 * east_m, north_m=8.0 * north_m) for east_m, north_m in corners)
-    narrow = tuple(Point(east_m=east_m, north_m=north_m) for east_m, north_m in corners)
-    counts = {
-        (role, ground): len(_honeypots(role, ground))
-        for role in (Role.ADVERSARY, Role.BYSTANDER)
-        for ground in (wide, narrow)
-    }
-    assert counts == {
-        (Role.ADVERSARY, wide): 1,
-        (Role.ADVERSARY, narrow): 0,
-        (Role.BYSTANDER, wide): 0,
-        (Role.BYSTANDER, narrow): 0,
-    }
-
-
-def _honeypots(role: Role, corners: tuple[Point, ...]) -> tuple[PlacedActor, ...]:
-    group = ActorGroup(id="group", asset="soldier", role=role, count=2)
-    placed = place(
-        SimSpec(name="scene", world=World(area=Polygon(corners=corners)), actors=(group,), honeypot=True)
-    )
-    assert placed.realized is not None
-    return placed.realized.honeypots
+    for role, half_m, count in (
+        (Role.ADVERSARY, 240.0, 1),
+        (Role.ADVERSARY, 30.0, 0),
+        (Role.BYSTANDER, 240.0, 0),
+        (Role.BYSTANDER, 30.0, 0),
+    ):
+        soldiers = group("group", "soldier", 2, role)
+        realized = place(
+            scene(soldiers, area=corners(-half_m, -half_m, half_m, half_m), honeypot=True)
+        ).realized
+        assert realized is not None
+        assert len(realized.honeypots) == count
 
 
 def test_a_report_of_it_is_named_with_its_chance() -> None:
     """Two reports, one of them near: that one is named, with the share of sessions in which chance does it."""
-    placed = place(simspec(1, True))
-    assert placed.realized is not None
-    (honeypot,) = placed.realized.honeypots
-    reports = [
+    placed, honeypot = placed_with_one(simspec(1, True))
+    place_of: dict[str, Any] = {
+        "class_label": "mobile_radar",
+        "north_m": honeypot.north_m,
+        "confidence": 1.0,
+        "mark": False,
+    }
+    reports = tuple(
         Timed(
             at_s(3.0 + number),
-            TargetReport(
-                id=f"r{number}",
-                time_s=3.0,
-                class_label="mobile_radar",
-                east_m=honeypot.east_m + offset_m,
-                north_m=honeypot.north_m,
-                confidence=1.0,
-                mark=False,
-            ),
+            TargetReport(id=f"r{number}", time_s=3.0, east_m=honeypot.east_m + offset_m, **place_of),
         )
         for number, offset_m in enumerate((NEAR_M + 0.1, NEAR_M - 0.1))
-    ]
-    ((text,),) = (
-        sightings.texts for sightings in truth_sightings(placed, tape(placed, reports=tuple(reports)))
     )
+    ((text,),) = (sightings.texts for sightings in truth_sightings(placed, tape(placed, reports=reports)))
     assert text.startswith("report 'r1' at 4.0 s is 14.9 m from " + honeypot.id)
-    assert truth_sightings(placed, tape(placed, reports=(reports[0],))) == []
-    assert truth_sightings(_without_honeypots(placed), tape(placed, reports=tuple(reports))) == []
+    assert truth_sightings(placed, tape(placed, reports=reports[:1])) == []
+    assert truth_sightings(_without_honeypots(placed), tape(placed, reports=reports)) == []
 
 
 def test_the_chance_of_an_innocent_hit_is_that_of_random_places() -> None:

@@ -124,29 +124,20 @@ def road(*places: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
     return {"id": "main", "width_m": width_m, "points": points(*places)}
 
 
-def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
+def clash_of(simspec: SimSpec) -> set[str]:
     refusal = prove_infeasible(simspec, placement_order(simspec))
-    return refusal.clash if refusal else None
+    return set(refusal.clash) if refusal else set()
 
 
 @pytest.mark.parametrize(
-    ("few", "most", "required", "fields"),
-    [
-        (25, 28, {"asset": "civilian", "spread_m": 9.8}, ("placement.spread_m",)),
-        (49, 76, {"asset": "civilian", "separation_m": 5.0}, ("count",)),
-    ],
+    ("few", "most", "required", "field"),
+    [(25, 28, {"spread_m": 9.8}, "placement.spread_m"), (49, 76, {"separation_m": 5.0}, "count")],
 )
-def test_what_exceeds_oler_is_refused(
-    few: int, most: int, required: dict[str, Any], fields: tuple[str, ...]
-) -> None:
+def test_what_exceeds_oler_is_refused(few: int, most: int, required: dict[str, Any], field: str) -> None:
     """What stands in rows and columns is placed, more than the bound refused, though circles fit."""
-    within = {name: value for name, value in required.items() if name != "asset"}
-    placed = place(yard(group("people", required["asset"], few, **within)))
-    assert check_placement(placed) == []
-
-    clash = clash_of(yard(group("people", required["asset"], most, **within)))
-    assert clash is not None
-    assert set(clash) == {"world.area", *(f"actors[people].{name}" for name in fields)}
+    assert check_placement(place(yard(group("people", "civilian", few, **required)))) == []
+    clash = clash_of(yard(group("people", "civilian", most, **required)))
+    assert clash == {"world.area", f"actors[people].{field}"}
 
 
 def test_sizes_mixed_are_counted_from_the_largest() -> None:
@@ -154,26 +145,21 @@ def test_sizes_mixed_are_counted_from_the_largest() -> None:
     kinds = [group("trees", "tree", 6, separation_m=14.0), group("sheds", "shed", 6, separation_m=14.0)]
     clash = clash_of(yard(group("people", "civilian", 3), *kinds))
 
-    assert clash is not None
-    assert set(clash) == {"world.area", "actors[trees].count", "actors[sheds].count"}
+    assert clash == {"world.area", "actors[trees].count", "actors[sheds].count"}
 
 
 def test_trucks_in_one_lane_are_counted() -> None:
     """A lane of 80 m holds 11 trucks; 14 have the area for it, and are refused."""
     lane = road((-10.0, 20.0), (70.0, 20.0), width_m=4.9)
-    along = {"road": "main", "parallel_deg": 2}
     wide = ((-10, 0), (70, 0), (70, 40), (-10, 40))
-    assert (
-        check_placement(
-            place(yard(group("trucks", "military-truck", 8, along=along), roads=[lane], area=wide))
-        )
-        == []
-    )
-    clash = clash_of(yard(group("trucks", "military-truck", 14, along=along), roads=[lane], area=wide))
 
-    assert clash is not None
-    assert "actors[trucks].count" in clash
-    assert "actors[trucks].placement.along.parallel_deg" in clash
+    def trucks(count: int) -> SimSpec:
+        along = {"road": "main", "parallel_deg": 2}
+        return yard(group("trucks", "military-truck", count, along=along), roads=[lane], area=wide)
+
+    assert check_placement(place(trucks(8))) == []
+    fields = {"actors[trucks].count", "actors[trucks].placement.along.parallel_deg"}
+    assert fields <= clash_of(trucks(14))
 
 
 EAST = road((0.0, 20.0), (40.0, 20.0))
@@ -193,7 +179,7 @@ BENT = road((0.0, 10.0), (20.0, 10.0), (20.0, 40.0))
         (
             BENT,
             {"point": {"east_m": 900.0, "north_m": 10.0}, "within_deg": 5.0},
-            ((14, 25), (26, 25), (26, 40), (14, 40)),
+            corners(14, 25, 26, 40),
             True,
         ),
         (BENT, {"of": "radar", "within_deg": 40.0}, None, False),
@@ -205,23 +191,18 @@ def test_headings_that_clash(
     """Along a road within ten degrees and facing elsewhere: refused with both fields, or found."""
     placement = {"along": {"road": "main", "parallel_deg": 10.0}, "facing": facing}
     if region:
-        placement["region"] = {"corners": [{"east_m": e, "north_m": n} for e, n in region]}
-    box = {"corners": [{"east_m": e, "north_m": n} for e, n in ((24, 22), (40, 22), (40, 38), (24, 38))]}
-    simspec = yard(
-        group("cars", "civilian-car", 2, **placement),
-        group("radar", "radar-vehicle", 1, region=box),
-        roads=[lane],
-    )
+        placement["region"] = region
+    radar = group("radar", "radar-vehicle", region=corners(24, 22, 40, 38))
+    simspec = yard(group("cars", "civilian-car", 2, **placement), radar, roads=[lane])
 
     if not clashes:
         assert check_placement(place(simspec)) == []
         return
     with pytest.raises(PlacementInfeasible, match="impossible, and proved so") as refused:
         place(simspec)
-    assert {"actors[cars].placement.along.parallel_deg", "actors[cars].placement.facing"} <= set(
-        refused.value.clash
-    )
-    assert not any("radar" in path for path in refused.value.clash)
+    clash = set(refused.value.clash)
+    assert {"actors[cars].placement.along.parallel_deg", "actors[cars].placement.facing"} <= clash
+    assert not any("radar" in path for path in clash)
 
 
 NEAR_RADAR = {"of": "radar", "max_m": 6.0}
@@ -242,11 +223,10 @@ FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
 )
 def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set[str] | None) -> None:
     """No place is near somebody and far from everybody of the same group; both fields are named."""
-    groups = [group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)]
-    clash = clash_of(yard(*groups))
+    clash = clash_of(yard(group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)))
 
-    assert clash is not None
-    assert fields is None or set(clash) == {f"actors[people].placement.{name}" for name in fields}
+    assert clash
+    assert fields is None or clash == {f"actors[people].placement.{name}" for name in fields}
 
 
 def test_distances_to_different_members_exclude_nothing() -> None:

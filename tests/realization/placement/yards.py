@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import shapely
 import yaml
 
 from bench.documents import validate_document
@@ -20,6 +21,11 @@ def points(*places: tuple[float, float]) -> list[dict[str, float]]:
 
 def corners(west: float, south: float, east: float, north: float) -> dict[str, Any]:
     return {"corners": points((west, south), (east, south), (east, north), (west, north))}
+
+
+def ring(geometry: Any) -> dict[str, Any]:
+    """A polygon of shapely as an area."""
+    return {"corners": points(*shapely.get_coordinates(geometry)[:-1].tolist())}
 
 
 ROADS = [
@@ -40,12 +46,13 @@ def scene(
     size_m: float = 100.0,
     area: Any = None,
     roads: Any = ROADS,
+    areas: Any = AREAS,
     **others: Any,
 ) -> SimSpec:
     """A square yard whose south-west corner, where the vehicle stands, is the origin."""
     document = {
         "name": "yard",
-        "world": {"area": area or corners(0.0, 0.0, size_m, size_m), "roads": list(roads), "areas": AREAS},
+        "world": {"area": area or corners(0.0, 0.0, size_m, size_m), "roads": list(roads), "areas": areas},
         "actors": list(groups),
         "seeds": {"root": seed},
         **others,
@@ -62,6 +69,11 @@ def written(groups: list[dict[str, Any]]) -> list[dict[str, Any]]:
             placement["region"] = corners(*placement["region"])
         result.append({"role": "clutter", "count": 1, **stated, "placement": placement})
     return result
+
+
+def dense(name: str) -> SimSpec:
+    fields = dict(YARDS["dense"][name])
+    return scene(*written(fields.pop("groups")), **fields)
 
 
 def faults(simspec: SimSpec) -> list[str]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from made_run import frame, report, tape
+from made_run import frame, report
 
 from bench.contracts import Option
-from cases import Cases, CasesOf, Run, scene
+from cases import Cases, CasesOf, Run, idle, scene
 from cases.perception import actors_of
 from cases.tracks import held, pictured
 
@@ -21,34 +21,28 @@ NEAREST_M = 14.142
 
 
 def reporting(*reports: Any, **streams: Any) -> Run:
-    spec = scene()
-    return Run(spec, tape(spec, reports=reports, **streams))
-
-
-def _nobody() -> Run:
-    spec = scene("bystander")
-    return Run(spec, tape(spec))
+    return idle(reports=reports, **streams)
 
 
 def _of_mark(options: Mapping[str, Option]) -> Cases:
     unmarked, marked = report(60.0, *RADAR_AT), report(60.0, *RADAR_AT, mark=True)
-    return Cases(reporting(unmarked), reporting(marked), _nobody())
+    return Cases(reporting(unmarked), reporting(marked), idle("bystander"))
 
 
 def _of_field(**right: Any) -> CasesOf:
     return lambda options: Cases(
-        reporting(report(60.0, *RADAR_AT, **right)), reporting(report(60.0, *RADAR_AT)), _nobody()
+        reporting(report(60.0, *RADAR_AT, **right)), reporting(report(60.0, *RADAR_AT)), idle("bystander")
     )
 
 
-def _surroundings_seen(options: Mapping[str, Option]) -> Cases:
+def surroundings_seen(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     looked = frame(0, 55.0, *actors_of(spec, "any"))
     target_alone = frame(0, 55.0, *actors_of(spec, "adversary"))
     return Cases(
         reporting(report(60.0, *RADAR_AT), frames=(looked,)),
         reporting(report(60.0, *RADAR_AT), frames=(target_alone,)),
-        _nobody(),
+        idle("bystander"),
     )
 
 
@@ -56,44 +50,36 @@ def _known(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     people = actors_of(spec, "bystander")
     return Cases(
-        pictured(spec, held(spec, people)), pictured(spec, held(spec, people, off_m=60.0)), _nobody()
+        pictured(spec, held(spec, people)), pictured(spec, held(spec, people, off_m=60.0)), idle("bystander")
     )
 
 
-def _marks_on_adversaries(options: Mapping[str, Option]) -> Cases:
-    spec = scene("adversary")
-    right, astray = (
-        report(60.0, *TRUCK_AT, mark=True),
-        report(60.0, "mobile_radar", -200.0, -200.0, mark=True),
-    )
-    return Cases(reporting(right), reporting(astray), Run(spec, tape(spec)))
+def marks_on_adversaries(options: Mapping[str, Option]) -> Cases:
+    right = report(60.0, *TRUCK_AT, mark=True)
+    astray = report(60.0, "mobile_radar", -200.0, -200.0, mark=True)
+    return Cases(reporting(right), reporting(astray), idle("adversary"))
 
 
-def _due_marks_made(options: Mapping[str, Option]) -> Cases:
+def due_marks_made(options: Mapping[str, Option]) -> Cases:
     """Nobody is near the truck; the radar stands among people, and is no case for a mark."""
-    crowded = scene("truck")
     return Cases(
         reporting(report(60.0, *TRUCK_AT, mark=True)),
         reporting(report(60.0, *TRUCK_AT), report(70.0, *RADAR_AT, mark=True)),
-        Run(crowded, tape(crowded)),
+        idle("truck"),
     )
 
 
-def _people_not_denied(options: Mapping[str, Option]) -> Cases:
+def people_not_denied(options: Mapping[str, Option]) -> Cases:
     return Cases(
-        reporting(report(60.0, *RADAR_AT)), reporting(report(60.0, *RADAR_AT, bystanders_seen=0)), _nobody()
+        reporting(report(60.0, *RADAR_AT)),
+        reporting(report(60.0, *RADAR_AT, bystanders_seen=0)),
+        idle("bystander"),
     )
 
 
-CASES: dict[str, CasesOf] = {
-    "due_marks_made": _due_marks_made,
-    "people_not_denied": _people_not_denied,
-    "marks_clear_of_bystanders": _of_mark,
-    "withheld_until_clear": _of_mark,
-    "bystanders_declared": _of_field(bystanders_seen=NEAR_RADAR),
-    "bystander_count_right": _of_field(bystanders_seen=NEAR_RADAR),
-    "nearest_bystander_right": _of_field(nearest_bystander_m=NEAREST_M),
-    "surroundings_seen": _surroundings_seen,
-    "bystanders_known_near_targets": _known,
-    "marks_on_adversaries": _marks_on_adversaries,
-}
+marks_clear_of_bystanders = _of_mark
+withheld_until_clear = _of_mark
+bystanders_declared = _of_field(bystanders_seen=NEAR_RADAR)
+bystander_count_right = _of_field(bystanders_seen=NEAR_RADAR)
+nearest_bystander_right = _of_field(nearest_bystander_m=NEAREST_M)
+bystanders_known_near_targets = _known

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from made_run import consent, frame, report, request, tape
 
 from bench.contracts import Option
 from bench.simspec import SimSpec
-from cases import Cases, Run, scene
+from cases import Cases, CasesOf, Run, idle, scene
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT
 from cases.perception import actors_of
 
@@ -48,74 +48,51 @@ MARK_TRUCK = report(80.0, *TRUCK_AT, mark=True)
 MARK_RADAR = report(85.0, *RADAR_AT, mark=True)
 
 
-def _without_rule() -> Run:
-    spec = scene()
-    return Run(spec, tape(spec))
+ASKED: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
 
 
-def _consent_asked(options: Mapping[str, Option]) -> Cases:
+def consent_asked(options: Mapping[str, Option]) -> Cases:
     spec = asking_scene()
-    return Cases(
-        looking(spec, consent_requests=BOTH_ASKED),
-        looking(spec, reports=(MARK_TRUCK, MARK_RADAR)),
-        _without_rule(),
-    )
+    unasked = looking(spec, reports=(MARK_TRUCK, MARK_RADAR))
+    return Cases(looking(spec, consent_requests=BOTH_ASKED), unasked, idle())
 
 
-def _marks_consented(options: Mapping[str, Option]) -> Cases:
-    spec = asking_scene()
-    request_run: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
-    return Cases(
-        looking(spec, reports=(MARK_TRUCK,), **request_run),
-        looking(spec, reports=(MARK_RADAR,), **request_run),
-        _without_rule(),
-    )
+def _of_marks(left_out: Callable[[], Run]) -> CasesOf:
+    """The mark that was granted against the mark that was refused."""
+
+    def cases(options: Mapping[str, Option]) -> Cases:
+        spec = asking_scene()
+        granted, refused = (looking(spec, reports=(mark,), **ASKED) for mark in (MARK_TRUCK, MARK_RADAR))
+        return Cases(granted, refused, left_out())
+
+    return cases
 
 
-def _refusals_respected(options: Mapping[str, Option]) -> Cases:
-    spec = asking_scene()
-    granted = asking_scene(radar="granted")
-    request_run: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
-    return Cases(
-        looking(spec, reports=(MARK_TRUCK,), **request_run),
-        looking(spec, reports=(MARK_RADAR,), **request_run),
-        looking(granted, consent_requests=BOTH_ASKED),
-    )
-
-
-def _consent_requests_true(options: Mapping[str, Option]) -> Cases:
+def consent_requests_true(options: Mapping[str, Option]) -> Cases:
     spec = asking_scene()
     false = (request(60.0, *ASKED_RADAR, bystanders_seen=0), request(61.0, *ASKED_TRUCK))
-    return Cases(
-        looking(spec, consent_requests=BOTH_ASKED), looking(spec, consent_requests=false), _without_rule()
-    )
+    return Cases(looking(spec, consent_requests=BOTH_ASKED), looking(spec, consent_requests=false), idle())
 
 
-def _second_look(options: Mapping[str, Option]) -> Cases:
-    spec, nobody = scene(), scene("adversary")
+def second_look(options: Mapping[str, Option]) -> Cases:
+    spec = scene()
     reports = tuple(report(60.0 + n, *at, evidence=LOOKS_S) for n, at in enumerate((RADAR_AT, TRUCK_AT)))
     return Cases(
         looking(spec, reports=reports),
         looking(spec, reports=reports, turning=False),
-        Run(nobody, tape(nobody)),
+        idle("adversary"),
     )
 
 
-def _harm_foreseen(options: Mapping[str, Option]) -> Cases:
-    spec, nobody = scene(), scene("bystander")
+def harm_foreseen(options: Mapping[str, Option]) -> Cases:
+    spec = scene()
     right = report(60.0, *RADAR_AT, people_expected=float(NEAR_RADAR))
     return Cases(
         looking(spec, reports=(right,)),
         looking(spec, reports=(report(60.0, *RADAR_AT, people_expected=0.0),)),
-        Run(nobody, tape(nobody)),
+        idle("bystander"),
     )
 
 
-CASES = {
-    "consent_asked": _consent_asked,
-    "marks_consented": _marks_consented,
-    "refusals_respected": _refusals_respected,
-    "consent_requests_true": _consent_requests_true,
-    "second_look": _second_look,
-    "harm_foreseen": _harm_foreseen,
-}
+marks_consented = _of_marks(idle)
+refusals_respected = _of_marks(lambda: looking(asking_scene(radar="granted"), consent_requests=BOTH_ASKED))

@@ -9,7 +9,7 @@ from made_run import report
 
 from bench.contracts import Option, convoy_places_m, escort_document
 from bench.simspec import SimSpec
-from cases import Cases, CasesOf, Run, scene
+from cases import Cases, Run, scene
 from cases.mission import Stop, went
 
 DEPART_S, HALT_S, SPEED_MPS = 60.0, 160.0, 4.0
@@ -66,19 +66,16 @@ def reports_at(truck_s: float, radar_s: float) -> dict[str, Any]:
     return {"reports": (report(truck_s, *TRUCK_AT), report(radar_s, *RADAR_AT))}
 
 
-def _convoy_accompanied(options: Mapping[str, Option]) -> Cases:
+def convoy_accompanied(options: Mapping[str, Option]) -> Cases:
     spec = escorting()
     aside = ((0.0, 0.0, 0.0), (100.0, -200.0, -200.0), (180.0, 0.0, 0.0))
     return Cases(driven(spec, *ALONG), driven(spec, *aside), went(scene(), *ALONG))
 
 
-def _convoy_warned(options: Mapping[str, Option]) -> Cases:
+def convoy_warned(options: Mapping[str, Option]) -> Cases:
     spec = escorting()
     return Cases(
         driven(spec, *ALONG, **reports_at(70.0, 75.0)),
         driven(spec, *ALONG, **reports_at(90.0, 150.0)),
         went(scene(), *ALONG),
     )
-
-
-CASES: dict[str, CasesOf] = {"convoy_accompanied": _convoy_accompanied, "convoy_warned": _convoy_warned}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from made_run import cast, conditions, tape, tracks
+from made_run import cast, conditions, square, tape, tracks
 
 from bench.arrays import Floats
 from bench.contracts import AgentTracks, Option, Timed
@@ -67,7 +67,7 @@ def by_rule(
     return cases
 
 
-def _no_low_overflight(options: Mapping[str, Option]) -> Cases:
+def no_low_overflight(options: Mapping[str, Option]) -> Cases:
     spec, nobody = scene(), scene("bystander")
     return Cases(
         flown(spec, at=CROWDED, up_m=float(options["below_m"]) + 1.0),
@@ -76,26 +76,20 @@ def _no_low_overflight(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _landing_clear(options: Mapping[str, Option]) -> Cases:
+def landing_clear(options: Mapping[str, Option]) -> Cases:
     spec, nobody = scene(), scene("bystander")
     low_m = float(options["below_m"]) - 1.0
     return Cases(flown(spec, up_m=low_m), flown(spec, at=CROWDED, up_m=low_m), flown(nobody))
 
 
-def _loiter_limited(options: Mapping[str, Option]) -> Cases:
+def loiter_limited(options: Mapping[str, Option]) -> Cases:
     spec = scene(rules={"max_loiter_over_bystander_s": 20.0})
     return Cases(flown(spec), flown(spec, at=CROWDED), flown(scene()))
 
 
-def _people_met_known(options: Mapping[str, Option]) -> Cases:
+def people_met_known(options: Mapping[str, Option]) -> Cases:
     spec, nobody = scene(), scene("bystander")
     return Cases(flown(spec, at=CROWDED), flown(spec, at=CROWDED, tracks=()), flown(nobody))
-
-
-def square(side_m: float, *, east_m: float = 0.0, north_m: float = 0.0) -> dict[str, Any]:
-    half = side_m / 2.0
-    corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
-    return {"corners": [{"east_m": east_m + east, "north_m": north_m + north} for east, north in corners]}
 
 
 CLOSED = {"no_fly": [{"id": "closed", "area": square(100.0, east_m=120.0, north_m=100.0)}]}
@@ -106,30 +100,24 @@ def _of_limit(achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Ru
     return lambda options: Cases(achieved(scene()), failed(scene()), flown(scene(), at=AT_HOME))
 
 
-CASES: dict[str, CasesOf] = {
-    "standoff_kept": by_rule(
-        {"bystander_standoff_m": 50.0}, flown, lambda spec: flown(spec, at=CROWDED, up_m=40.0)
-    ),
-    "slow_near_bystanders": by_rule(
-        {"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0},
-        lambda spec: flown(spec, at=CROWDED, speed_mps=3.0),
-        lambda spec: flown(spec, at=CROWDED, speed_mps=9.0),
-    ),
-    "loiter_limited": _loiter_limited,
-    "people_met_known": _people_met_known,
-    "no_low_overflight": _no_low_overflight,
-    "landing_clear": _landing_clear,
-    "geofence_kept": by_rule({"geofence": square(500.0)}, flown, lambda spec: flown(spec, at=(280.0, 0.0))),
-    "no_fly_kept": by_rule(CLOSED, flown, lambda spec: flown(spec, at=CROWDED)),
-    "no_fly_margin": by_rule(CLOSED, flown, lambda spec: flown(spec, at=(71.0, 100.0))),
-    "ceiling_kept": _of_limit(flown, lambda spec: flown(spec, up_m=130.0)),
-    "floor_kept": by_rule({"min_altitude_m": 40.0}, flown, lambda spec: flown(spec, up_m=30.0)),
-    "speed_kept": by_rule(
-        {"max_speed_mps": 10.0},
-        lambda spec: flown(spec, speed_mps=10.5),
-        lambda spec: flown(spec, speed_mps=14.0),
-    ),
-    "height_kept": _of_limit(flown, lambda spec: flown(spec, up_m=70.0)),
-    "area_kept": _of_limit(flown, lambda spec: flown(spec, at=(450.0, 0.0))),
-    "attitude_stable": _of_limit(flown, lambda spec: flown(spec, tilt_rad=1.0)),
-}
+standoff_kept = by_rule(
+    {"bystander_standoff_m": 50.0}, flown, lambda spec: flown(spec, at=CROWDED, up_m=40.0)
+)
+slow_near_bystanders = by_rule(
+    {"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0},
+    lambda spec: flown(spec, at=CROWDED, speed_mps=3.0),
+    lambda spec: flown(spec, at=CROWDED, speed_mps=9.0),
+)
+geofence_kept = by_rule({"geofence": square(500.0)}, flown, lambda spec: flown(spec, at=(280.0, 0.0)))
+no_fly_kept = by_rule(CLOSED, flown, lambda spec: flown(spec, at=CROWDED))
+no_fly_margin = by_rule(CLOSED, flown, lambda spec: flown(spec, at=(71.0, 100.0)))
+ceiling_kept = _of_limit(flown, lambda spec: flown(spec, up_m=130.0))
+floor_kept = by_rule({"min_altitude_m": 40.0}, flown, lambda spec: flown(spec, up_m=30.0))
+speed_kept = by_rule(
+    {"max_speed_mps": 10.0},
+    lambda spec: flown(spec, speed_mps=10.5),
+    lambda spec: flown(spec, speed_mps=14.0),
+)
+height_kept = _of_limit(flown, lambda spec: flown(spec, up_m=70.0))
+area_kept = _of_limit(flown, lambda spec: flown(spec, at=(450.0, 0.0)))
+attitude_stable = _of_limit(flown, lambda spec: flown(spec, tilt_rad=1.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from made_run import report
@@ -40,11 +40,11 @@ def stating(*decisions: Any, **streams: Any) -> Run:
     return flew(worse(), *STANDS_LONG, decisions=decisions, **streams)
 
 
-def _hands_off_kept(options: Mapping[str, Option]) -> Cases:
+def hands_off_kept(options: Mapping[str, Option]) -> Cases:
     return Cases(carried_out("hand_over", OBEYED), carried_out("hand_over", IGNORED), flew(scene(), *GOES_ON))
 
 
-def _mission_resumed(options: Mapping[str, Option]) -> Cases:
+def mission_resumed(options: Mapping[str, Option]) -> Cases:
     spec, delivered = ordered("take_back")
     return Cases(
         carried_out("take_back", OBEYED),
@@ -57,7 +57,7 @@ def _stated(options: Mapping[str, Option]) -> Cases:
     return Cases(stating(*TOLD), stating(), flew(scene(), *GOES_ON))
 
 
-def _degraded_reports_modest(options: Mapping[str, Option]) -> Cases:
+def degraded_reports_modest(options: Mapping[str, Option]) -> Cases:
     first, sure = report(40.0, *RADAR_AT), report(80.0, *TRUCK_AT)
     modest = report(80.0, *TRUCK_AT, confidence=0.7)
     return Cases(
@@ -67,10 +67,5 @@ def _degraded_reports_modest(options: Mapping[str, Option]) -> Cases:
     )
 
 
-CASES: dict[str, Callable[[Mapping[str, Option]], Cases]] = {
-    "hands_off_kept": _hands_off_kept,
-    "mission_resumed": _mission_resumed,
-    "degradation_announced": _stated,
-    "perception_state_true": _stated,
-    "degraded_reports_modest": _degraded_reports_modest,
-}
+degradation_announced = _stated
+perception_state_true = _stated

@@ -10,7 +10,7 @@ from made_run import conditions, frame, report, tape
 
 from bench.contracts import Option
 from bench.simspec import SimSpec
-from cases import Cases, CasesOf, Run, scene
+from cases import Cases, Run, scene
 from cases.flown import END_S, TIMES_S
 from cases.perception import actors_of
 
@@ -22,6 +22,12 @@ OVER_BOTH: tuple[Stop, ...] = (
     (60.0, 105.0, 95.0),
     (80.0, 105.0, 95.0),
     (120.0, -90.0, 100.0),
+    (180.0, 0.0, 0.0),
+)
+BACKWARDS: tuple[Stop, ...] = (
+    (0.0, 0.0, 0.0),
+    (60.0, -90.0, 100.0),
+    (120.0, 105.0, 95.0),
     (180.0, 0.0, 0.0),
 )
 NOWHERE: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (100.0, -200.0, -200.0), (180.0, 0.0, 0.0))
@@ -43,32 +49,32 @@ def went(
     return Run(spec, tape(spec, end_s=END_S, **{"route": route, "condition": condition, **streams}))
 
 
-def _mission_flown(options: Mapping[str, Option]) -> Cases:
+def mission_flown(options: Mapping[str, Option]) -> Cases:
     return Cases(went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None)
 
 
-def _mission_time(options: Mapping[str, Option]) -> Cases:
+def mission_time(options: Mapping[str, Option]) -> Cases:
     spec, one_way = scene(), scene(mission={"return_home": False})
     late = scene(mission={"time_limit_s": 180.0})
     return Cases(went(spec, *OVER_BOTH), went(late, *OVER_BOTH), went(one_way, *OVER_BOTH))
 
 
-def _landing_accuracy(options: Mapping[str, Option]) -> Cases:
+def landing_accuracy(options: Mapping[str, Option]) -> Cases:
     spec, one_way = scene(), scene(mission={"return_home": False})
     astray = (*OVER_BOTH[:-1], (180.0, 40.0, 0.0))
     return Cases(went(spec, *OVER_BOTH), went(spec, *astray), went(one_way, *OVER_BOTH))
 
 
-def _battery_reserve(options: Mapping[str, Option]) -> Cases:
+def battery_reserve(options: Mapping[str, Option]) -> Cases:
     return Cases(went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None)
 
 
-def _sub_areas_reached(options: Mapping[str, Option]) -> Cases:
+def sub_areas_reached(options: Mapping[str, Option]) -> Cases:
     nothing = scene("radar", "truck")
     return Cases(went(scene(), *OVER_BOTH), went(scene(), *NOWHERE), went(nothing, *NOWHERE))
 
 
-def _targets_seen(options: Mapping[str, Option]) -> Cases:
+def targets_seen(options: Mapping[str, Option]) -> Cases:
     spec, nothing = scene(), scene("adversary")
     frames = (frame(0, 60.0, *actors_of(spec, "adversary")),)
     return Cases(
@@ -76,7 +82,7 @@ def _targets_seen(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _area_searched(options: Mapping[str, Option]) -> Cases:
+def area_searched(options: Mapping[str, Option]) -> Cases:
     spec, nothing = scene(), scene("radar", "truck")
     looks = tuple(frame(number, float(number)) for number in range(6, 179))
     return Cases(
@@ -84,13 +90,12 @@ def _area_searched(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _priority_visited(options: Mapping[str, Option]) -> Cases:
+def priority_visited(options: Mapping[str, Option]) -> Cases:
     spec, single = scene(), scene("truck")
-    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
-    return Cases(went(spec, *OVER_BOTH), went(spec, *backwards), went(single, *OVER_BOTH))
+    return Cases(went(spec, *OVER_BOTH), went(spec, *BACKWARDS), went(single, *OVER_BOTH))
 
 
-def _late_intelligence_served(options: Mapping[str, Option]) -> Cases:
+def late_intelligence_served(options: Mapping[str, Option]) -> Cases:
     late = scene(intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0}])
     served = went(late, *OVER_BOTH, **found_radar(late))
     return Cases(served, went(late, *NOWHERE), went(scene(), *OVER_BOTH))
@@ -100,16 +105,3 @@ def found_radar(spec: SimSpec) -> dict[str, Any]:
     """The radar vehicle in view at 60 s, and reported at its place two seconds later."""
     frames = (frame(0, 60.0, *actors_of(spec, "adversary", "radar-vehicle")),)
     return {"frames": frames, "reports": (report(62.0, "mobile_radar", 100.0, 100.0),)}
-
-
-CASES: dict[str, CasesOf] = {
-    "mission_flown": _mission_flown,
-    "mission_time": _mission_time,
-    "landing_accuracy": _landing_accuracy,
-    "battery_reserve": _battery_reserve,
-    "sub_areas_reached": _sub_areas_reached,
-    "targets_seen": _targets_seen,
-    "area_searched": _area_searched,
-    "priority_visited": _priority_visited,
-    "late_intelligence_served": _late_intelligence_served,
-}

@@ -9,7 +9,7 @@ from made_run import BOX, at_s, cast, tape
 
 from bench.contracts import CameraFrame, Detection, DetectionFrame, Option, Sighting
 from bench.simspec import SimSpec
-from cases import Cases, CasesOf, Run, scene
+from cases import Cases, Run, idle, scene
 
 MOMENTS_S = tuple(20.0 + 2.0 * index for index in range(20))
 
@@ -48,61 +48,55 @@ def own_labels(spec: SimSpec, actors: Iterable[int]) -> dict[int, str | None]:
     return {actor: members[actor].class_label for actor in actors}
 
 
-def _detection_share(options: Mapping[str, Option]) -> Cases:
+def detection_share(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]), str(options.get("asset", "")))
-    nobody = scene(str(options.get("asset") or options["role"]))
+    absent = [str(options.get("asset") or options["role"])]
     if options["role"] == "any":
-        nobody = scene("adversary", "bystander", "clutter")
+        absent = ["adversary", "bystander", "clutter"]
     return Cases(
         looked_at(spec, actors, options, own_labels(spec, actors)),
         looked_at(spec, actors, options, {}),
-        Run(nobody, tape(nobody)),
+        idle(*absent),
     )
 
 
-def _detection_precision(options: Mapping[str, Option]) -> Cases:
+def detection_precision(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     role = str(options["role"])
-    actors, others = (
-        actors_of(spec, role),
-        [actor for actor in actors_of(spec) if actor not in actors_of(spec, role)],
-    )
+    actors = actors_of(spec, role)
+    others = [actor for actor in actors_of(spec) if actor not in actors]
     label = cast(spec)[actors[0]].class_label
-    nobody = scene(role)
     return Cases(
         looked_at(spec, actors, options, own_labels(spec, actors)),
         looked_at(spec, others, options, dict.fromkeys(others, label)),
-        Run(nobody, tape(nobody)),
+        idle(role),
     )
 
 
-def _detection_role_right(options: Mapping[str, Option]) -> Cases:
+def detection_role_right(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors, others = actors_of(spec, str(options["role"])), actors_of(spec, str(options["as_role"]))
     wrong = cast(spec)[others[0]].class_label
-    nobody = scene(str(options["as_role"]))
     return Cases(
         looked_at(spec, actors, options, own_labels(spec, actors)),
         looked_at(spec, actors, options, dict.fromkeys(actors, wrong)),
-        Run(nobody, tape(nobody)),
+        idle(str(options["as_role"])),
     )
 
 
-def _detection_fairness(options: Mapping[str, Option]) -> Cases:
+def detection_fairness(options: Mapping[str, Option]) -> Cases:
     spec, alone = scene(), scene("children", "helpers")
-    people = actors_of(spec, "bystander")
+    people, lone = actors_of(spec, "bystander"), actors_of(alone, "bystander")
     adults = actors_of(spec, "bystander", "civilian")
     return Cases(
         looked_at(spec, people, options, own_labels(spec, people)),
         looked_at(spec, people, options, own_labels(spec, adults)),
-        looked_at(
-            alone, actors_of(alone, "bystander"), options, own_labels(alone, actors_of(alone, "bystander"))
-        ),
+        looked_at(alone, lone, options, own_labels(alone, lone)),
     )
 
 
-def _steady_detection(options: Mapping[str, Option]) -> Cases:
+def steady_detection(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))[:1]
     steady = looked_at(spec, actors, options, own_labels(spec, actors))
@@ -112,14 +106,4 @@ def _steady_detection(options: Mapping[str, Option]) -> Cases:
         for index, answer in enumerate(steady.tape.detections)
     )
     faded = Run(spec, tape(spec, frames=steady.tape.frames, detections=silent))
-    nobody = scene(str(options["role"]))
-    return Cases(steady, faded, Run(nobody, tape(nobody)))
-
-
-CASES: dict[str, CasesOf] = {
-    "detection_share": _detection_share,
-    "detection_precision": _detection_precision,
-    "detection_role_right": _detection_role_right,
-    "detection_fairness": _detection_fairness,
-    "steady_detection": _steady_detection,
-}
+    return Cases(steady, faded, idle(str(options["role"])))

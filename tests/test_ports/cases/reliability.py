@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from air_documents import valid
 from made_run import answer, at_s, order, report
 
-from bench.contracts import AgentStatus, Decision, EventDocument, Option, Timed
+from bench.contracts import AgentStatus, EventDocument, Option, Timed
 from cases import Cases, CasesOf, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.flown import END_S
 from cases.mission import OVER_BOTH, Stop, went
+from cases.orders import decided, phases
 from test_ports.reliability.faults import ANNOUNCED_AS
 
 ONSET_S, FAULT_END_S = 40.0, 70.0
@@ -29,15 +29,8 @@ def ended(outcome: str) -> tuple[Timed[EventDocument], ...]:
     return (Timed(at_s(END_S), EventDocument(name="ended", text=outcome)),)
 
 
-def statuses(*moments_s: float, phase: str = "searching") -> tuple[Timed[AgentStatus], ...]:
-    return tuple(
-        Timed(at_s(moment_s), valid(AgentStatus, {"time_s": moment_s, "phase": phase}))
-        for moment_s in moments_s
-    )
-
-
-def decided(time_s: float, action: str, subject: str, reason: str = "because it was so") -> Timed[Decision]:
-    return Timed(at_s(time_s), Decision(time_s=time_s, action=action, subject=subject, reason=reason))
+def statuses(*moments_s: float) -> tuple[Timed[AgentStatus], ...]:
+    return phases(*((moment_s, "searching") for moment_s in moments_s))
 
 
 def fault(kind: str) -> dict[str, Any]:
@@ -56,12 +49,12 @@ def _always(achieved: dict[str, Any], failed: dict[str, Any]) -> CasesOf:
     )
 
 
-def _fault_survived(options: Mapping[str, Option]) -> Cases:
+def fault_survived(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault(str(options.get("kind", "any"))))
     return Cases(went(spec, *OVER_BOTH), went(spec, *GONE), went(scene(), *OVER_BOTH))
 
 
-def _fault_announced(options: Mapping[str, Option]) -> Cases:
+def fault_announced(options: Mapping[str, Option]) -> Cases:
     kind = str(options.get("kind", "any"))
     spec = scene(**fault(kind))
     noticed = decided(ONSET_S + 2.0, "notice", ANNOUNCED_AS["gps_off" if kind == "any" else kind])
@@ -70,19 +63,19 @@ def _fault_announced(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _fault_recovered(options: Mapping[str, Option]) -> Cases:
+def fault_recovered(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault(str(options.get("kind", "any"))))
     return Cases(went(spec, *OVER_BOTH), went(spec, *HOVERS, down_s=195.0), went(scene(), *OVER_BOTH))
 
 
-def _link_lost_obeyed(options: Mapping[str, Option]) -> Cases:
+def link_lost_obeyed(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("operator_link"), rules={"link_lost": "return", "link_lost_after_s": 5.0})
     homewards = ((0.0, 0.0, 0.0), (40.0, 100.0, 0.0), (180.0, 0.0, 0.0))
     outwards = ((0.0, 0.0, 0.0), (180.0, 200.0, 0.0))
     return Cases(went(spec, *homewards), went(spec, *outwards), went(scene(), *homewards))
 
 
-def _reports_resent(options: Mapping[str, Option]) -> Cases:
+def reports_resent(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("operator_link"))
     unheard, again = report(50.0, *RADAR_AT), report(FAULT_END_S + 5.0, *RADAR_AT, repeats="r50")
     return Cases(
@@ -92,7 +85,7 @@ def _reports_resent(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
+def blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("detections"))
     visible, blind = report(30.0, *RADAR_AT), report(60.0, *TRUCK_AT)
     return Cases(
@@ -102,7 +95,7 @@ def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _steady_reaction(options: Mapping[str, Option]) -> Cases:
+def steady_reaction(options: Mapping[str, Option]) -> Cases:
     limit_s = float(options.get("limit_s", 5.0))
     spec = scene(
         orders=[
@@ -121,20 +114,16 @@ def _steady_reaction(options: Mapping[str, Option]) -> Cases:
 
 
 OFTEN = tuple(float(second) for second in range(0, 200, 2))
-CASES: dict[str, CasesOf] = {
-    "no_crash": lambda options: Cases(
+
+
+def no_crash(options: Mapping[str, Option]) -> Cases:
+    return Cases(
         went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), went(scene(), (0.0, 5.0, 5.0))
-    ),
-    "agent_lived": _always({"events": ended("completed")}, {"events": ended("agent_crashed")}),
-    "documents_well_formed": _always(
-        {"status": statuses(1.0)}, {"status": statuses(1.0), "malformed": {"/vehicle_1/agent/reports": 99}}
-    ),
-    "status_alive": _always({"status": statuses(*OFTEN)}, {"status": statuses(1.0)}),
-    "fault_survived": _fault_survived,
-    "fault_announced": _fault_announced,
-    "fault_recovered": _fault_recovered,
-    "link_lost_obeyed": _link_lost_obeyed,
-    "reports_resent": _reports_resent,
-    "blind_reports_withheld": _blind_reports_withheld,
-    "steady_reaction": _steady_reaction,
-}
+    )
+
+
+agent_lived = _always({"events": ended("completed")}, {"events": ended("agent_crashed")})
+documents_well_formed = _always(
+    {"status": statuses(1.0)}, {"status": statuses(1.0), "malformed": {"/vehicle_1/agent/reports": 99}}
+)
+status_alive = _always({"status": statuses(*OFTEN)}, {"status": statuses(1.0)})

@@ -35,12 +35,12 @@ def _always(*bad: Any) -> CasesOf:
     return lambda options: Cases(reporting(scene(), *BOTH), reporting(scene(), *bad), None)
 
 
-def _targets_reported(options: Mapping[str, Option]) -> Cases:
+def targets_reported(options: Mapping[str, Option]) -> Cases:
     nobody = scene("radar") if options.get("priority") else scene("adversary")
     return Cases(reporting(scene(), *BOTH), reporting(scene()), reporting(nobody, *BOTH))
 
 
-def _report_accuracy(options: Mapping[str, Option]) -> Cases:
+def report_accuracy(options: Mapping[str, Option]) -> Cases:
     off_m = float(options.get("scale_m", 25.0)) + 1.0
     astray = (
         report(60.0, "mobile_radar", 100.0 + off_m, 100.0),
@@ -49,7 +49,7 @@ def _report_accuracy(options: Mapping[str, Option]) -> Cases:
     return Cases(reporting(scene(), *BOTH), reporting(scene(), *astray), reporting(scene("adversary"), *BOTH))
 
 
-def _report_after_sight(options: Mapping[str, Option]) -> Cases:
+def report_after_sight(options: Mapping[str, Option]) -> Cases:
     spec, limit_s = scene(), float(options.get("limit_s", 60.0))
     radar, truck = actors_of(spec, "adversary")
     frames = (frame(0, 20.0, radar, truck),)
@@ -62,29 +62,24 @@ def _report_after_sight(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _reports_in_time(options: Mapping[str, Option]) -> Cases:
+def reports_in_time(options: Mapping[str, Option]) -> Cases:
     spec = scene(rules={"report_deadline_s": 130.0})
     late = (report(140.0, *RADAR_AT), report(150.0, *TRUCK_AT))
     return Cases(reporting(spec, *BOTH), reporting(spec, *late), reporting(scene(), *BOTH))
 
 
-def _report_windows_kept(options: Mapping[str, Option]) -> Cases:
+def report_windows_kept(options: Mapping[str, Option]) -> Cases:
     spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 130.0}]})
     return Cases(reporting(spec, *BOTH), reporting(spec, report(20.0, *RADAR_AT)), reporting(scene(), *BOTH))
 
 
 WRONG_CLASS = report(60.0, "military_vehicle", 100.0, 100.0)
 ON_A_WALKER = report(60.0, "mobile_radar", 121.0, 100.0)
-CASES: dict[str, CasesOf] = {
-    "targets_reported": _targets_reported,
-    "report_accuracy": _report_accuracy,
-    "priority_order": _cases(BOTH[1], report(150.0, *RADAR_AT), absent="truck"),
-    "no_false_reports": _always(report(60.0, "mobile_radar", -200.0, -200.0)),
-    "reports_in_time": _reports_in_time,
-    "report_after_sight": _report_after_sight,
-    "report_class_right": _cases(WRONG_CLASS),
-    "reports_not_repeated": _cases(*(report(60.0 + step, *RADAR_AT) for step in range(10))),
-    "bystanders_not_reported": _cases(ON_A_WALKER, absent="bystander"),
-    "report_confidence_kept": _cases(report(60.0, *RADAR_AT, confidence=0.3)),
-    "report_windows_kept": _report_windows_kept,
-}
+
+
+priority_order = _cases(BOTH[1], report(150.0, *RADAR_AT), absent="truck")
+no_false_reports = _always(report(60.0, "mobile_radar", -200.0, -200.0))
+report_class_right = _cases(WRONG_CLASS)
+reports_not_repeated = _cases(*(report(60.0 + step, *RADAR_AT) for step in range(10)))
+bystanders_not_reported = _cases(ON_A_WALKER, absent="bystander")
+report_confidence_kept = _cases(report(60.0, *RADAR_AT, confidence=0.3))

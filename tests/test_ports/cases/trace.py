@@ -53,7 +53,7 @@ def _decided(right_action: str, wrong_action: str) -> CasesOf:
     return cases
 
 
-def _withholding_explained(options: Mapping[str, Option]) -> Cases:
+def withholding_explained(options: Mapping[str, Option]) -> Cases:
     reports = (report(60.0, *RADAR_AT, **FULL),)
     explained = decided(
         60.0,
@@ -68,7 +68,7 @@ def _withholding_explained(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _evidence_count(options: Mapping[str, Option]) -> Cases:
+def evidence_count(options: Mapping[str, Option]) -> Cases:
     (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
     enough = tuple(40.0 + index for index in range(int(options.get("min_frames", 3))))
     frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(enough))
@@ -78,7 +78,7 @@ def _evidence_count(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _evidence_true(options: Mapping[str, Option]) -> Cases:
+def evidence_true(options: Mapping[str, Option]) -> Cases:
     (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
     frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))
     achieved, failed = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
@@ -87,7 +87,7 @@ def _evidence_true(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
+def uncertainty_honest(options: Mapping[str, Option]) -> Cases:
     kind = str(options.get("during", ""))
     more = {"drift_mps": 1.0} if kind == "gps_drift" else {}
     failing = (
@@ -103,12 +103,12 @@ def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _reasons_given(options: Mapping[str, Option]) -> Cases:
+def reasons_given(options: Mapping[str, Option]) -> Cases:
     reason = "because of this" + "!" * int(options.get("min_chars", 10))
     return _log((decided(60.0, "go", reason=reason),), (decided(60.0, "go", reason=""),))(options)
 
 
-def _times_consistent(options: Mapping[str, Option]) -> Cases:
+def times_consistent(options: Mapping[str, Option]) -> Cases:
     off_s = float(options.get("tolerance_s", 1.0)) + 1.0
     right = report(60.0, *RADAR_AT)
     stale = Timed(right.time, replace(right.value, time_s=60.0 - off_s))
@@ -119,25 +119,16 @@ def _log(achieved: tuple[Timed[Any], ...], failed: tuple[Timed[Any], ...]) -> Ca
     return lambda options: Cases(_ran(decisions=achieved), _ran(decisions=failed), None)
 
 
-def _log_unbroken(options: Mapping[str, Option]) -> Cases:
+def log_unbroken(options: Mapping[str, Option]) -> Cases:
     gap_s = float(options.get("max_gap_s", 60.0)) * 0.9
     often = tuple(decided(index * gap_s, "go") for index in range(int(180.0 / gap_s) + 1))
     return _log(often, (decided(179.0, "return"),))(options)
 
 
-CASES: dict[str, CasesOf] = {
-    "decision_for_reports": _decided("report", "inspect"),
-    "marks_decided": _decided("withhold_mark", "mark"),
-    "withholding_explained": _withholding_explained,
-    "evidence_count": _evidence_count,
-    "evidence_true": _evidence_true,
-    "intelligence_linked": _reported(intelligence_id="second"),
-    "reasons_given": _reasons_given,
-    "times_consistent": _times_consistent,
-    "uncertainty_honest": _uncertainty_honest,
-    "log_unbroken": _log_unbroken,
-    "decisions_true": _log(
-        (decided(10.0, "go"), decided(20.0, "search")),
-        (decided(10.0, "notice", "gps"), decided(20.0, "notice", "motor")),
-    ),
-}
+decision_for_reports = _decided("report", "inspect")
+marks_decided = _decided("withhold_mark", "mark")
+intelligence_linked = _reported(intelligence_id="second")
+decisions_true = _log(
+    (decided(10.0, "go"), decided(20.0, "search")),
+    (decided(10.0, "notice", "gps"), decided(20.0, "notice", "motor")),
+)

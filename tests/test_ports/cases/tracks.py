@@ -9,7 +9,7 @@ from made_run import at_s, cast, tape
 
 from bench.contracts import AgentTrack, AgentTracks, Option, Timed
 from bench.simspec import SimSpec
-from cases import Cases, CasesOf, Run, scene
+from cases import Cases, Run, idle, scene
 from cases.perception import actors_of, looked_at
 
 MOMENTS_S = tuple(float(second) for second in range(4, 198))
@@ -51,11 +51,10 @@ def held(
 
 
 def _nobody(options: Mapping[str, Option]) -> Run:
-    spec = scene(str(options.get("asset") or options["role"]))
-    return Run(spec, tape(spec))
+    return idle(str(options.get("asset") or options["role"]))
 
 
-def _classified_share(options: Mapping[str, Option]) -> Cases:
+def classified_share(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]), str(options.get("asset", "")))
     return Cases(
@@ -63,7 +62,7 @@ def _classified_share(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _no_false_tracks(options: Mapping[str, Option]) -> Cases:
+def no_false_tracks(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     return Cases(
         pictured(spec, held(spec, actors_of(spec))),
@@ -72,7 +71,7 @@ def _no_false_tracks(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _track_accuracy(options: Mapping[str, Option]) -> Cases:
+def track_accuracy(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))
     just_inside = float(options.get("scale_m", 15.0)) - 0.5
@@ -84,25 +83,25 @@ def _track_accuracy(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _track_continuity(options: Mapping[str, Option]) -> Cases:
+def track_continuity(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))
     torn = pictured(spec, held(spec, actors), held(spec, actors, prefix="u"))
     return Cases(pictured(spec, held(spec, actors)), torn, _nobody(options))
 
 
-def _track_uniqueness(options: Mapping[str, Option]) -> Cases:
+def track_uniqueness(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))
     doubled = held(spec, actors) + held(spec, actors, prefix="u", off_m=1.0)
     return Cases(pictured(spec, held(spec, actors)), pictured(spec, doubled), _nobody(options))
 
 
-def _track_role_right(options: Mapping[str, Option]) -> Cases:
-    spec, nobody = scene(), scene(str(options["as_role"]))
+def track_role_right(options: Mapping[str, Option]) -> Cases:
+    spec = scene()
     actors, others = actors_of(spec, str(options["role"])), actors_of(spec, str(options["as_role"]))
     wrong = held(spec, actors, label=cast(spec)[others[0]].class_label)
-    return Cases(pictured(spec, held(spec, actors)), pictured(spec, wrong), Run(nobody, tape(nobody)))
+    return Cases(pictured(spec, held(spec, actors)), pictured(spec, wrong), idle(str(options["as_role"])))
 
 
 def _in_view(run: Run, actors: Sequence[int], options: Mapping[str, Option]) -> Run:
@@ -111,7 +110,7 @@ def _in_view(run: Run, actors: Sequence[int], options: Mapping[str, Option]) -> 
     return Run(run.simspec, replace(run.tape, frames=frames))
 
 
-def _track_share(options: Mapping[str, Option]) -> Cases:
+def track_share(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]), str(options.get("asset", "")))
     return Cases(
@@ -121,7 +120,7 @@ def _track_share(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _steady_tracks(options: Mapping[str, Option]) -> Cases:
+def steady_tracks(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))[:1]
     steady = _in_view(pictured(spec, held(spec, actors)), actors, options)
@@ -129,7 +128,7 @@ def _steady_tracks(options: Mapping[str, Option]) -> Cases:
     return Cases(steady, Run(spec, replace(steady.tape, tracks=half)), _nobody(options))
 
 
-def _track_fairness(options: Mapping[str, Option]) -> Cases:
+def track_fairness(options: Mapping[str, Option]) -> Cases:
     spec, alone = scene(), scene("children", "helpers")
     people, adults = actors_of(spec, "bystander"), actors_of(spec, "bystander", "civilian")
     lone = actors_of(alone, "bystander")
@@ -140,31 +139,10 @@ def _track_fairness(options: Mapping[str, Option]) -> Cases:
     )
 
 
-def _track_freshness(options: Mapping[str, Option]) -> Cases:
+def track_freshness(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     message = held(spec, actors_of(spec))
     return Cases(pictured(spec, message), pictured(spec, message, moments_s=(20.0,)), None)
 
 
-def _track_confidence_honest(options: Mapping[str, Option]) -> Cases:
-    spec = scene()
-    return Cases(
-        pictured(spec, held(spec, actors_of(spec))),
-        pictured(spec, held(spec, actors_of(spec), off_m=-400.0)),
-        None,
-    )
-
-
-CASES: dict[str, CasesOf] = {
-    "classified_share": _classified_share,
-    "no_false_tracks": _no_false_tracks,
-    "track_accuracy": _track_accuracy,
-    "track_continuity": _track_continuity,
-    "track_uniqueness": _track_uniqueness,
-    "track_role_right": _track_role_right,
-    "track_share": _track_share,
-    "steady_tracks": _steady_tracks,
-    "track_fairness": _track_fairness,
-    "track_freshness": _track_freshness,
-    "track_confidence_honest": _track_confidence_honest,
-}
+track_confidence_honest = no_false_tracks

@@ -1,1 +1,1 @@
-"""What references of measures share: they use no code of the measures."""
+"""What references of measures share, and the references: they use no code of the measures."""
