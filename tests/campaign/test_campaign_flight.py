@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from campaign_fakes import known
+from fake_agents import agent_manifest
 from host_servers import LOCALHOST, echo, server
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -20,6 +21,7 @@ from mcap_ros2.decoder import DecoderFactory
 from bench.campaign import load_measurable_decomposition, rescore, write_result
 from bench.campaign.execution._flight import fly_here
 from bench.contracts import AgentExit, Confinement, Outcome, ServicesLetIn, SessionResult
+from bench.documents import dump_yaml
 from bench.errors import SetupError
 from bench.realization import place
 from bench.recording import read_metadata, read_simspec, read_tape
@@ -34,11 +36,9 @@ from bench.simspec import (
     SimSpec,
     load_simspec,
 )
-from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 DECOMPOSITION = load_measurable_decomposition("search-and-report")
-CRASH = "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
 
 Flown = dict[str, tuple[Path, SessionResult]]
 
@@ -235,8 +235,7 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
     were let in stand in the result alone.
     """
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text(CRASH)
-    assert "crash" in BEHAVIOURS
+    manifest.write_text(dump_yaml(agent_manifest("crash")))
     with server(echo) as first, server(echo) as second:
         services = tuple(
             OutsideService(name=name, host=LOCALHOST, port=port)
@@ -260,7 +259,7 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     itself, and a damaged one is refused.
     """
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text(CRASH)
+    manifest.write_text(dump_yaml(agent_manifest("crash")))
     run = tmp_path / "run"
     write_result(run, fly_here(scene(str(manifest)), DECOMPOSITION, run, "crash"))
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED

@@ -13,6 +13,7 @@ import made_run
 import numpy as np
 import polars as pl
 import pytest
+from fake_agents import agent_manifest
 from made_campaign import Made, make_campaign
 from made_run import at_s
 
@@ -48,7 +49,6 @@ from bench.simulation import SessionPlan, run_session
 from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._truth import TruthRecorder
 from bench.streams import String, TFMessage, decode, encode
-from bench.testing import agent_manifest
 
 Box = tuple[float, float, float, float]
 Recordings = dict[str, tuple[SimSpec, Path]]

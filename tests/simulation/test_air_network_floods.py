@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from fake_agents import agent_manifest
 from test_session import patient_clock, run, session_simspec
 
 from bench.contracts import Outcome, Record, SimTime, VehicleTopics
@@ -28,7 +29,6 @@ from bench.simulation._host_clock import HOST_CLOCK, _AirReaders
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.streams import Publisher, String, open_client
-from bench.testing import agent_manifest
 
 SPEC = session_simspec()
 TOPICS = VehicleTopics(SPEC.vehicle.name)

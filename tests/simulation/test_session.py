@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from air_documents import valid
+from fake_agents import agent_manifest
 
 from bench.agents import open_agent
 from bench.campaign.execution._flight import AgentStarter
@@ -60,7 +61,6 @@ from bench.simulation._consents import OperatorConsents
 from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
 from bench.streams import String, decode
-from bench.testing import agent_manifest
 
 SQUARE = Polygon(
     corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100)))

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from fake_agents import agent_manifest
 from gl_renderer import declare, needs_gl
 from scipy.spatial.transform import Rotation
 from test_session import run, tape_from
@@ -35,7 +36,6 @@ from bench.simulation import camera_faults
 from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._pictures import _build_of
 from bench.streams import CameraInfo, CompressedImage, TFMessage, TransformStamped
-from bench.testing import agent_manifest
 
 BARREL = Distortion(k1=-0.25, k2=0.06, p1=0.001, p2=-0.0008, k3=-0.004)
 DOWN = Camera(
@@ -125,10 +125,11 @@ def test_two_cameras_cost_nothing_while_nobody_listens(tmp_path: Path) -> None:
     code = """
 import sys
 from pathlib import Path
+sys.path.append(sys.argv[2])
 from bench.agents import open_agent
 from bench.simspec import SimSpec
 from bench.simulation import SessionPlan, run_session
-from bench.testing import agent_manifest
+from fake_agents import agent_manifest
 here = Path(sys.argv[1])
 spec, records = SimSpec.model_validate_json((here / "simspec.json").read_text()), []
 (here / "scratch").mkdir()
@@ -137,7 +138,10 @@ infos = sum(record.topic.endswith("/down/camera_info") for record in records)
 print(end.outcome, infos, "cv2" in sys.modules)
 """
     answer = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(tmp_path), str(Path(__file__).parents[1])],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert answer.stdout.split() == ["time_limit", "3", "False"], answer.stderr
 

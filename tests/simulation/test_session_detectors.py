@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_agents import agent_manifest
 from scipy import ndimage
 from test_scene_detector import camera_frame
 from test_session_pictures import FlownSession, flown_twice, fly, hits_of, watched_simspec
@@ -33,7 +34,6 @@ from bench.perception import open_detector
 from bench.simspec import DetectionModel, Outage, Perception, SimSpec
 from bench.simulation import session_faults
 from bench.streams import Detection2DArray
-from bench.testing import agent_manifest
 
 DETECTIONS = VehicleTopics("vehicle_1").detections
 MODEL = DetectionModel(latency_s=0.15, latency_jitter_s=0.2)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import firmware_stand_in as stand_in
 import pytest
+from fake_agents import agent_manifest
 from firmware_files import install_firmware
 from test_session import run, session_simspec
 
@@ -19,7 +20,6 @@ from bench.contracts import (
 )
 from bench.simspec import Mission, RealAutopilot, VehicleSpec
 from bench.simulation import session_faults
-from bench.testing import agent_manifest
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from fake_agents import agent_manifest
 from ports import free_port
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import common
@@ -37,7 +38,6 @@ from bench.simulation import HostClock, session_faults
 from bench.simulation._air_topics import DOMAIN
 from bench.simulation._outside_links import outside_links
 from bench.streams import AirAccess, Clock, String, open_client
-from bench.testing import agent_manifest
 
 
 def kinds(chunks: Iterable[bytes]) -> set[str]:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args
 import cv2
 import numpy as np
 import pytest
+from fake_agents import agent_manifest
 from test_session import run, session_simspec, tape_from
 
 from bench.agents import load_manifest
@@ -49,7 +50,6 @@ from bench.simspec import (
 )
 from bench.simulation._air_network import open_air_network
 from bench.streams import CompressedImage, Detection2DArray, RosMessage, String, decode, open_client
-from bench.testing import agent_manifest
 
 WATCHER = Path(__file__).parents[2] / "examples" / "picture_watch.yaml"
 TOPICS = VehicleTopics("vehicle_1")

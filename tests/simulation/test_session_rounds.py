@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from air_documents import valid
+from fake_agents import agent_manifest
 from test_session import session_simspec, tape_from
 
 from bench.agents import open_agent
@@ -47,7 +48,7 @@ from bench.simulation._session_watch import SessionWatch
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.simulation._unpaced_air import UnpacedAir
-from bench.testing import StillVehicle, agent_manifest
+from bench.testing import StillVehicle
 
 
 class Host:

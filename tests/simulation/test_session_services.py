@@ -11,6 +11,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
+from fake_agents import agent_manifest
 from host_servers import LOCALHOST, echo, server, shout
 from pydantic import ValidationError
 from test_session import run, session_simspec
@@ -20,7 +21,6 @@ from bench.simspec import AgentSpec, Mission, OutsideService, load_simspec
 from bench.simulation import session_faults
 from bench.simulation._service_relay import MAX_CONNECTIONS
 from bench.simulation._service_relays import open_services
-from bench.testing import agent_manifest
 
 # A host that hangs must not hang the tests; no result depends on it.
 PATIENCE_S = 60.0

@@ -1,7 +1,7 @@
-"""A fake agent that speaks the tick protocol by hand, with nothing but the standard library and one Zenoh
-put.
+"""Fake agents, each of which does one thing, good or bad, and their manifests.
 
-It shows at the same time how little an agent in another language needs.
+They speak the tick protocol by hand, with nothing but the standard library and one Zenoh put, and show at the same time
+how little an agent in another language needs.
 """
 
 from __future__ import annotations
@@ -12,12 +12,43 @@ import os
 import socket
 import sys
 import time
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-from ._manifest import BEHAVIOURS
+if TYPE_CHECKING:
+    from bench.contracts import AgentManifest
 
+BEHAVIOURS = {
+    "idle": "acknowledges every tick and does nothing",
+    "finish": "says at once that its mission is complete",
+    "crash": "exits with code 3 at the tenth tick",
+    "hang": "stops answering at the tenth tick",
+    "silent": "never connects",
+    "mute": "connects and never says hello",
+    "babble": "answers a tick with a line that is no message",
+    "liar": "claims MAVLink messages that it never sent",
+    "pretender": "says it subscribes to a topic and does not",
+    "leaver": "closes the tick socket and lives on",
+    "spam": "publishes far more than anybody needs",
+    "dawdle": "takes 0.3 s of the host's time for each answer",
+    "flood": "writes to stdout without end while it answers",
+}
 # Late enough that the session is under way, early enough for a quick test.
 TURN = 10
+
+
+def agent_manifest(behaviour: str) -> AgentManifest:
+    """The manifest of a fake agent."""
+    # Imported here: an agent that publishes nothing needs nothing of the bench.
+    from bench.contracts import AgentManifest, MavlinkNeed
+
+    return AgentManifest(
+        name=f"fake-{behaviour}",
+        description=BEHAVIOURS[behaviour],
+        command=("{python}", str(Path(__file__).resolve()), "--behaviour", behaviour),
+        pace=("lockstep", "realtime"),
+        mavlink=(MavlinkNeed(),),
+    )
 
 
 def main() -> None:
