@@ -73,7 +73,10 @@ class Laboratory:
             self.call(self._stopped(broker))
 
     async def _stopped(self, broker: EmbeddedBroker) -> None:
-        # It may wait for ever for the receipt of a message whose client has gone.
+        # It may wait for ever for the receipt of a message whose client has gone, before it stops listening: the next
+        # broker wants the port.
+        for server in broker._servers.values():
+            server.instance.close()
         with suppress(TimeoutError):
             await asyncio.wait_for(broker.shutdown(), 2.0)
 

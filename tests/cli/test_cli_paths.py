@@ -46,7 +46,6 @@ READING = (
     "difficulty SEARCH --decomposition @",
     "prose --file @",
     "prose truck --vocabulary @",
-    "export @ --rerun --out run.rrd",
     "fit-detector @",
 )
 MAKING_FOLDERS = (

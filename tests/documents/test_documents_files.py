@@ -162,7 +162,6 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "simulate": lambda path: ["simulate", str(path)],
     "difficulty": lambda path: ["difficulty", str(path)],
     "run": lambda path: ["run", str(path)],
-    "export": lambda path: ["export", str(path), "--rerun", "--out", f"{path}.rrd"],
     "fit-detector": lambda path: ["fit-detector", str(path)],
 }
 

@@ -2,7 +2,7 @@
 
 Installed as `bin/px4` or `arducopter` (`firmware_files.install_firmware`), it speaks the autopilot's protocols with code of
 its own (standard library alone) and ends with exit code 3 and a line `VIOLATION: ...` on any deviation: order, units, masks,
-time, answers. It flies by the truth that the link gives: arms, takes off, repositions and lands when told over MAVLink. The
+time, answers. It flies by the truth that the link gives: arms, takes off and lands when told over MAVLink. The
 parameter STAND_IN_FAULT makes it fail.
 """
 
