@@ -62,6 +62,8 @@ def _check(out: Path) -> None:
     if out.suffix not in SUFFIXES:
         what = f"cannot write pictures as {out.suffix or 'a file without suffix'}"
         raise SetupError("--out", what, f"use {', '.join(SUFFIXES)}")
+    # Before anything is drawn, which takes long.
+    out.parent.mkdir(parents=True, exist_ok=True)
 
 
 def _write(picture: Pixels, out: Path) -> None:
@@ -75,6 +77,5 @@ def _write(picture: Pixels, out: Path) -> None:
     }
     # Encoded in memory, because cv2.imwrite tells no more than that a file could not be written.
     _, encoded = cv2.imencode(out.suffix, picture, options[out.suffix])
-    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(encoded.tobytes())
     print(out)
