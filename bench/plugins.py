@@ -25,12 +25,11 @@ PluginGroup = Literal[
 ]
 
 # Plug-ins of packages in examples/, of which the bench's pages speak: whoever asks for one is told how to get it.
-EXAMPLES = {
-    "export-rerun": "examples/rerun_export",
-    "fit-detector": "examples/detector_fit",
-    "grounded": "examples/grounded_detector",
-    "moderngl": "examples/gl_renderer",
-    "px4-board": "examples/boards",
+EXAMPLES: dict[tuple[PluginGroup, str], str] = {
+    ("rebar.commands", "export-rerun"): "examples/rerun_export",
+    ("rebar.commands", "fit-detector"): "examples/detector_fit",
+    ("rebar.detectors", "grounded"): "examples/grounded_detector",
+    ("rebar.renderers", "moderngl"): "examples/gl_renderer",
 }
 
 
@@ -66,7 +65,8 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
 
 def remedy_for(group: PluginGroup, name: str) -> str:
     """For a plug-in that is not installed: what is, and how to install one of a package in examples/."""
-    how = f"pip install {EXAMPLES[name]}" if name in EXAMPLES else "or install its package"
+    example = EXAMPLES.get((group, name))
+    how = f"pip install {example}" if example else "or install its package"
     return f"installed: {', '.join(sorted(plugins(group))) or 'none'}; {how}"
 
 

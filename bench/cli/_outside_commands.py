@@ -23,9 +23,9 @@ class OutsideCommands(TyperGroup):
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         if cmd_name not in self._outside():
-            if cmd_name in EXAMPLES:
-                remedy = f"pip install {EXAMPLES[cmd_name]}"
-                raise SetupError(cmd_name, "is a command of a package that is not installed", remedy)
+            if example := EXAMPLES.get(("rebar.commands", cmd_name)):
+                what = "is a command of a package that is not installed"
+                raise SetupError(cmd_name, what, f"pip install {example}")
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         alone.command(cmd_name)(load_plugin("rebar.commands", cmd_name))

@@ -174,7 +174,9 @@ def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
     honour it until it is down. Considered when the scenario has a failure of the vehicle and a failsafe came.
     """
     limit_s = simspec.mission.time_limit_s
-    consider(any(it.at_s < limit_s for it in simspec.vehicle.failures), "nothing of the vehicle fails")
+    consider(
+        any(failure.at_s < limit_s for failure in simspec.vehicle.failures), "nothing of the vehicle fails"
+    )
     spans = list(_failsafe_spans(tape))
     total_s = sum(span_s for _, span_s, _ in spans)
     consider(total_s > 0.0, "no failsafe of the autopilot came")

@@ -20,12 +20,14 @@ def export_rerun(
 
     Example: rebar export-rerun out/demo/runs/p001-r1-reference-naive --out run.rrd
     """
+    from bench.visible_text import visible
+
     from ._export import export_for_rerun
 
     file = recording / "recording.mcap" if recording.is_dir() else recording
     malformed = export_for_rerun(file, out, _observations(file.with_name("result.json"), file))
     for topic, count in malformed.items():
-        print(f"not shown: {topic} ({count})")
+        print(f"not shown: {visible(topic)} ({count})")
     if malformed:
         print("It cannot be decoded, or lies behind the place where the recording is cut off.")
     print(f"export: {out}\ndocs/viewers.md says what opens it.")
