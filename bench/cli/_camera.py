@@ -27,7 +27,7 @@ def sheet(
 
     Example: rebar camera sheet --out out/sheet.png
     """
-    _check(out)
+    _prepare(out)
     from bench.contracts import load_plugin
     from bench.simulation import renderer_faults
 
@@ -54,11 +54,11 @@ def frames(
     """
     from bench.reporting import boxed_frames
 
-    _check(out)
+    _prepare(out)
     _write(boxed_frames([folder / "recording.mcap" for folder in runs], at or ()), out)
 
 
-def _check(out: Path) -> None:
+def _prepare(out: Path) -> None:
     if out.suffix not in SUFFIXES:
         what = f"cannot write pictures as {out.suffix or 'a file without suffix'}"
         raise SetupError("--out", what, f"use {', '.join(SUFFIXES)}")
