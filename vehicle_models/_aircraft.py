@@ -144,8 +144,6 @@ class Aircraft(LinkedVehicle, ABC):
         return topics.take_published() if (topics := self._controller.topics) else []
 
     def step(self) -> None:
-        if self._controller.restart_requested:
-            self._restart()
         self._failures.apply(self.time.ns)
         self._controller.control()
         self._apply_gusts()
@@ -160,6 +158,9 @@ class Aircraft(LinkedVehicle, ABC):
         if self._crashed(falling_mps):
             self._controller.crash()
         self._controller.report()
+        # Now, not as the next step begins: inboxes fill between steps, and who answers the acknowledgement is heard.
+        if self._controller.restart_requested:
+            self._restart()
 
     def truth(self) -> VehicleState:
         return self._vehicle_state((0.0, 0.0, 0.0), (0.0, 0.0))

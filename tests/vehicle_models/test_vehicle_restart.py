@@ -62,6 +62,8 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     assert client.last("HEARTBEAT").get_srcSystem() == 1
     assert client.command(REBOOT, 1) == [ACCEPTED]
     restarted_s = client.vehicle.time.s
+    # A client that has read the acknowledgement is heard, by the new controller.
+    assert requested_message(client, 2, system=7).time_boot_ms <= 100
 
     messages = client.fly(2.0)
     assert {message.get_srcSystem() for message in messages} == {7}

@@ -379,7 +379,7 @@ class Controller:
 
     @property
     def restart_requested(self) -> bool:
-        """Whether a restart was accepted; it is due when the acknowledgement has been sent."""
+        """Whether a restart was accepted; it is due at the end of the step."""
         return self._restart.requested
 
     def persistent_state(self) -> PersistentState:

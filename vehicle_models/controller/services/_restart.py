@@ -27,7 +27,7 @@ class PersistentState:
 
 
 class Restart:
-    """Answers the command as the policy has it; an accepted restart happens once the step is over."""
+    """Answers the command as the policy has it; an accepted restart happens as the step ends."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
         self._context = context
@@ -40,7 +40,6 @@ class Restart:
     def _restart(self, command: Command) -> CommandResult | None:
         answer = self._policy.answer(self._context.flight, command)
         fixed = self._policy.fixed_results.get(MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN, CommandResult.UNSUPPORTED)
-        # The controller restarts after the step, so that the acknowledgement leaves first.
         result = answer.results[0] if answer else fixed
         self.requested |= result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS
         return result
