@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Annotated
 
 import typer
@@ -120,6 +121,12 @@ for name, summary, members in _GROUPS:
 app.add_typer(_agent.agent)
 
 
+@cache
+def _commands() -> Callable[..., object]:
+    """The tree as the command-line library calls it; reading every signature takes longer than most commands do."""
+    return typer.main.get_command(app)
+
+
 def _check_utf8(name: str) -> None:
     """Raises SetupError for a name that no document can hold: found only when one is written, it would cost the flights."""
     try:
@@ -167,7 +174,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         for name in (os.getcwd(), *arguments):
             _check_utf8(name)
-        app(args=list(arguments))
+        _commands()(args=list(arguments))
     # The command-line library reports usage errors, --help and Exit this way.
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
