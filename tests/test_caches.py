@@ -113,6 +113,7 @@ OF_PROCESS = {
     "of the installed package": (
         "bench.agents._manifest.installed_agents",
         "bench.camera._looks.look_tables",
+        "bench.cli._app._commands",
         "bench.plugins.plugins",
         "bench.simspec._assets.packaged_assets",
         "bench.lazy.declared_names",
