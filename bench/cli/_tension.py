@@ -46,7 +46,12 @@ def tension(
     from ._scores import rated_decomposition
 
     if campaign is not None or out is not None:
-        print_lines(*_draw(campaign, node, wanted, points, out))
+        node, situations = _draw(campaign, node, wanted, points, out)
+        if as_json:
+            print(json.dumps({"node": node, "tension": wanted, "situations": situations}, indent=2))
+            return
+        title = f"{len(situations)} situations of tension {wanted} for {node} by measured difficulty"
+        print_lines(f"{title}, in {out}:", *(f"  {name}: {found:.0f}" for name, found in situations.items()))
         return
     tree = rated_decomposition(decomposition)
     node = _node(tree, node)
@@ -74,8 +79,10 @@ def tension(
         raise typer.Exit(1)
 
 
-def _draw(campaign: Path | None, node: str, wanted: int, points: int, out: Path | None) -> Iterator[str]:
-    """Write a campaign whose situations have the tension by measured difficulty, and say how hard each is."""
+def _draw(
+    campaign: Path | None, node: str, wanted: int, points: int, out: Path | None
+) -> tuple[str, dict[str, float | None]]:
+    """Write a campaign whose situations have the tension; the node's id, and the measured difficulty of each."""
     from bench.campaign import Campaign, load_campaign, load_measurable_decomposition, realizations
     from bench.documents import dump_value, validate_document
     from bench.errors import SetupError
@@ -99,8 +106,7 @@ def _draw(campaign: Path | None, node: str, wanted: int, points: int, out: Path 
     rate = measured_rating(tree, [node])
     plans = {plan.design_point: plan for plan in realizations(chosen)}
     out.write_text(dump_value(document), encoding="utf-8")
-    yield f"{len(plans)} situations of tension {wanted} for {node} by measured difficulty, in {out}:"
-    yield from (f"  {name}: {rate(plan.situation)[node]:.0f}" for name, plan in plans.items())
+    return node, {name: rate(plan.situation)[node] for name, plan in plans.items()}
 
 
 def _node(tree: Decomposition, words: str) -> str:

@@ -225,16 +225,18 @@ def test_situations_of_a_measured_tension_are_drawn_from_a_campaign(
 ) -> None:
     out = tmp_path / "drawn.yaml"
     line = ["tension", node, str(wanted), "--campaign", PANEL, "--points", "2", "--out", str(out)]
-    assert "2 situations" in rebar(*line)
+    printed = rebar.json(*line)
+    assert (printed["node"], printed["tension"]) == (node, wanted)
     campaign = load_campaign(out)
     assert campaign.study == (node,)
     scale = shipped_scale(load_decomposition(campaign.decomposition))
     assert scale is not None
     plans = {plan.design_point: plan for plan in realizations(campaign)}
     assert len(plans) == 2
-    for plan in plans.values():
+    for name, plan in plans.items():
         measured = scale.measure(node, features_of(place(plan.situation)))
         assert measured.tension == wanted
+        assert printed["situations"][name] == measured.difficulty
     # What is there stays, and neither option stands alone.
     assert run(line) == 2
     assert run(line[:-2]) == 2
