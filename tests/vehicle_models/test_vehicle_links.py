@@ -344,20 +344,23 @@ def test_clients_that_come_and_go_do_not_push_out_an_active_one(opened: Open, pe
 RUBBISH = (b"\xfd\xff\x00" * 400, b"\x00" * 1400, b"\xfe\x21\x00\x01\x01\x00" * 200)
 
 
-@pytest.mark.parametrize("rubbish", [*RUBBISH, beat(9) * 60, beat(9)])
+@pytest.mark.parametrize("rubbish", [*RUBBISH, beat(9) * 60])
 def test_a_flood_costs_little(opened: Open, peer: Join, rubbish: bytes) -> None:
-    """A second of steps, with as many datagrams as a socket holds, takes less than half a second of CPU time."""
-    vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
-    flood = peer(vehicle)
-    spent = 0.0
+    """A second of steps, each with as many datagrams as a socket holds, costs half of what as many heartbeats cost, and
+    certainly not three times that: compared in one run, whatever the host.
+    """
+    spent_s = {rubbish: 0.0, beat(9): 0.0}
+    vehicles = {flood: opened(LinkSpec("air", "udp_in", streams="none")) for flood in spent_s}
+    peers = {flood: peer(vehicle) for flood, vehicle in vehicles.items()}
     for _ in range(50):
-        for _ in range(400):
-            flood.socket.send(rubbish)
-        begun = time.process_time()
-        run(vehicle, 1)
-        spent += time.process_time() - begun
-    assert spent < 0.5
-    counters = vehicle.counters()
+        for flood, vehicle in vehicles.items():
+            for _ in range(400):
+                peers[flood].socket.send(flood)
+            begun_s = time.process_time()
+            run(vehicle, 1)
+            spent_s[flood] += time.process_time() - begun_s
+    assert spent_s[rubbish] < 3.0 * spent_s[beat(9)]
+    counters = vehicles[rubbish].counters()
     assert counters["mavlink_garbage_bytes"] + counters["mavlink_dropped"] > 0
 
 
