@@ -29,6 +29,7 @@ EXAMPLES: dict[tuple[PluginGroup, str], str] = {
     ("rebar.commands", "export-rerun"): "examples/rerun_export",
     ("rebar.commands", "fit-detector"): "examples/detector_fit",
     ("rebar.detectors", "grounded"): "examples/grounded_detector",
+    ("rebar.firmware", "px4-board"): "examples/boards",
     ("rebar.renderers", "moderngl"): "examples/gl_renderer",
 }
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from bench.contracts import LinkSpec, VehiclePlan, load_plugin, plugins
+from bench.contracts import LinkSpec, VehiclePlan, load_plugin, plugins, remedy_for
 from bench.documents import Document, validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import PluginAutopilot, RealAutopilot, SimSpec
@@ -125,13 +125,9 @@ class FirmwareKind(Protocol):
 
 def kind_of(autopilot: RealAutopilot | PluginAutopilot) -> FirmwareKind:
     """The installed kind. Raises SetupError where there is none of this name."""
-    installed = plugins("rebar.firmware")
-    if autopilot.kind not in installed:
+    if autopilot.kind not in plugins("rebar.firmware"):
         what = f"there is no firmware {autopilot.kind!r}"
-        remedy = "or install its package (of px4-board: pip install examples/boards)"
-        raise SetupError(
-            "vehicle.autopilot.kind", what, f"installed: {', '.join(sorted(installed))}; {remedy}"
-        )
+        raise SetupError("vehicle.autopilot.kind", what, remedy_for("rebar.firmware", autopilot.kind))
     kind: FirmwareKind = load_plugin("rebar.firmware", autopilot.kind)
     return kind
 
