@@ -59,7 +59,7 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
     assert "–" in (flown / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 @pytest.mark.parametrize(
     "line",
     [
