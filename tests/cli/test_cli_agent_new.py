@@ -80,7 +80,12 @@ def test_nothing_is_overwritten_and_a_name_has_to_be_an_agents(tmp_path: Path, r
 @pytest.mark.flight
 @pytest.mark.parametrize(
     "language",
-    ["python", "c", pytest.param("node", marks=pytest.mark.slow), pytest.param("rust", marks=pytest.mark.slow)],
+    [
+        "python",
+        "c",
+        pytest.param("node", marks=pytest.mark.slow),
+        pytest.param("rust", marks=pytest.mark.slow),
+    ],
 )
 def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path: Path) -> None:
     """The short form: it is in the air on the way to the first place, and a scene gives one recording."""

@@ -59,7 +59,10 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
 
 @pytest.mark.parametrize(
     ("command", "columns"),
-    [*((name, None) for name in COMMANDS), *((name, "80") for name in ("compare", "next", "tension", "help"))],
+    [
+        *((name, None) for name in COMMANDS),
+        *((name, "80") for name in ("compare", "next", "tension", "help")),
+    ],
 )
 def test_every_command_fits(
     flown: Path,

@@ -62,7 +62,7 @@ def test_a_failing_measure_costs_its_observable_alone(site: Path, tmp_path: Path
         return f"{head}def outside_height(*arguments):\n    {fault}\n\n\n@measure\ndef unused({body}"
 
     own, out = prepared(site, tmp_path, spoil), tmp_path / "out"
-    flown = rebar(own, "run", tmp_path / "campaign.yaml", "--out", out)
+    flown = rebar(own, "run", tmp_path / "campaign.yaml", "--out", out, "--workers", "1")
     assert flown.returncode == 3, flown.stderr
     installed = own / "rebar_outside" / "__init__.py"
     said = " ".join(flown.stdout.split())

@@ -367,14 +367,14 @@ def test_a_damaged_recording_says_so(folder: Path, tmp_path: Path, chromium: Bro
         assert "cannot be read to its end" in browser.wait("document.querySelector('.remark').innerText")
 
 
-def test_twenty_thousand_rows_scroll(folder: Path, chromium: Browser) -> None:
+def test_thousands_of_rows_scroll(folder: Path, chromium: Browser) -> None:
     """The document holds the rows in view alone; the last row comes into view, sorted and filtered ones too."""
     content = content_of(folder)
     assert isinstance(content, CampaignContent)
     few = runs_table(load_report_data(folder))
-    places = pl.DataFrame({"place": [f"q{place:04d}-" for place in range(3334)]})
+    places = pl.DataFrame({"place": [f"q{place:04d}-" for place in range(700)]})
     many = places.join(few, how="cross").with_columns(run=pl.col("place") + pl.col("run")).drop("place")
-    assert many.height > 20_000
+    assert many.height > 4_000
     content._table.get = lambda: many  # type: ignore[method-assign]
     with shown(chromium, content) as browser:
         browser.go("#/runs")
