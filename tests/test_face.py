@@ -26,8 +26,6 @@ def test_every_declared_name_can_be_had() -> None:
         ("from bench.scoring import difficulty_of", {"scipy", "polars"}),
         # Stratified designs and `rebar tension` rate by measured difficulty.
         ("from bench.reporting import measured_rating", {"scipy", "jinja2", "networkx"}),
-        # Every report does.
-        ("import bench.reporting.assurance._drawing", {"networkx"}),
         # Agents use it.
         ("import bench.polygons", {"numpy", "shapely"}),
     ],

@@ -349,7 +349,7 @@ def test_live_shows_a_result_that_comes(folder: Path, tmp_path: Path, chromium: 
         assert last in browser.wait("document.querySelector('.news').innerText")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.97])
+@pytest.mark.parametrize("share", [0.0, 0.97])
 def test_a_run_half_written_is_shown_as_far_as_it_is(
     share: float, folder: Path, tmp_path: Path, chromium: Browser
 ) -> None:
