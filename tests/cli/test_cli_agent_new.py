@@ -114,17 +114,22 @@ def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("language", "speaks"),
-    # Each client once and each autopilot twice or more; all ten pairs held when they were flown.
+    # Each client once and each autopilot twice or more; all ten pairs held when they were flown. Clear air is easier than
+    # fog, so that one client flies it.
     [("python", "ardupilot"), ("node", "px4"), ("c", "ardupilot"), ("rust", "px4"), ("ros2", "px4")],
 )
 def test_a_new_agent_holds_its_check_and_scores(language: str, speaks: str, tmp_path: Path) -> None:
     folder = tmp_path / "scout"
     scaffold(folder, language, "--speaks", speaks)
     assert run(["agent", "check", str(folder / "scout.yaml"), "--out", str(tmp_path / "check")]) == 0
-    out = tmp_path / "flown"
-    assert run(["run", str(folder / "campaign.yaml"), "--agent", str(folder), "--out", str(out)]) == 0
+    out, campaign = tmp_path / "flown", folder / "campaign.yaml"
+    scenes = ["1.0", "4.0"] if language == "python" else ["4.0"]
+    text = campaign.read_text()
+    assert "levels: [1.0, 4.0]" in text
+    campaign.write_text(text.replace("levels: [1.0, 4.0]", f"levels: [{', '.join(scenes)}]"))
+    assert run(["run", str(campaign), "--agent", str(folder), "--out", str(out)]) == 0
     results = [load_document(path, SessionResult) for path in out.glob("runs/*/result.json")]
-    assert len(results) == 2
+    assert len(results) == len(scenes)
     for result in results:
         considered = [item.x for item in result.observations if item.x is not None]
         assert len(considered) == 14
