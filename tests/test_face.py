@@ -24,6 +24,8 @@ def test_every_declared_name_can_be_had() -> None:
         ("import bench", {"jsbsim", "zenoh", "numpy", "pydantic"}),
         # Each runner and most commands rate difficulty; scipy and polars take longer to import than all else.
         ("from bench.scoring import difficulty_of", {"scipy", "polars"}),
+        # Stratified designs and `rebar tension` rate by measured difficulty.
+        ("from bench.reporting import measured_rating", {"scipy", "jinja2", "networkx"}),
         # Agents use it.
         ("import bench.polygons", {"numpy", "shapely"}),
     ],
@@ -43,7 +45,15 @@ LAZY_ROOMS = [
     "bench",
     *(
         f"bench.{room}"
-        for room in ("campaign", "contracts", "perception", "realization", "recording", "scoring")
+        for room in (
+            "campaign",
+            "contracts",
+            "perception",
+            "realization",
+            "recording",
+            "reporting",
+            "scoring",
+        )
     ),
     *(f"bench.{room}" for room in ("simspec", "statistics", "streams")),
     *("bench.realization.design", "bench.realization.placement", "decompositions"),

@@ -51,6 +51,8 @@ def run_tests(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     temporary.mkdir(exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if "PYTEST" not in name}
     environment |= {"TMPDIR": str(temporary), "PYTHONPATH": str(Path(__file__).parent)}
+    # Most of the time would go into plug-ins of pytest that have no part in this.
+    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     command = [
         sys.executable,
         *["-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", "."],
@@ -61,7 +63,7 @@ def run_tests(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return done
 
 
-@pytest.mark.parametrize("options", [(), ("-n", "2")])
+@pytest.mark.parametrize("options", [(), ("-p", "xdist", "-n", "2")])
 def test_what_is_left_fails_the_run(tmp_path: Path, options: tuple[str, ...]) -> None:
     (tmp_path / "test_tidy.py").write_text(TIDY)
     (tmp_path / "test_untidy.py").write_text(UNTIDY)

@@ -78,7 +78,15 @@ def test_nothing_is_overwritten_and_a_name_has_to_be_an_agents(tmp_path: Path, r
 
 
 @pytest.mark.flight
-@pytest.mark.parametrize("language", ["python", "c"])
+@pytest.mark.parametrize(
+    "language",
+    [
+        "python",
+        "c",
+        pytest.param("node", marks=pytest.mark.slow),
+        pytest.param("rust", marks=pytest.mark.slow),
+    ],
+)
 def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path: Path) -> None:
     """The short form: it is in the air on the way to the first place, and a scene gives one recording."""
     folder = tmp_path / "scout"
@@ -106,26 +114,26 @@ def test_the_new_agent_takes_off_at_once_and_twice_alike(language: str, tmp_path
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("language", "speaks"),
-    # Each client once and each autopilot twice or more; all ten pairs held when they were flown.
+    # Each client once and each autopilot twice or more; all ten pairs held when they were flown. Clear air is easier than
+    # fog, so that one client flies it.
     [("python", "ardupilot"), ("node", "px4"), ("c", "ardupilot"), ("rust", "px4"), ("ros2", "px4")],
 )
-def test_a_new_agent_holds_its_check_and_scores_alike(language: str, speaks: str, tmp_path: Path) -> None:
+def test_a_new_agent_holds_its_check_and_scores(language: str, speaks: str, tmp_path: Path) -> None:
     folder = tmp_path / "scout"
     scaffold(folder, language, "--speaks", speaks)
     assert run(["agent", "check", str(folder / "scout.yaml"), "--out", str(tmp_path / "check")]) == 0
-    campaigns = []
-    # Of the others test_the_new_agent_takes_off_at_once_and_twice_alike has a form of seconds.
-    for name in ("first", "second") if language in ("node", "rust") else ("first",):
-        out = tmp_path / name
-        assert run(["run", str(folder / "campaign.yaml"), "--agent", str(folder), "--out", str(out)]) == 0
-        results = [load_document(path, SessionResult) for path in sorted(out.glob("runs/*/result.json"))]
-        assert len(results) == 2
-        for result in results:
-            considered = [item.x for item in result.observations if item.x is not None]
-            assert len(considered) == 14
-            assert sum(x >= 0.5 for x in considered) >= 12
-        campaigns.append([(result.realization, result.recording_sha256) for result in results])
-    assert campaigns[0] == campaigns[-1]
+    out, campaign = tmp_path / "flown", folder / "campaign.yaml"
+    scenes = ["1.0", "4.0"] if language == "python" else ["4.0"]
+    text = campaign.read_text()
+    assert "levels: [1.0, 4.0]" in text
+    campaign.write_text(text.replace("levels: [1.0, 4.0]", f"levels: [{', '.join(scenes)}]"))
+    assert run(["run", str(campaign), "--agent", str(folder), "--out", str(out)]) == 0
+    results = [load_document(path, SessionResult) for path in out.glob("runs/*/result.json")]
+    assert len(results) == len(scenes)
+    for result in results:
+        considered = [item.x for item in result.observations if item.x is not None]
+        assert len(considered) == 14
+        assert sum(x >= 0.5 for x in considered) >= 12
 
 
 CHECK_SCENE = load_simspec(Path(__file__).parents[2] / "examples" / "agent_check.yaml")

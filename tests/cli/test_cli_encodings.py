@@ -45,7 +45,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("encodings") / "Größe"
     folder.mkdir()
     (folder / "käse.yaml").write_text(yaml.safe_dump(CAMPAIGN, allow_unicode=True), encoding="utf-8")
-    ended = rebar(["run", str(folder / "käse.yaml"), "--out", str(folder / "out")], **C_LOCALE)
+    line = ["run", str(folder / "käse.yaml"), "--out", str(folder / "out"), "--workers", "1"]
+    ended = rebar(line, **C_LOCALE)
     assert (ended.returncode, ended.stderr.count(b"\n")) == (0, 13), ended.stderr.decode()
     assert b"reference-naive - OVERHEAD FIDELITY" in ended.stdout
     assert b"Gr\\u00f6\\u00dfe" in ended.stdout
@@ -59,7 +60,7 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
     assert "–" in (flown / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 @pytest.mark.parametrize(
     "line",
     [

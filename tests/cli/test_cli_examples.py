@@ -51,7 +51,7 @@ def test_a_copy_overwrites_nothing(tmp_path: Path, rebar: Rebar) -> None:
     assert not (tmp_path / "examples").exists()
 
 
-# Building and two sessions are a minute of a core, which a busy host may stretch beyond the usual limit.
+# Building and a session are half a minute of a core, which a busy host may stretch beyond the usual limit.
 @pytest.mark.timeout(900)
 def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path) -> None:
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
@@ -106,8 +106,9 @@ def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path)
     file = tmp_path / "mine" / "campaigns" / "demo.yaml"
     campaign = yaml.safe_load(file.read_text(encoding="utf-8"))
     campaign["design"]["method"]["take"] = 1
-    # They turn for home in time: an early end of the mission is an end of it too.
+    del campaign["agents"][1:]
+    # It turns for home in time: an early end of the mission is an end of it too.
     campaign["base"]["mission"]["time_limit_s"] = 60.0
     file.write_text(yaml.safe_dump(campaign), encoding="utf-8")
-    assert "2 completed" in installed("run", str(file), "--out", "out")
+    assert "1 completed" in installed("run", str(file), "--out", "out")
     assert "all files match" in installed("verify", "out")

@@ -92,7 +92,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "campaign.json").write_text(json.dumps(campaign))
     words = ["run", str(folder / "campaign.json"), "--out", str(folder / "out")]
-    code, sent = on_a_terminal([*words, "--events", str(folder / "events.jsonl")])
+    code, sent = on_a_terminal([*words, "--workers", "1", "--events", str(folder / "events.jsonl")])
     assert code == 0, sent
     assert_visible(OWN_CODES.sub("", sent))
     assert SHOWN[:40] in sent

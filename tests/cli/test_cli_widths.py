@@ -57,8 +57,13 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
 }
 
 
-@pytest.mark.parametrize("columns", [None, "80"], ids=["pipe", "80 columns"])
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "columns"),
+    [
+        *((name, None) for name in COMMANDS),
+        *((name, "80") for name in ("compare", "next", "tension", "help")),
+    ],
+)
 def test_every_command_fits(
     flown: Path,
     command: str,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_plugins_outside import DECOMPOSITION, OUTSIDE, install_outside
+from installed_packages import DECOMPOSITION, OUTSIDE
 
 from bench.campaign import measure_all, open_journal
 from bench.campaign.planning import _measures
@@ -37,14 +37,14 @@ design:
 """
 
 
-def prepared(folder: Path, change: Callable[[str], str]) -> Path:
-    """The package from outside, its source changed, beside a campaign that measures with it: where it is installed."""
-    shutil.copytree(OUTSIDE, folder / "package")
-    source = folder / "package" / "rebar_outside" / "__init__.py"
+def prepared(site: Path, folder: Path, change: Callable[[str], str]) -> Path:
+    """Installed packages, the source of that from outside changed, beside a campaign that measures with it: their place."""
+    own = shutil.copytree(site, folder / "site")
+    source = own / "rebar_outside" / "__init__.py"
     source.write_text(change(source.read_text()))
     (folder / "decomposition.yaml").write_text(DECOMPOSITION)
     (folder / "campaign.yaml").write_text(CAMPAIGN)
-    return install_outside(folder / "package", folder / "site")
+    return own
 
 
 def rebar(site: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -53,7 +53,7 @@ def rebar(site: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
+def test_a_failing_measure_costs_its_observable_alone(site: Path, tmp_path: Path) -> None:
     """Every session is flown once and completes; run and report name the measure, its package and its line."""
     fault = 'raise KeyError("nothing of that name")'
 
@@ -61,10 +61,10 @@ def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
         head, body = source.split("@measure\ndef outside_height(")
         return f"{head}def outside_height(*arguments):\n    {fault}\n\n\n@measure\ndef unused({body}"
 
-    site, out = prepared(tmp_path, spoil), tmp_path / "out"
-    flown = rebar(site, "run", tmp_path / "campaign.yaml", "--out", out)
+    own, out = prepared(site, tmp_path, spoil), tmp_path / "out"
+    flown = rebar(own, "run", tmp_path / "campaign.yaml", "--out", out, "--workers", "1")
     assert flown.returncode == 3, flown.stderr
-    installed = site / "rebar_outside" / "__init__.py"
+    installed = own / "rebar_outside" / "__init__.py"
     said = " ".join(flown.stdout.split())
     assert "MEASURE FAILED in 2 of 2 runs" in said
     assert f"outside_height of rebar-outside: KeyError: 'nothing of that name' ({installed}:" in said
@@ -74,7 +74,7 @@ def test_a_failing_measure_costs_its_observable_alone(tmp_path: Path) -> None:
     assert "outside_height of rebar-outside: KeyError" in (out / "report.html").read_text()
 
     installed.write_text((OUTSIDE / "rebar_outside" / "__init__.py").read_text())
-    scored = rebar(site, "score", out)
+    scored = rebar(own, "score", out)
     assert scored.returncode == 0, scored.stdout + scored.stderr
     assert "MEASURE FAILED" not in scored.stdout
     with open_journal(out / "journal.sqlite") as journal:
@@ -98,10 +98,10 @@ def test_an_answer_that_is_no_observation_is_a_failure_too(monkeypatch: pytest.M
     )
 
 
-def test_a_package_that_cannot_be_imported_is_named_before_anything_flies(tmp_path: Path) -> None:
+def test_a_package_that_cannot_be_imported_is_named_before_anything_flies(site: Path, tmp_path: Path) -> None:
     """With the line at which its import ends."""
-    site = prepared(tmp_path, lambda source: source + "\nimport not_installed_anywhere\n")
-    done = rebar(site, "run", tmp_path / "campaign.yaml", "--out", tmp_path / "out")
+    own = prepared(site, tmp_path, lambda source: source + "\nimport not_installed_anywhere\n")
+    done = rebar(own, "run", tmp_path / "campaign.yaml", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert (
         "of rebar-outside cannot be imported: ModuleNotFoundError: No module named 'not_installed_anywhere'"

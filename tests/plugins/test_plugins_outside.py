@@ -7,11 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from boards import PACKAGE
+from installed_packages import DECOMPOSITION
 
 from bench.simspec import Pace, Point, Polygon, SimSpec, VehicleSpec, World
-
-OUTSIDE = Path(__file__).parent / "outside"
 
 FLY = """
 import json, sys
@@ -35,45 +33,11 @@ harbour = SimSpec.model_validate({"name": "harbour", "world": spec.world.model_d
 print(json.dumps({"harbour": harbour.model_dump(mode="json"), "predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.facts["detector"].description, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
-DECOMPOSITION = """
-format: rebar.decomposition/1
-name: outside
-title: One measure from outside
-principles: [{id: reliable, title: Reliable, asks: It works., children: [KA-1]}]
-key_attributes: [{id: KA-1, title: Climbs, asks: It climbs., children: [VAB-1]}]
-vabs: [{id: VAB-1, title: Climbs, asks: It climbs., children: [OBS-1]}]
-observables:
-  - id: OBS-1
-    title: Height
-    asks: How high did it come?
-    measure: outside_height
-    options: {of_share: 0.5}
-    threshold: 0.5
-    threshold_reason: Half of the way is a climb.
-    partial_credit: false
-    considered: Always.
-    always_considered: true
-    key_factors:
-      - {factor: uav_altitude_m, unit: m, ratings: [10, 100], values: [10, 100], reason: Higher is harder.}
-"""
 
-
-def install_outside(package: Path, site: Path) -> Path:
-    """Install a package by pip into a folder of its own, and return that folder."""
-    install = "install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target"
-    subprocess.run(
-        [sys.executable, "-m", "pip", *install.split(), str(site), str(package)],
-        check=True,
-        capture_output=True,
-    )
-    return site
-
-
-def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
+def test_an_outside_package_joins_every_family(site: Path, tmp_path: Path) -> None:
     """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a
     session, that beside it.
     """
-    site = install_outside(OUTSIDE, tmp_path / "site")
     decomposition = tmp_path / "decomposition.yaml"
     decomposition.write_text(DECOMPOSITION)
     script = tmp_path / "fly.py"
@@ -108,9 +72,8 @@ except SetupError as error:
 """
 
 
-def test_an_installed_board_package_is_found_by_its_name(tmp_path: Path) -> None:
-    """Into a folder of its own: the bench asks the package what a SimSpec says of a board."""
-    site = install_outside(PACKAGE, tmp_path / "site")
+def test_an_installed_board_package_is_found_by_its_name(site: Path, tmp_path: Path) -> None:
+    """The bench asks the package what a SimSpec says of a board."""
     corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90)))
     options = {"device": str(tmp_path / "none")}
     spec = SimSpec(

@@ -66,7 +66,7 @@ def by_hand(scenes: list[tuple[MadeRun, ...]], node: str) -> tuple[float | None,
     return floor, reached, means.get("oracle"), len(scenes_considered)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SCENES)
 def test_it_agrees_with_a_count_by_hand(scenes: list[tuple[MadeRun, ...]]) -> None:
     """Two null agents and an oracle, runs that are absent, that the bench spoilt, and that consider nothing."""

@@ -63,7 +63,7 @@ def run(
     return ScoredRun(f"r{number}-{agent}", f"p{number}", 0, agent, outcome, difficulty, observations)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(RUN, min_size=1, max_size=12))
 def test_a_verdict_agrees_with_a_count_by_hand(
     runs: list[tuple[bool, tuple[float | None, ...]]],

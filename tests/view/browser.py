@@ -26,18 +26,29 @@ _PATIENCE_S = 60.0
 
 
 class Browser:
-    """One page. `faults` are errors of its scripts and console, `requests` the addresses that it asked for."""
+    """One page at `address`. `faults` are errors of its scripts and console, `requests` the addresses that it asked for."""
 
     def __init__(self, commands: int, answers: int) -> None:
         self._commands, self._answers, self._number = commands, answers, 0
         self._left = b""
         self._session: str | None = None
+        self._target: str | None = None
         self.faults: list[str] = []
         self.requests: list[str] = []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.renew()
+
+    def renew(self) -> None:
+        """An empty page in place of the old one, of which nothing is noted any more."""
+        old, self._session = self._target, None
+        self._target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
+        if old:
+            self.call("Target.closeTarget", targetId=old)
+        self.faults.clear()
+        self.requests.clear()
+        self.address = ""
         self.resize(1440, 900)
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
@@ -62,6 +73,8 @@ class Browser:
         return answer
 
     def _note(self, event: dict[str, Any]) -> None:
+        if event.get("sessionId") != self._session:
+            return
         parameters = event.get("params", {})
         match event.get("method"):
             case "Runtime.exceptionThrown":
@@ -75,6 +88,7 @@ class Browser:
 
     def open(self, address: str) -> None:
         """Go to an address; its scripts may still be at work afterwards."""
+        self.address = address
         self.call("Page.navigate", url=address)
 
     def go(self, fragment: str) -> None:

@@ -58,29 +58,45 @@ def server(folder: Path) -> Iterator[ViewServer]:
 
 
 @pytest.fixture(scope="module")
-def opened(server: ViewServer) -> Iterator[Browser]:
+def chromium() -> Iterator[Browser]:
+    """The browser of all tests: its start takes longer than most of them."""
     with open_browser() as browser:
-        browser.open(server.address)
-        browser.wait("document.querySelector('.verdicts')")
         yield browser
 
 
 @pytest.fixture
-def page(opened: Browser, server: ViewServer) -> Iterator[Browser]:
+def page(chromium: Browser, server: ViewServer) -> Iterator[Browser]:
     """The page, at 1440 x 900. After each test: no error, and nothing was asked of anybody but the server."""
-    opened.resize(1440, 900)
-    yield opened
-    assert opened.faults == []
+    if chromium.address != server.address:
+        chromium.renew()
+        chromium.open(server.address)
+        chromium.wait("document.querySelector('.verdicts')")
+    chromium.resize(1440, 900)
+    yield chromium
+    assert chromium.faults == []
     home = f"http://127.0.0.1:{server.server_port}/"
-    assert [address for address in opened.requests if not address.startswith((home, "blob:", "about:"))] == []
-    assert opened.run("document.querySelector('#planted') === null && document.title !== 'taken'")
+    assert [
+        address for address in chromium.requests if not address.startswith((home, "blob:", "about:"))
+    ] == []
+    assert chromium.run("document.querySelector('#planted') === null && document.title !== 'taken'")
 
 
 @contextmanager
-def shown(content: Content) -> Iterator[Browser]:
-    """This content in a browser of its own. At the end: no error."""
-    with served(content) as server, open_browser() as browser:
-        browser.open(server.address)
+def opened(chromium: Browser, content: Content) -> Iterator[Browser]:
+    """This content on a page of its own, which is left before its server ends."""
+    with served(content) as server:
+        chromium.renew()
+        chromium.open(server.address)
+        try:
+            yield chromium
+        finally:
+            chromium.renew()
+
+
+@contextmanager
+def shown(chromium: Browser, content: Content) -> Iterator[Browser]:
+    """Likewise. At the end: no error."""
+    with opened(chromium, content) as browser:
         browser.wait("document.querySelector('nav')")
         yield browser
         assert browser.faults == []
@@ -241,12 +257,12 @@ def test_words_of_an_agent_are_text_with_every_character_seen(page: Browser) -> 
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\ufeff\U000e0041]", shown)
 
 
-def test_every_text_is_shown_as_the_bench_shows_it(tmp_path: Path) -> None:
+def test_every_text_is_shown_as_the_bench_shows_it(tmp_path: Path, chromium: Browser) -> None:
     """The script escapes what `visible` escapes: random texts of ordinary and hidden characters."""
     random = Random(7)
     pools = [(0, 0x250), (0x600, 0x700), (0x2000, 0x2100)]
     pools += [(0xFFF0, 0xFFFC), (0x13420, 0x13440), (0xE0000, 0xE0110)]
-    for number in range(3):
+    for number in range(2):
         text = "".join(chr(random.randrange(*random.choice(pools))) for _ in range(300))
         name = f"p00{number}-r0-reference-naive"
         folder = tmp_path / "runs" / name
@@ -254,7 +270,7 @@ def test_every_text_is_shown_as_the_bench_shows_it(tmp_path: Path) -> None:
         result = SessionResult(realization=name, outcome=Outcome.COMPLETED)
         (folder / "result.json").write_text(result.model_dump_json())
         fly(tmp_path, name, text)
-        with shown(content_of(folder)) as browser:
+        with shown(chromium, content_of(folder)) as browser:
             browser.wait("document.querySelector('.entry.k-decision')")
             browser.run("document.querySelector('.entry.k-decision').click()")
             browser.wait("document.querySelector('.whole p')")
@@ -323,42 +339,44 @@ def test_the_page_to_sign_has_the_verdicts_and_the_digests(page: Browser, folder
     assert "not signed" in page.run("document.querySelector('.sheet').innerText")
 
 
-def test_live_shows_a_result_that_comes(tmp_path: Path) -> None:
-    folder = made_view(tmp_path / "c")
-    with shown(content_of(folder)) as browser:
+def test_live_shows_a_result_that_comes(folder: Path, tmp_path: Path, chromium: Browser) -> None:
+    copy = shutil.copytree(folder, tmp_path / "c")
+    with shown(chromium, content_of(copy)) as browser:
         browser.go("#/live")
         browser.wait("document.querySelector('[data-live=done]').innerText === '6 of 7'")
-        last = finish_last(folder)
+        last = finish_last(copy)
         browser.wait("document.querySelector('[data-live=done]').innerText === '7 of 7'")
         assert last in browser.wait("document.querySelector('.news').innerText")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.97])
-def test_a_run_half_written_is_shown_as_far_as_it_is(share: float, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("share", [0.0, 0.97])
+def test_a_run_half_written_is_shown_as_far_as_it_is(
+    share: float, folder: Path, tmp_path: Path, chromium: Browser
+) -> None:
     """Cut at any place, also within a chunk; what is there is shown, and that it is not all."""
     data = (folder / "runs" / NAIVE / "recording.mcap").read_bytes()
-    with shown(content_of(run_folder(tmp_path, data[: int(share * len(data))]))) as browser:
+    with shown(chromium, content_of(run_folder(tmp_path, data[: int(share * len(data))]))) as browser:
         assert "is not complete" in browser.wait("document.querySelector('.remark').innerText")
         assert "no result yet" in browser.run("document.querySelector('.run-verdict').innerText")
 
 
-def test_a_damaged_recording_says_so(folder: Path, tmp_path: Path) -> None:
+def test_a_damaged_recording_says_so(folder: Path, tmp_path: Path, chromium: Browser) -> None:
     data = bytearray((folder / "runs" / NAIVE / "recording.mcap").read_bytes())
     data[len(data) // 2] ^= 0xFF
-    with shown(content_of(run_folder(tmp_path, bytes(data)))) as browser:
+    with shown(chromium, content_of(run_folder(tmp_path, bytes(data)))) as browser:
         assert "cannot be read to its end" in browser.wait("document.querySelector('.remark').innerText")
 
 
-def test_twenty_thousand_rows_scroll(folder: Path) -> None:
+def test_thousands_of_rows_scroll(folder: Path, chromium: Browser) -> None:
     """The document holds the rows in view alone; the last row comes into view, sorted and filtered ones too."""
     content = content_of(folder)
     assert isinstance(content, CampaignContent)
     few = runs_table(load_report_data(folder))
-    places = pl.DataFrame({"place": [f"q{place:04d}-" for place in range(3334)]})
+    places = pl.DataFrame({"place": [f"q{place:04d}-" for place in range(700)]})
     many = places.join(few, how="cross").with_columns(run=pl.col("place") + pl.col("run")).drop("place")
-    assert many.height > 20_000
+    assert many.height > 4_000
     content._table.get = lambda: many  # type: ignore[method-assign]
-    with shown(content) as browser:
+    with shown(chromium, content) as browser:
         browser.go("#/runs")
         browser.wait("document.querySelectorAll('tr[data-row]').length > 20")
         for condition, rows in (("", many), ("fog == 1", matching(many, "fog == 1", "--where"))):
@@ -376,20 +394,20 @@ def test_twenty_thousand_rows_scroll(folder: Path) -> None:
         browser.run("document.querySelector('.matrix').scrollTop = 1e9")
 
 
-def test_a_run_in_one_file_asks_for_nothing(folder: Path, tmp_path: Path) -> None:
+def test_a_run_in_one_file_asks_for_nothing(folder: Path, tmp_path: Path, chromium: Browser) -> None:
     path = tmp_path / "run.html"
     path.write_text(run_page(content_of(folder / "runs" / NAIVE), NAIVE))
-    with open_browser() as browser:
-        address = f"{path.as_uri()}#/run/{NAIVE}?t=60"
-        browser.open(address)
-        browser.wait("document.querySelector('.time').innerText.startsWith('60.0 s')")
-        tape = made_tape(made_simspec(0, "reference-naive"))
-        height_m = tape.vehicle_position_enu_m[int(abs(tape.vehicle_time_s - 60.0).argmin())][2]
-        assert facts(browser)["height"] == f"{height_m:.1f} m"
-        assert texts(browser, "nav a") == ["REBAR"]
-        assert {*browser.requests} <= {address, path.as_uri()}
-        assert browser.faults == []
-        assert browser.run("document.querySelector('#planted') === null && document.title !== 'taken'")
+    address = f"{path.as_uri()}#/run/{NAIVE}?t=60"
+    chromium.renew()
+    chromium.open(address)
+    chromium.wait("document.querySelector('.time').innerText.startsWith('60.0 s')")
+    tape = made_tape(made_simspec(0, "reference-naive"))
+    height_m = tape.vehicle_position_enu_m[int(abs(tape.vehicle_time_s - 60.0).argmin())][2]
+    assert facts(chromium)["height"] == f"{height_m:.1f} m"
+    assert texts(chromium, "nav a") == ["REBAR"]
+    assert {*chromium.requests} <= {address, path.as_uri()}
+    assert chromium.faults == []
+    assert chromium.run("document.querySelector('#planted') === null && document.title !== 'taken'")
 
 
 @pytest.mark.parametrize(
@@ -426,10 +444,12 @@ def one_run(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [nothing_flown, half_copied, one_run])
-def test_odd_campaigns_have_every_panel(spoil: Callable[[Path], None], tmp_path: Path) -> None:
-    folder = made_view(tmp_path / "c")
-    spoil(folder)
-    with shown(content_of(folder)) as browser:
+def test_odd_campaigns_have_every_panel(
+    spoil: Callable[[Path], None], folder: Path, tmp_path: Path, chromium: Browser
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "c")
+    spoil(copy)
+    with shown(chromium, content_of(copy)) as browser:
         browser.wait("document.querySelector('.verdicts')")
         for panel in ("runs", "matrix", "live", "sign", "verdict"):
             browser.go(f"#/{panel}")
@@ -442,7 +462,7 @@ def test_odd_campaigns_have_every_panel(spoil: Callable[[Path], None], tmp_path:
         browser.faults.clear()
 
 
-def test_many_reports_and_detections_play(tmp_path: Path) -> None:
+def test_many_reports_and_detections_play(tmp_path: Path, chromium: Browser) -> None:
     """900 reports and 100,000 detections: the log holds the rows in view, and the lane one bar for each pixel."""
     folder = run_folder(tmp_path)
     simspec = made_simspec(0, "reference-naive")
@@ -458,7 +478,7 @@ def test_many_reports_and_detections_play(tmp_path: Path) -> None:
     times = (SimTime(n * 10**8) for n in range(1000))
     frames = [Record(time, topics.detections, Detection2DArray.TYPE, frame) for time in times]
     write_recording(folder / "recording.mcap", simspec, made_tape(simspec), [*reports, *frames])
-    with shown(content_of(folder)) as browser:
+    with shown(chromium, content_of(folder)) as browser:
         browser.wait("document.querySelector('[data-lane=reports]')")
         assert browser.run("document.querySelectorAll('[data-lane=reports] rect').length") == 902
         assert 100 < browser.run("document.querySelectorAll('[data-lane=detections] rect').length") < 1440
@@ -467,7 +487,7 @@ def test_many_reports_and_detections_play(tmp_path: Path) -> None:
         assert browser.run("document.querySelectorAll('.entry').length") < 100
 
 
-def test_the_camera_shows_the_recorded_picture(tmp_path: Path) -> None:
+def test_the_camera_shows_the_recorded_picture(tmp_path: Path, chromium: Browser) -> None:
     folder = run_folder(tmp_path)
     simspec = made_simspec(0, "reference-naive")
     topic = f"/{simspec.vehicle.name}/camera/{simspec.vehicle.camera.name}/image_raw/compressed"
@@ -477,8 +497,7 @@ def test_the_camera_shows_the_recorded_picture(tmp_path: Path) -> None:
         message = CompressedImage(Header(Time.of(time_s * 10**9), "front"), "jpeg", jpeg.tobytes())
         pictures.append(Record(SimTime(time_s * 10**9), topic, CompressedImage.TYPE, encode(message)))
     write_recording(folder / "recording.mcap", simspec, made_tape(simspec), pictures)
-    with served(content_of(folder)) as server, open_browser() as browser:
-        browser.open(server.address)
+    with opened(chromium, content_of(folder)) as browser:
         browser.wait("document.querySelector('.camera canvas')")
         canvas = "document.querySelector('.camera canvas')"
         pixel = f"[...{canvas}.getContext('2d').getImageData(40, 40, 1, 1).data]"

@@ -6,7 +6,6 @@ import textwrap
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import networkx as nx
 from markupsafe import Markup
 
 from .._html import template_environment, template_text
@@ -23,6 +22,9 @@ MAX_LINES = 7
 
 def assurance_svg(case: AssuranceCase) -> str:
     """The case as an SVG file that needs no page around it; the same case gives the same bytes."""
+    # Imported here: every report imports this module, and few draw a case.
+    import networkx as nx
+
     boxes = {element.id: _Box(element) for element in case.elements}
     support = nx.DiGraph((parent.id, child) for parent in case.elements for child in parent.supported_by)
     for name in nx.topological_sort(support):

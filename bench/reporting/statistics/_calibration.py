@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import networkx as nx
 import numpy as np
 import polars as pl
 
@@ -287,6 +286,9 @@ def _considered(scores: pl.DataFrame) -> pl.DataFrame:
 
 def _with_points(trials: pl.DataFrame) -> pl.DataFrame:
     """Names the design points across folders: two that share a scene are one, and their runs not independent."""
+    # Imported here: every page says whether competence is measured, and few calibrate.
+    import networkx as nx
+
     places = trials.select("folder", "design_point", "scene").unique(maintain_order=True)
     graph: nx.Graph[tuple[str, ...]] = nx.Graph()
     graph.add_edges_from(((folder, point), (scene,)) for folder, point, scene in places.iter_rows())

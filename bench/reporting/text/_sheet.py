@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 
-from bench.contracts import SuspectEnds, TruthGiven, TruthSightings
+from bench.contracts import SuspectEnds, TruthGiven, TruthSightings, plugins
 from bench.simspec import agent_name
 
 from .._campaign_data import ReportData, stopped_early
@@ -100,10 +99,10 @@ def _version(data: ReportData, agent: str) -> str:
         manifest = str(spec.get("manifest", "")) if isinstance(spec, Mapping) else ""
         if agent_name(manifest) != agent:
             continue
-        for point in entry_points(group="rebar.agents", name=manifest):
-            package = point.dist.name if point.dist else ""
-            if isinstance(versions, Mapping) and package in versions:
-                parts.append(f"of {package} {versions[package]}")
+        point = plugins("rebar.agents").get(manifest)
+        package = point.dist.name if point and point.dist else ""
+        if isinstance(versions, Mapping) and package in versions:
+            parts.append(f"of {package} {versions[package]}")
         options = spec.get("options")
         if isinstance(options, Mapping) and options:
             parts.append(f"with {plural(len(options), 'option')} of campaign.yaml")
