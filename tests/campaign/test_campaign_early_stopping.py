@@ -304,7 +304,7 @@ trials = st.fixed_dictionaries(
 every_result = [(key, replicate) for key in KEYS for replicate in range(1, REPLICATES + 1)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     trials=trials,
     order=st.permutations(every_result),
