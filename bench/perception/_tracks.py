@@ -73,7 +73,8 @@ class TrackNames:
             others = [
                 other
                 for other in continued
-                if other.subject not in (subject, *switched)
+                if other.subject != subject
+                and other.subject not in switched
                 and other.detection.class_label == untracked.detection.class_label
             ]
             probability = 1.0 - math.exp(-self._switches_per_s * spans_s[subject])

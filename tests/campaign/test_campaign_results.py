@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from campaign_fakes import MIXED_ENDS, fly, small_campaign
+from campaign_fakes import MIXED_ENDS, small_campaign
 from early_stopping_fakes import made_up_decomposition, stopping_campaign
 from growth import lines_of, steep
 from in_process_executor import open_in_process
@@ -193,10 +193,6 @@ def test_every_scene_has_the_difficulty_of_its_own_simspec(tmp_path: Path) -> No
 REPLICATES, SIZE = 6, 12
 
 
-def flown(folder: Path, size: int) -> None:
-    fly(folder, small_campaign(size // REPLICATES, REPLICATES), workers=2)
-
-
 def with_a_stopping_rule(folder: Path, size: int) -> None:
     decomposition = made_up_decomposition(folder.parent)
     run_campaign_sync(
@@ -229,20 +225,18 @@ def test_work_that_grows_with_the_square_is_named() -> None:
         assert steep(small, large, SIZE).keys() == names
 
 
-@pytest.mark.parametrize(
-    ("work", "reads"),
-    [(flown, False), (with_a_stopping_rule, False), (with_a_stopping_rule, True), (journalled, False)],
-)
-def test_the_work_of_a_campaign_grows_with_its_realizations(
-    tmp_path: Path, work: Callable[[Path, int], None], reads: bool
-) -> None:
-    """Flying them, or reading what was flown."""
+def test_the_work_of_a_campaign_grows_with_its_realizations(tmp_path: Path) -> None:
+    """Flying them, and reading what was flown; the journal alone too, with what no campaign asks of it."""
     # Imports and caches of the process belong to no campaign.
-    counts = []
+    counts: list[list[Counter[str]]] = []
     for size in (REPLICATES, SIZE, 4 * SIZE):
-        out = tmp_path / str(size) / "out"
-        out.parent.mkdir()
-        if reads:
-            work(out, size)
-        counts.append(lines_of(partial(read_runs, out) if reads else partial(work, out, size)))
-    assert steep(counts[1], counts[2], SIZE) == {}
+        out, journal = tmp_path / str(size) / "out", tmp_path / str(size) / "journal"
+        journal.mkdir(parents=True)
+        work = (
+            partial(with_a_stopping_rule, out, size),
+            partial(read_runs, out),
+            partial(journalled, journal, size),
+        )
+        counts.append([lines_of(step) for step in work])
+    for small, large in zip(*counts[1:], strict=True):
+        assert steep(small, large, SIZE) == {}

@@ -350,7 +350,7 @@ def test_any_words_are_answered_or_refused() -> None:
     ]
     village = "The village is 100 by 100 m. A radar at (1, 2). "
     openings = ["", "A truck. ", "Two trucks near a road. ", village]
-    for _ in range(300):
+    for _ in range(200):
         text = " ".join(random_order.choice(words) for _ in range(random_order.randint(2, 14)))
         with contextlib.suppress(SetupError):
             read_prose(random_order.choice(openings) + text, VOCABULARY)

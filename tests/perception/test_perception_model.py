@@ -126,7 +126,7 @@ def empty_frames(count: int) -> list[CameraFrame]:
 def test_false_detections_stay_and_keep_their_rate() -> None:
     """Mean number a frame as without persistence, exponential survival, one track and label for each."""
     spec = made_spec(["soldier"], {"false_per_frame": 2.0, "false_persistence_s": 1.0, "jitter_px": 0.0})
-    frames = 5000
+    frames = 3000
     results = detections_of(spec, empty_frames(frames))
     present = [{detection.track for detection in result.detections} for result in results]
     # The count has the correlation of a queue: its variance over n frames is that of n / 10 independent ones.
@@ -156,7 +156,7 @@ def test_delays_are_spread_and_results_stay_in_order() -> None:
 @pytest.mark.parametrize("assets", [["soldier"] * ACTORS, ["soldier"]])
 def test_identities_switch_at_the_stated_rate(assets: list[str]) -> None:
     """In a crowd that exchanges tracks, and for an actor alone that gets new ones."""
-    frames = 400 if len(assets) > 1 else 8000
+    frames = 200 if len(assets) > 1 else 4000
     spec = made_spec(assets, {**SURE, "id_switches_per_s": 0.15})
     results = detections_of(spec, steady_frames(frames, len(assets), 30.0))
     tracks = [{actor_at(one.box): one.track for one in result.detections} for result in results]

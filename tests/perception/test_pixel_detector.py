@@ -166,7 +166,7 @@ def test_a_moved_picture_has_moved_boxes(detector: SmallDetector) -> None:
 
 
 def test_options_change_what_is_reported(detector: SmallDetector) -> None:
-    picture = frames(1, False)[0].bgr
+    picture = frames(7, False)[0].bgr
     few = open_small_detector(spec_with(max_detections=3)).detect(picture)
     sure = open_small_detector(spec_with(min_object=0.9)).detect(picture)
     usual = detector.detect(picture)

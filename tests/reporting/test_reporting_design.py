@@ -84,7 +84,7 @@ def measured_campaign(study: str, **method: object) -> dict[str, Any]:
         "decomposition": "search-and-report-full",
         "study": [study],
         "design": {
-            "method": {"kind": "stratified", "scale": "measured", "points": 6, "candidates": 30, **method},
+            "method": {"kind": "stratified", "scale": "measured", "points": 6, "candidates": 18, **method},
             "factors": [
                 {"name": name, "range": {"low": low, "high": high}, "sets": [path]}
                 for name, (path, low, high) in factors.items()

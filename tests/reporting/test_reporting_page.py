@@ -428,8 +428,9 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
         yaml.safe_dump({**campaign, "decomposition": decomposition.name, "study": list(decomposition.study)})
     )
     units = dict.fromkeys(decomposition.observables, 40.0)
+    difficulty = stated_difficulty(decomposition, units)
     scored = [
-        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, stated_difficulty(decomposition, units), tuple(observations))
+        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, difficulty, tuple(observations))
         for scene in range(100)
         for agent in AGENTS
         for random in [np.random.default_rng([scene, len(agent)])]

@@ -317,7 +317,7 @@ def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:
 
 
 def test_the_bound_holds_as_often_as_it_says() -> None:
-    """Over 300 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of
+    """Over 150 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of
     bounds lie below.
     """
     factors, points = runs(4)
@@ -325,13 +325,13 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
     sloped = np.array([0.3 + 0.4 * float(value or 0) / 7 for value in factors[1].values])
     draws = np.random.default_rng(5)
     below = {"side": 0, "line": 0}
-    for _ in range(300):
+    for _ in range(150):
         for name, truth, rate in (("side", 0.3, chance), ("line", 0.4, sloped)):
             passes = (draws.random(len(rate)) < rate).astype(float).tolist()
             bound = known(difference_bounds(passes, factors, points)[name])
             below[name] += bound < truth
 
-    assert max(below.values()) <= 21
+    assert max(below.values()) <= 10
 
 
 def test_more_runs_rule_out_more() -> None:

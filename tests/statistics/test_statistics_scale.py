@@ -28,12 +28,11 @@ def flown(seed: int, agents: int = AGENTS) -> tuple[Bools, Counts, Counts, Float
     return np.asarray(random.random(len(chance)) < chance, dtype=np.bool_), agent, scene, features
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_fit_is_the_mode_of_the_penalised_likelihood(seed: int) -> None:
+def test_the_fit_is_the_mode_of_the_penalised_likelihood() -> None:
     """An optimizer that knows no derivative of ours finds the same; the signs of weights, a placebo near 0 and the order
     of agents are those that made the runs.
     """
-    failed, agent, scene, features = flown(seed)
+    failed, agent, scene, features = flown(0)
     fit = fit_item_response(failed, agent, scene, features)
     assert fit.weights[0] > 0.8
     assert fit.weights[1] < -0.2

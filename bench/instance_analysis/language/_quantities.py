@@ -66,6 +66,7 @@ class QuantityParser:
     def __init__(self, tokens: Sequence[Token], vocabulary: Vocabulary) -> None:
         self.tokens, self.vocabulary = tokens, vocabulary
         self.words = [token.text for token in tokens]
+        self._numbers_at: dict[int, tuple[tuple[float, int], ...]] = {}
 
     def word(self, at: int) -> str:
         """The token at an index; an empty text past the end."""
@@ -73,6 +74,12 @@ class QuantityParser:
 
     def numbers(self, at: int) -> Iterator[tuple[float, int]]:
         """A number in figures or words, the longest first."""
+        if at not in self._numbers_at:
+            # Each kind of quantity asks for it again.
+            self._numbers_at[at] = tuple(self._read_numbers(at))
+        return iter(self._numbers_at[at])
+
+    def _read_numbers(self, at: int) -> Iterator[tuple[float, int]]:
         if at >= len(self.tokens):
             return
         value = number_of(self.tokens[at])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 
 from bench.documents import Document, read_document
@@ -158,17 +158,13 @@ class TextLoads:
 
     def _loads(self) -> Iterator[Load]:
         covered: set[int] = set()
-        tables = sorted(
-            ((kind, len(word.split()), word) for kind, words in concepts().loads.items() for word in words),
-            key=lambda item: -item[1],
-        )
-        for at in range(len(self.words)):
-            for kind, length, word in tables:
-                run = self.words[at : at + length]
-                if at not in covered and len(run) == length and _fits(run, word.split()):
-                    covered |= set(range(at, at + length))
-                    if not self._is_idle(kind, run, at + length):
-                        yield Load(kind, " ".join(run), self._parser.span(at, at + length))
+        for at, first in enumerate(self.words):
+            for kind, stem in _load_stems(first):
+                run = self.words[at : at + len(stem)]
+                if at not in covered and len(run) == len(stem) and _fits(run[1:], stem[1:]):
+                    covered |= set(range(at, at + len(stem)))
+                    if not self._is_idle(kind, run, at + len(stem)):
+                        yield Load(kind, " ".join(run), self._parser.span(at, at + len(stem)))
                     break
 
     def _is_idle(self, kind: str, run: Sequence[str], end: int) -> bool:
@@ -224,6 +220,19 @@ def _stems(words: tuple[str, ...]) -> Mapping[int, list[list[str]]]:
     for word in words:
         table.setdefault(len(word.split()), []).append(word.split())
     return table
+
+
+@cache
+def _every_load() -> list[tuple[str, list[str]]]:
+    """The stems of every load with its kind, the longest first."""
+    loads = [(kind, word.split()) for kind, words in concepts().loads.items() for word in words]
+    return sorted(loads, key=lambda load: -len(load[1]))
+
+
+@lru_cache(maxsize=10_000)
+def _load_stems(first: str) -> list[tuple[str, list[str]]]:
+    """The loads that may begin with a word: texts repeat their words, and few of them begin any."""
+    return [(kind, stem) for kind, stem in _every_load() if _fits([first], stem[:1])]
 
 
 def _fits(run: Sequence[str], stem: Sequence[str]) -> bool:

@@ -192,6 +192,9 @@ class Design(Document):
     def _count(self, method: Method, place: int) -> int:
         if isinstance(method, Stratified):
             return method.points
+        if isinstance(method, LatinHypercube) and self.space.unruled:
+            # Optimised, it takes seconds to draw.
+            return method.points
         return len(method.combinations(self.space, self._seed(place))) if self.factors else 1
 
     def _seed(self, place: int) -> int:

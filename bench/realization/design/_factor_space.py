@@ -62,6 +62,11 @@ class FactorSpace:
         """Whether nothing is forbidden and nothing is conditional."""
         return not self._forbidden and not any(factor.when for factor in self.factors)
 
+    @property
+    def unruled(self) -> bool:
+        """Whether nothing is forbidden, conditional or derived, so that every choice is a point."""
+        return not self._forbidden and not self._expressions
+
     def complete(self, chosen: Mapping[str, FactorLevel]) -> FactorLevels:
         """Levels of all factors, in the design's order, from those of the free ones.
 

@@ -152,8 +152,8 @@ def _pairs(
     possible = apart_px <= gate_px
     # As in the CLEAR MOT metrics (Bernardin and Stiefelhagen 2008), a correspondence that still holds is kept before a
     # nearer one is made, so that two actors who pass each other do not look like a switch.
-    former, tracks = [last.get(item.actor, "") for item in sightings], [item.track for item in detections]
-    continued = np.array([[bool(track) and track == other for track in tracks] for other in former])
+    former = np.array([last.get(item.actor, "") for item in sightings])[:, None]
+    continued = (former == np.array([item.track for item in detections])) & (former != "")
     # In shares of the gate: a large object must not take a small one's detection for being nearer to it in pixels.
     cost = np.where(possible, apart_px / gate_px - np.where(continued, 1.0, 0.0), 1e3)
     rows, columns = linear_sum_assignment(cost)

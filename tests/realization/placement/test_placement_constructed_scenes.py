@@ -360,6 +360,7 @@ class Judge:
             one.id: outline(self.groups[one.group].asset, one.east_m, one.north_m, one.heading_deg)
             for one in realized.actors
         }
+        self.cores = {name: member.buffer(-HAIR) for name, member in self.outlines.items()}
         self.home = (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)
 
     def broken(self) -> set[str]:
@@ -392,8 +393,10 @@ class Judge:
             ):
                 continue
             wanted = 0.0 if all(p.at for p in places) else max(p.separation_m for p in places)
-            first, second = self.outlines[member.id], self.outlines[other.id]
-            if first.distance(second) < wanted - HAIR or first.buffer(-HAIR).intersects(second):
+            gap = self.outlines[member.id].distance(self.outlines[other.id])
+            if gap < wanted - HAIR or (
+                gap == 0.0 and self.cores[member.id].intersects(self.outlines[other.id])
+            ):
                 yield "separation_m"
 
     def holds(self, room: Geometry, member: PlacedActor) -> bool:
@@ -401,6 +404,7 @@ class Judge:
 
     def _alone(self, name: str, member: PlacedActor) -> Iterator[str]:
         place, spot, members = self.groups[name].placement, self.spot(member), self.outlines[member.id]
+        core = self.cores[member.id]
         if members.distance(shapely.Point(self.home)) < 3.0 - HAIR:
             yield "home"
         if not self.holds(polygon(place.region or self.simspec.world.area), member):
@@ -411,12 +415,12 @@ class Judge:
             if not any(self.holds(room, member) for room in rooms):
                 yield "inside"
         for avoid in place.avoid:
-            if any(members.distance(other) < avoid.at_least_m - HAIR or members.buffer(-HAIR).intersects(other)
+            if any(members.distance(other) < avoid.at_least_m - HAIR or core.intersects(other)
                    for other in self._avoided(name, avoid)):  # fmt: skip
                 yield "avoid"
         for count in place.counts:
             area = self._area(count.area)
-            if not self.holds(area, member) and members.buffer(-HAIR).intersects(area):
+            if not self.holds(area, member) and core.intersects(area):
                 yield "counts"
         bands: list[tuple[str, Any, str]] = [("near", place.near, "some"), ("away", place.away, "every")]
         bands += [("distances", distance, distance.whom) for distance in place.distances]
@@ -498,7 +502,7 @@ def soundly_not_refused(seeds: range, kinds: tuple[str, ...] = ()) -> int:
 
 
 @pytest.mark.parametrize(
-    ("seeds", "kinds", "least"), [(range(60), (), 40), (range(3000, 3024), OF_GROUPS, 14)]
+    ("seeds", "kinds", "least"), [(range(30), (), 20), (range(3000, 3012), OF_GROUPS, 7)]
 )
 def test_what_has_places_is_never_refused_with_proof(
     seeds: range, kinds: tuple[str, ...], least: int
@@ -508,7 +512,7 @@ def test_what_has_places_is_never_refused_with_proof(
 
 
 @pytest.mark.parametrize(
-    ("seeds", "kinds", "least"), [(range(40), (), 20), (range(3100, 3124), OF_GROUPS, 14)]
+    ("seeds", "kinds", "least"), [(range(20), (), 10), (range(3100, 3112), OF_GROUPS, 7)]
 )
 def test_what_is_placed_keeps_the_documents_words(seeds: range, kinds: tuple[str, ...], least: int) -> None:
     """Loose scenes find places, but for few, and an independent judge finds nothing broken."""
@@ -531,7 +535,7 @@ def test_what_is_placed_keeps_the_documents_words(seeds: range, kinds: tuple[str
 
 @pytest.mark.parametrize(
     ("seeds", "kinds", "relations"),
-    [(range(100, 180), KINDS, 3), (range(3200, 3280), ("avoid", "counts", "extent_m"), 2)],
+    [(range(100, 140), KINDS, 3), (range(3200, 3230), ("avoid", "counts", "extent_m"), 2)],
 )
 def test_the_check_finds_what_the_documents_words_forbid(
     seeds: range, kinds: tuple[str, ...], relations: int
@@ -572,7 +576,7 @@ def outcomes(seeds: list[int]) -> list[str]:
 
 def test_places_depend_on_the_scene_alone() -> None:
     """The same bytes whichever scenes came before, in another process, and whatever order sets have there."""
-    seeds = list(range(200, 208))
+    seeds = list(range(200, 204))
     script = Path(__file__)
     program = f"import {script.stem} as scenes; print('\\n'.join(scenes.outcomes({seeds[::-1]})))"
     environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(script.parent)}

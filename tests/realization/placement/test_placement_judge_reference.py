@@ -178,9 +178,9 @@ def judged(simspec: SimSpec) -> Broken:
     return broken
 
 
-@pytest.mark.parametrize("block", range(4))
+@pytest.mark.parametrize("block", range(2))
 def test_judge_agrees_with_brute_force(block: int) -> None:
-    """Over 100 random scenes both name the same broken relations of the same actors."""
+    """Over 50 random scenes both name the same broken relations of the same actors."""
     for seed in range(25 * block, 25 * block + 25):
         simspec = random_scene(seed)
         outside = {(subject, kind) for subject, kind in judged(simspec) if "region" in kind}
@@ -189,7 +189,7 @@ def test_judge_agrees_with_brute_force(block: int) -> None:
 
 def test_every_relation_is_kept_and_broken() -> None:
     """The random scenes decide each relation both ways, so agreement means something."""
-    scenes = [Reference(random_scene(seed)) for seed in range(50)]
+    scenes = [Reference(random_scene(seed)) for seed in range(25)]
     verdicts = {(kind, holds) for scene in scenes for (_, kind), holds in scene.verdicts().items()}
 
     assert verdicts == set(itertools.product(("along", "hidden_from", "visible_from"), (True, False)))

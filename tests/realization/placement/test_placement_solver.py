@@ -25,7 +25,7 @@ def test_dense_scenes_are_found(name: str) -> None:
 @pytest.mark.parametrize("name", YARDS["anchored"])
 def test_who_can_stand_at_one_place_only_is_found_on_every_seed(name: str) -> None:
     """Those whom others need nearby are placed where they help."""
-    for seed in range(3):
+    for seed in range(2):
         placed = place(scene(*written(YARDS["anchored"][name]), seed=seed, size_m=240.0))
         assert check_placement(placed) == []
 
@@ -44,7 +44,7 @@ def test_not_found_is_not_called_impossible() -> None:
     assert time.process_time() - began < 10.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_solver_keeps_every_relation(seed: int) -> None:
     """Asked although sampling would do, the solver's places pass the check; so do sampled ones."""
     simspec = scene(*written(YARDS["everything"]), seed=seed)
