@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 import socket
+import subprocess
 import sys
 import threading
 from collections import Counter
@@ -25,6 +26,7 @@ from embedded_broker import open_laboratory, until
 from host_servers import server
 from made_run import simspec
 from mosquitto import PROGRAM, certificate, needs_mosquitto, open_mosquitto
+from mqtt_flights import fly_manifest
 from own_network import call_in_own_network
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -36,8 +38,6 @@ from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, 
 from agent_adapters.mqtt._connection import Arrival, open_connection
 from agent_adapters.mqtt._mavlink import MavlinkTranslator
 from agent_adapters.mqtt._topics import topics_from_agent, topics_to_agent
-from bench.agents import open_agent
-from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
 from bench.contracts import (
     MAX_AIR_LINE_BYTES,
@@ -51,8 +51,8 @@ from bench.contracts import (
     read_line,
 )
 from bench.errors import LinkLost, SetupError
-from bench.simspec import PaceMode, SimSpec
-from bench.simulation import SessionPlan, air_topics, run_session
+from bench.simspec import PaceMode
+from bench.simulation import air_topics
 from bench.streams import Detection2DArray, String, decode
 
 # amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
@@ -102,16 +102,6 @@ def flown(
     spec = simspec(**{**document, **changes})
     # A network of the session's own: the bridge reaches itself over TCP.
     return call_in_own_network(folder, fly_manifest, manifest, spec, home or folder, folder / "scratch")
-
-
-def fly_manifest(
-    manifest: AgentManifest, spec: SimSpec, home: Path, scratch: Path
-) -> tuple[SessionResult, list[Record], str]:
-    """The session of `flown`, in this process."""
-    records: list[Record] = []
-    starter = AgentStarter(open_agent)
-    end = run_session(SessionPlan(spec, manifest, home, starter.open, scratch, records.append))
-    return end, records, (starter.output or b"").decode()
 
 
 def use_of(output: str) -> dict[str, Any]:
@@ -240,24 +230,46 @@ def texts_of(records: list[Record], topic: str) -> list[str]:
     return [decode(record.type_name, record.data).data for record in records if record.topic == topic]
 
 
-@pytest.mark.flight
-def test_lockstep_without_the_mavlink_links_is_refused(tmp_path: Path) -> None:
-    with open_laboratory() as laboratory:
-        end, _, output = flown(tmp_path, laboratory.port, options=("--no-mavlink",))
-    assert end.outcome is Outcome.AGENT_CRASHED
-    assert "--no-mavlink: lockstep counts the messages of all links" in output
+def begin_lockstep(connection: socket.socket) -> None:
+    """As the bench at the tick socket: hears a hello, and sends a tick that counts a topic."""
+    connection.makefile().readline()
+    tick = {"kind": "tick", "number": 0, "time_ns": 0, "topics": {"/clock": 1}}
+    connection.sendall(f"{json.dumps(tick)}\n".encode())
+    connection.recv(1)
 
 
-@pytest.mark.parametrize("network", [{}, {"REBAR_TICK": "127.0.0.1:9", "REBAR_ZENOH": "tcp/127.0.0.1:9"}])
-def test_another_air_network_than_the_tick_socket_is_refused(
-    network: dict[str, str], monkeypatch: pytest.MonkeyPatch
+def test_lockstep_without_the_mavlink_links_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_laboratory() as laboratory, server(begin_lockstep) as port:
+        laboratory.say("bay/bridge/ready", '{"agent": "elsewhere"}', retain=True)
+        bridge_is_refused(
+            "--no-mavlink: lockstep counts the messages of all links",
+            f"mqtt://127.0.0.1:{laboratory.port}/bay",
+            {"REBAR_TICK": f"127.0.0.1:{port}"},
+            monkeypatch,
+        )
+
+
+def test_another_air_network_than_the_tick_socket_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = "air: is not tick, and the bridge has the air network from the tick socket (write air: tick"
+    both = {"REBAR_TICK": "127.0.0.1:9", "REBAR_ZENOH": "tcp/127.0.0.1:9"}
+    bridge_is_refused(words, "mqtt://127.0.0.1:9", both, monkeypatch)
+    command = [sys.executable, "-m", "agent_adapters.mqtt", "--broker", "mqtt://127.0.0.1:9"]
+    environment = {"REBAR_VEHICLE": "vehicle_1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"mqtt bridge: {words}")
+
+
+def bridge_is_refused(
+    words: str, url: str, variables: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Started in this process, for an agent elsewhere."""
     for name in ("REBAR_TICK", "REBAR_ZENOH"):
         monkeypatch.delenv(name, raising=False)
-    for name, value in ({"REBAR_VEHICLE": "vehicle_1"} | network).items():
+    for name, value in ({"REBAR_VEHICLE": "vehicle_1"} | variables).items():
         monkeypatch.setenv(name, value)
-    with pytest.raises(SetupError, match=r"air: is not tick.*write air: tick into the manifest"):
-        _run(_parser().parse_args(["--broker", "mqtt://127.0.0.1:9", "--no-mavlink"]))
+    with pytest.raises(SetupError, match=re.escape(words)):
+        _run(_parser().parse_args(["--broker", url, "--no-mavlink"]))
 
 
 def test_after_a_pause_the_newest_of_each_topic_go_on() -> None:
