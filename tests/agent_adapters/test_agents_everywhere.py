@@ -23,7 +23,7 @@ USUAL: Where = (47.3977, 8.5456, 10.0)
 # line and a pole.
 PLACES: dict[str, tuple[Where, str, str]] = {
     "equator and Greenwich": ((0.0, 0.0, 0.0), "reference-naive", "px4"),
-    "date line, origin at 180": ((0.0, 180.0, 10.0), "null-mark", "px4"),
+    "date line, origin at 180": ((0.0, 180.0, 10.0), "reference-naive", "px4"),
     "near the north pole": ((85.0, 0.0, 10.0), "reference-naive", "px4"),
     "near the south pole, date line": ((-85.0, -180.0, 10.0), "null-mark", "ardupilot"),
 }

@@ -366,15 +366,17 @@ def program(path: Path, *lines: str) -> Path:
     return path
 
 
-def environment_with(folder: Path, module: str) -> Path:
-    """The Python of a virtual environment that has one module more."""
+@pytest.fixture(scope="module")
+def their_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of a virtual environment that has a module `extra`."""
+    folder = tmp_path_factory.mktemp("environment") / "its-own"
     venv.create(folder, with_pip=False, symlinks=True)
     site = next((folder / "lib").glob("python3*")) / "site-packages"
-    (site / f"{module}.py").write_text(f"WORDS = {WORDS!r}\n")
+    (site / "extra.py").write_text(f"WORDS = {WORDS!r}\n")
     return folder / "bin" / "python"
 
 
-def test_scripts_with_a_first_line(folder: Path, rung: str) -> None:
+def test_scripts_with_a_first_line(folder: Path, rung: str, their_python: Path) -> None:
     """One by a path, one by env; both by their place in the manifest's folder."""
     program(folder / "shell.sh", "#!/bin/sh", f"echo '{WORDS}'", "exit 3")
     program(
@@ -384,32 +386,30 @@ def test_scripts_with_a_first_line(folder: Path, rung: str) -> None:
         "print(extra.WORDS)",
         "raise SystemExit(4)",
     )
-    path = f"{environment_with(folder.parent / 'its-own', 'extra').parent}:/usr/bin:/bin"
+    path = f"{their_python.parent}:/usr/bin:/bin"
     assert ended(folder, rung, "{folder}/shell.sh") == (3, f"{WORDS}\n")
     assert ended(folder, rung, "{folder}/found.py", path=path) == (4, f"{WORDS}\n")
 
 
-def test_an_environment_of_its_own(folder: Path, rung: str) -> None:
+def test_an_environment_of_its_own(folder: Path, rung: str, their_python: Path) -> None:
     """As the command, as the first line of a script, and behind a wrapper that the manifest lets read it."""
-    python = environment_with(folder.parent / "its-own", "extra")
     code = "import extra, sys; print(extra.WORDS); sys.exit(5)"
-    assert ended(folder, rung, str(python), "-c", code) == (5, f"{WORDS}\n")
-    program(folder / "run.py", f"#!{python}", code)
+    assert ended(folder, rung, str(their_python), "-c", code) == (5, f"{WORDS}\n")
+    program(folder / "run.py", f"#!{their_python}", code)
     assert ended(folder, rung, "{folder}/run.py") == (5, f"{WORDS}\n")
-    program(folder / "wrapper.sh", "#!/bin/sh", f'exec "{python}" -c "{code}"')
-    assert ended(folder, rung, "{folder}/wrapper.sh", read=(str(python),)) == (5, f"{WORDS}\n")
+    program(folder / "wrapper.sh", "#!/bin/sh", f'exec "{their_python}" -c "{code}"')
+    assert ended(folder, rung, "{folder}/wrapper.sh", read=(str(their_python),)) == (5, f"{WORDS}\n")
     # Rules alone follow the link to the system's Python, which does not find the environment.
     refused, text = ended(folder, rung, "{folder}/wrapper.sh")
     assert refused != 5, "what nobody named is not in the box"
     assert WORDS not in text
 
 
-def test_a_program_that_starts_another(folder: Path, rung: str) -> None:
+def test_a_program_that_starts_another(folder: Path, rung: str, their_python: Path) -> None:
     """env and nice take the environment's Python as an argument, which the command names."""
-    python = environment_with(folder.parent / "its-own", "extra")
     code = "import extra; print(extra.WORDS)"
-    assert ended(folder, rung, "env", "A=1", str(python), "-c", code) == (0, f"{WORDS}\n")
-    assert ended(folder, rung, "nice", str(python), "-c", code) == (0, f"{WORDS}\n")
+    assert ended(folder, rung, "env", "A=1", str(their_python), "-c", code) == (0, f"{WORDS}\n")
+    assert ended(folder, rung, "nice", str(their_python), "-c", code) == (0, f"{WORDS}\n")
 
 
 def test_python_starts_python(folder: Path, rung: str) -> None:
