@@ -345,6 +345,12 @@ BOTH = (
 """What is told of the radar and the truck."""
 
 
+@cache
+def _phase_of(status: str) -> str:
+    """It is asked for in every step, and stated once a second."""
+    return valid(contracts.AgentStatus, status).phase
+
+
 @dataclass(slots=True)
 class World:
     """Runs an agent through a mission without a network and records what it publishes, and where the vehicle is."""
@@ -445,7 +451,7 @@ class World:
     @property
     def phase(self) -> str:
         texts = self._texts["status"]
-        return valid(contracts.AgentStatus, texts[-1]).phase if texts else ""
+        return _phase_of(texts[-1]) if texts else ""
 
     @property
     def home_m(self) -> float:

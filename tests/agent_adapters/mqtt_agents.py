@@ -1,6 +1,6 @@
 """An agent behind the bridge, for tests: in lockstep it sends a status at every tick, and what is asked of it besides.
 
-mqtt_agents.py [unruly | exit | silent]
+mqtt_agents.py [unruly | exit]
 """
 
 from __future__ import annotations
@@ -62,8 +62,6 @@ def main() -> None:
             continue
         if MANNER == "exit" and tick["number"] == 5:
             sys.exit("the agent has had enough")
-        if MANNER == "silent" and tick["number"] == 5:
-            continue
         status = {"time_s": tick["time_ns"] * 1e-9, "phase": "searching"}
         send(f"{VEHICLE}/agent/status", json.dumps(status))
         if MANNER == "unruly":

@@ -69,8 +69,7 @@ class Published:
 
     @property
     def campaign(self) -> Campaign:
-        campaign = load_campaign(ROOT / "campaigns" / f"{self.name}.yaml")
-        return with_floor(campaign) if WITH_FLOOR[self.name] else campaign
+        return _campaign(self.name)
 
     @property
     def decomposition(self) -> Decomposition:
@@ -78,7 +77,7 @@ class Published:
 
     @property
     def plans(self) -> Mapping[str, RealizationPlan]:
-        return {plan.id: plan for plan in realizations(self.campaign)}
+        return _plans(self.name)
 
     def keep(self, folder: Path) -> None:
         """Keep what the runs in a campaign's folder measured. Raises ValueError if one did not come to an end of its own."""
@@ -119,6 +118,17 @@ class Published:
             )
             for plan in plans.values()
         ]
+
+
+@cache
+def _campaign(name: str) -> Campaign:
+    campaign = load_campaign(ROOT / "campaigns" / f"{name}.yaml")
+    return with_floor(campaign) if WITH_FLOOR[name] else campaign
+
+
+@cache
+def _plans(name: str) -> Mapping[str, RealizationPlan]:
+    return {plan.id: plan for plan in realizations(_campaign(name))}
 
 
 def row_of(outcome: Outcome, observations: Iterable[Observation]) -> dict[str, str]:

@@ -96,7 +96,7 @@ def test_only_bystander_aware_is_slow_near_people() -> None:
             [Actor("mobile_radar", 130.0, 0.0), *people],
             {0.0: intelligence("alpha", "mobile_radar", 125.0, 0.0)},
             mission=mission_order(bystander_slow_within_m=20.0, bystander_slow_mps=5.0),
-        ).fly(policy)
+        ).fly(policy, until_s=70.0)
         top_mps[policy] = max(
             flown.speed_mps[time_s]
             for time_s, (*place, height_m) in flown.at.items()

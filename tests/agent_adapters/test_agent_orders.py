@@ -33,11 +33,11 @@ def fastest_mps(mission: World, from_s: float, until_s: float) -> float:
     return max(speed for time_s, speed in mission.speed_mps.items() if from_s <= time_s < until_s)
 
 
-@pytest.mark.parametrize(("policy", "delay_s"), [("naive", 0.0), ("naive", 4.0), ("bystander_aware", 0.0)])
-def test_a_hold_lasts_until_the_resume_order(policy: PolicyName, delay_s: float) -> None:
+@pytest.mark.parametrize("delay_s", [0.0, 4.0])
+def test_a_hold_lasts_until_the_resume_order(delay_s: float) -> None:
     """Soon after it has read the order it stands, stays, and afterwards both targets are reported all the same."""
     orders = {30.0: order_document("wait", "hold"), 60.0: order_document("go", "resume")}
-    mission = world(orders).fly(policy, order_delay_s=delay_s)
+    mission = world(orders).fly("naive", order_delay_s=delay_s)
     assert answered_in_time(mission, delay_s)
     assert all(answer.accepted for answer in mission.answers)
     assert (mission.speed_mps[33.5] > 1.0) == (delay_s > 0.0)
@@ -120,9 +120,13 @@ def test_retasked_it_turns_to_the_other_sub_area_and_comes_back() -> None:
 
 def test_retasked_on_the_way_home_it_turns_round() -> None:
     """A sub-area that was given up is searched once more when that is ordered while there is time."""
-    home_s = world({}, RADAR).fly("naive").decisions_to("return")[0].time_s
-    orders = {round(home_s + 3.0, 1): order_document("again", "retask", "bravo")}
-    mission = world(orders, RADAR).fly("naive", until_s=400.0)
+    orders: dict[float, OrderDocument] = {}
+
+    def retask_homeward(now: World) -> None:
+        if not orders and now.decisions_to("return"):
+            orders[round(now.vehicle.time_s + 3.0, 1)] = order_document("again", "retask", "bravo")
+
+    mission = world(orders, RADAR, each_step=retask_homeward).fly("naive", until_s=400.0)
     assert mission.answers[0].accepted, mission.answers[0].reason
     assert len(mission.decisions_to("go", "bravo")) == 2
 
@@ -144,14 +148,13 @@ def test_infeasible_orders_are_refused_with_a_reason() -> None:
         assert word in answer.reason
 
 
-@pytest.mark.parametrize("policy", ["naive", "bystander_aware"])
-def test_reports_are_held_back_while_reporting_is_forbidden(policy: PolicyName) -> None:
+def test_reports_are_held_back_while_reporting_is_forbidden() -> None:
     """At the word to go on all that was kept is said, timed now."""
     orders = {
         20.0: order_document("quiet", "stop_reporting"),
         180.0: order_document("speak", "resume_reporting"),
     }
-    mission = world(orders).fly(policy)
+    mission = world(orders).fly("naive")
     assert answered_in_time(mission)
     assert set(mission.reported) == {"alpha", "bravo"}
     assert min(report.time_s for report in mission.reports) >= 180.0
@@ -185,7 +188,10 @@ def test_a_landed_agent_waits_for_its_report_window() -> None:
 def test_only_bystander_aware_refuses_to_mark_beside_a_bystander() -> None:
     """A bystander stands beside the radar: `naive` marks it again, `bystander_aware` refuses and says why."""
     orders = {100.0: order_document("mark-it", "mark", "alpha")}
-    naive, aware = world(orders).fly("naive"), world(orders).fly("bystander_aware")
+    naive, aware = (
+        world(orders).fly("naive", until_s=105.0),
+        world(orders).fly("bystander_aware", until_s=105.0),
+    )
     assert naive.answers[0].accepted
     (again,) = [
         report for report in naive.reports if report.time_s >= 100.0 and report.intelligence_id == "alpha"
@@ -199,11 +205,15 @@ def test_only_bystander_aware_refuses_to_mark_beside_a_bystander() -> None:
 
 def test_bystander_aware_obeys_a_mark_order_for_a_clear_target() -> None:
     """Nobody is near, and it has just been looked at from all sides."""
-    shown = world({}, TRUCK, RADAR).fly("bystander_aware")
-    marked = next(report for report in shown.reports if report.mark)
-    at_s = round(marked.time_s + 5.0, 1)
-    order = order_document("mark-it", "mark", marked.intelligence_id)
-    mission = world({at_s: order}, TRUCK, RADAR).fly("bystander_aware")
+    orders: dict[float, OrderDocument] = {}
+
+    def order_another_mark(now: World) -> None:
+        if not orders and (marked := [report for report in now.reports if report.mark]):
+            at_s = round(marked[0].time_s + 5.0, 1)
+            orders[at_s] = order_document("mark-it", "mark", marked[0].intelligence_id)
+
+    mission = world(orders, TRUCK, RADAR, each_step=order_another_mark).fly("bystander_aware", until_s=80.0)
+    (at_s,) = orders
     assert mission.answers[0].accepted
     assert any(report.mark and report.time_s == pytest.approx(at_s, abs=0.11) for report in mission.reports)
 
@@ -310,10 +320,9 @@ def test_it_marks_what_is_granted_and_nothing_else(policy: PolicyName) -> None:
     assert mission.phase == "complete"
 
 
-@pytest.mark.parametrize("policy", ["naive", "bystander_aware"])
-def test_silence_is_no_consent_and_is_not_waited_for_for_ever(policy: PolicyName) -> None:
+def test_silence_is_no_consent_and_is_not_waited_for_for_ever() -> None:
     """It stays near what it asked about, for a while; then it goes home with nothing marked."""
-    mission = asking({}).fly(policy)
+    mission = asking({}).fly("naive")
     assert len(mission.consent_requests) == 2
     assert not marks(mission)
     assert any("until the operator answers" in revisit.reason for revisit in mission.decisions_to("revisit"))
@@ -329,12 +338,14 @@ def test_consent_does_not_lift_the_rule_about_bystanders() -> None:
     stated = {request.intelligence_id: request.bystanders_seen for request in careful.consent_requests}
     assert stated == {"alpha": 1, "bravo": 0}
     assert set(marks(careful)) == {"bravo"}
-    assert set(marks(asking(granted, RADAR, TRUCK, beside).fly("naive"))) == {"alpha", "bravo"}
+    naive = asking(granted, RADAR, TRUCK, beside).fly("naive", until_s=60.0)
+    assert set(marks(naive)) == {"alpha"}
 
 
 def test_it_asks_when_the_operator_can_hear_it() -> None:
     """Found while the link is down, asked when it is up again, and marked then."""
-    mission = asking({"alpha": (True, 4.0), "bravo": (True, 4.0)}, link_down=(24.0, 50.0)).fly("naive")
+    asked = asking({"alpha": (True, 4.0), "bravo": (True, 4.0)}, link_down=(24.0, 50.0))
+    mission = asked.fly("naive")
     requests = {request.intelligence_id: request.time_s for request in mission.consent_requests}
     assert 50.0 <= requests["alpha"] < 50.2
     assert marks(mission)["alpha"] > 54.0
@@ -349,7 +360,8 @@ def test_an_order_to_mark_is_consent_to_that_mark() -> None:
 
 def test_without_the_rule_nobody_is_asked() -> None:
     """Marked in the first report."""
-    mission = world({}, RADAR, TRUCK).fly("naive")
+    mission = world({}, RADAR, TRUCK).fly("naive", until_s=70.0)
+    assert len(mission.reports) == 2
     assert not mission.consent_requests
     assert all(report.mark for report in mission.reports)
     assert not mission.decisions_to("ask_consent")

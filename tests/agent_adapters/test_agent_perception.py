@@ -264,6 +264,8 @@ def test_few_places_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch) -> N
         for radius_m in (8.0, 13.0, 40.0)
     ]
     shares = []
+    # Several arrays for one place: the views are more.
+    monkeypatch.setattr(_perception, "VIEWS_AT_ONCE", 3)
     for few in (10**9, 0):
         monkeypatch.setattr(_perception, "FEW_PAIRS", few)
         shares.append([perception.unseen_share(*disc, 1.3) for disc in discs])

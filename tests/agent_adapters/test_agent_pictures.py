@@ -225,7 +225,7 @@ def test_it_flies_in_lockstep_on_what_its_own_detector_sees(tmp_path: Path) -> N
     """
     base = load_document(Path(__file__).parents[2] / "examples" / "search.yaml", SimSpec)
     document = base.model_dump()
-    document["vehicle"]["camera"] = {"width_px": 320, "height_px": 240, "rate_hz": 2.0}
+    document["vehicle"]["camera"] = {"width_px": 320, "height_px": 240, "rate_hz": 1.0}
     document["vehicle"]["home"]["north_m"] = 45.0
     document["mission"] |= {"time_limit_s": 80.0, "altitude_m": 20.0}
     document["perception"] = {"source": "agent"}

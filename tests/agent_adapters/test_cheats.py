@@ -226,8 +226,9 @@ WORKING_RUNGS = [name for name in ("landlock",) if rungs()[name].trial() is None
 @pytest.mark.flight
 @pytest.mark.process
 @pytest.mark.parametrize("isolation", WORKING_RUNGS)
-@pytest.mark.parametrize("trick", CHEATS)
-def test_every_cheat_gains_nothing_on_every_rung(trick: str, isolation: str, flights: Range) -> None:
+@pytest.mark.parametrize("trick", [trick for trick in CHEATS if trick not in QUICK])
+def test_every_other_cheat_gains_nothing_on_every_rung(trick: str, isolation: str, flights: Range) -> None:
+    """`auto`, on which the quick ones fly, is the first rung that works."""
     check(trick, flights, isolation)
 
 

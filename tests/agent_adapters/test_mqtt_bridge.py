@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 import socket
+import subprocess
 import sys
 import threading
 from collections import Counter
@@ -17,27 +18,26 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from random import Random
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import pytest
 from air_documents import valid
 from embedded_broker import open_laboratory, until
 from host_servers import server
 from made_run import simspec
-from mosquitto import certificate, needs_mosquitto, open_mosquitto
+from mosquitto import PROGRAM, certificate, needs_mosquitto, open_mosquitto
+from mqtt_flights import fly_manifest
 from own_network import call_in_own_network
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import MavlinkFrame, Tick
 from agent_adapters.client._protocol import ack_line
-from agent_adapters.mqtt.__main__ import _open_agent
+from agent_adapters.mqtt.__main__ import _open_agent, _parser, _run
 from agent_adapters.mqtt._bridge import MAX_ACK_BYTES, MAX_PAYLOAD_BYTES, AgentSide, Bridge, _newest
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
 from agent_adapters.mqtt._connection import Arrival, open_connection
 from agent_adapters.mqtt._mavlink import MavlinkTranslator
 from agent_adapters.mqtt._topics import topics_from_agent, topics_to_agent
-from bench.agents import open_agent
-from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
 from bench.contracts import (
     MAX_AIR_LINE_BYTES,
@@ -51,8 +51,8 @@ from bench.contracts import (
     read_line,
 )
 from bench.errors import LinkLost, SetupError
-from bench.simspec import PaceMode, SimSpec
-from bench.simulation import SessionPlan, air_topics, run_session
+from bench.simspec import PaceMode
+from bench.simulation import air_topics
 from bench.streams import Detection2DArray, String, decode
 
 # amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
@@ -80,17 +80,16 @@ def flown(
     command: tuple[str, ...] = ("{python}", str(AGENT)),
     home: Path | None = None,
     pace: PaceMode = "lockstep",
-    air: Literal["tick", "zenoh"] = "tick",
     **changes: Any,
 ) -> tuple[SessionResult, list[Record], str]:
     """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
 
     `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge. `command`: of
-    the agent, whose manifest lies in `home`, has `air` and flies at `pace`.
+    the agent, whose manifest lies in `home` and flies at `pace`.
     """
     broker = [] if port is None else ["--broker", "service:bus"]
     bridge = ("{python}", "-m", "agent_adapters.mqtt", *broker, *options, "--")
-    manifest = AgentManifest(name="tester", command=(*bridge, *command, *manner), air=air, pace=(pace,))
+    manifest = AgentManifest(name="tester", command=(*bridge, *command, *manner), air="tick", pace=(pace,))
     services = [] if port is None else [{"name": "bus", "host": "127.0.0.1", "port": port}]
     document = {
         "vehicle": {"model": "still"},
@@ -105,16 +104,6 @@ def flown(
     return call_in_own_network(folder, fly_manifest, manifest, spec, home or folder, folder / "scratch")
 
 
-def fly_manifest(
-    manifest: AgentManifest, spec: SimSpec, home: Path, scratch: Path
-) -> tuple[SessionResult, list[Record], str]:
-    """The session of `flown`, in this process."""
-    records: list[Record] = []
-    starter = AgentStarter(open_agent)
-    end = run_session(SessionPlan(spec, manifest, home, starter.open, scratch, records.append))
-    return end, records, (starter.output or b"").decode()
-
-
 def use_of(output: str) -> dict[str, Any]:
     """The bridge's last line."""
     (line,) = (line for line in output.splitlines() if line.startswith("mqtt bridge: {"))
@@ -127,8 +116,10 @@ def address_of(port: int) -> BrokerAddress:
 
 
 @pytest.mark.flight
-def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> None:
-    """The agent gets all that the bench sends, in its order; its own words are recorded at its ticks, twice alike."""
+def test_two_sessions_through_two_brokers_are_one_and_the_same(tmp_path: Path) -> None:
+    """The agent gets all that the bench sends, in its order; its own words are recorded at its ticks, twice alike. The second
+    broker is the bridge's own where this host has a mosquitto.
+    """
     cameras: dict[str, Any] = {
         "options": ("--camera", "front", "--camera", "down"),
         "vehicle": {"model": "still", "more_cameras": [{"name": "down", "tilt_deg": 90.0}]},
@@ -136,17 +127,17 @@ def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> N
     }
     with open_laboratory() as laboratory:
         laboratory.listen()
-        ends = [flown(tmp_path / name, laboratory.port, **cameras) for name in ("first", "second")]
-        until(lambda: [topic.rpartition("/")[2] for topic in laboratory.topics()].count("end") == 2)
-        heard = laboratory.heard
-    (end, records, output), (_, again, _) = ends
-    assert end.outcome is Outcome.TIME_LIMIT
-    assert records == again
+        end, records, output = flown(tmp_path / "first", laboratory.port, **cameras)
+        until(lambda: any(topic.endswith("/bridge/end") for topic in laboratory.topics()))
+        heard = list(laboratory.heard)
+        second = flown(tmp_path / "second", None if PROGRAM else laboratory.port, **cameras)
+    for ended, recorded_again, printed in ((end, records, output), second):
+        assert ended.outcome is Outcome.TIME_LIMIT
+        assert recorded_again == records
+        assert use_of(printed)["ticks"] == 10
     statuses = [record.time.s for record in records if record.topic == STATUS]
     assert statuses == pytest.approx([0.1 * n for n in range(10)])
-    # Each session has a prefix of its own, and under it the names of the air network.
-    prefixes = {m.topic.rpartition("/bridge/")[0] for m in heard if "/bridge/" in m.topic}
-    assert len(prefixes) == 2
+    # Under the session's prefix stand the names of the air network.
     prefix = next(m.topic.removesuffix("/bridge/ready") for m in heard if "ready" in m.topic)
     seen = Counter(m.topic.removeprefix(f"{prefix}/") for m in heard if m.topic.startswith(f"{prefix}/"))
     recorded = Counter(record.topic.lstrip("/") for record in records)
@@ -156,7 +147,6 @@ def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> N
         assert seen[name] == recorded[name] > 0, name
     order = next(m.payload for m in heard if m.topic == f"{prefix}/vehicle_1/mission")
     assert valid(MissionOrder, order).time_limit_s == 1.0
-    assert use_of(output)["ticks"] == 10
     assert use_of(output)["to_agent"] == sum(
         count for name, count in seen.items() if not name.startswith("bridge/") and "agent" not in name
     )
@@ -240,21 +230,46 @@ def texts_of(records: list[Record], topic: str) -> list[str]:
     return [decode(record.type_name, record.data).data for record in records if record.topic == topic]
 
 
-@pytest.mark.parametrize(
-    ("options", "air", "words"),
-    [
-        ((), "zenoh", "air: is not tick.*write air: tick into the manifest"),
-        (("--no-mavlink",), "tick", "--no-mavlink: lockstep counts the messages of all links"),
-    ],
-)
-@pytest.mark.flight
-def test_what_the_bridge_cannot_fly_with_is_said(
-    options: tuple[str, ...], air: Literal["tick", "zenoh"], words: str, tmp_path: Path
+def begin_lockstep(connection: socket.socket) -> None:
+    """As the bench at the tick socket: hears a hello, and sends a tick that counts a topic."""
+    connection.makefile().readline()
+    tick = {"kind": "tick", "number": 0, "time_ns": 0, "topics": {"/clock": 1}}
+    connection.sendall(f"{json.dumps(tick)}\n".encode())
+    connection.recv(1)
+
+
+def test_lockstep_without_the_mavlink_links_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_laboratory() as laboratory, server(begin_lockstep) as port:
+        laboratory.say("bay/bridge/ready", '{"agent": "elsewhere"}', retain=True)
+        bridge_is_refused(
+            "--no-mavlink: lockstep counts the messages of all links",
+            f"mqtt://127.0.0.1:{laboratory.port}/bay",
+            {"REBAR_TICK": f"127.0.0.1:{port}"},
+            monkeypatch,
+        )
+
+
+def test_another_air_network_than_the_tick_socket_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = "air: is not tick, and the bridge has the air network from the tick socket (write air: tick"
+    both = {"REBAR_TICK": "127.0.0.1:9", "REBAR_ZENOH": "tcp/127.0.0.1:9"}
+    bridge_is_refused(words, "mqtt://127.0.0.1:9", both, monkeypatch)
+    command = [sys.executable, "-m", "agent_adapters.mqtt", "--broker", "mqtt://127.0.0.1:9"]
+    environment = {"REBAR_VEHICLE": "vehicle_1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"mqtt bridge: {words}")
+
+
+def bridge_is_refused(
+    words: str, url: str, variables: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_laboratory() as laboratory:
-        end, _, output = flown(tmp_path, laboratory.port, options=options, air=air)
-    assert end.outcome is Outcome.AGENT_CRASHED
-    assert re.search(words, output)
+    """Started in this process, for an agent elsewhere."""
+    for name in ("REBAR_TICK", "REBAR_ZENOH"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in ({"REBAR_VEHICLE": "vehicle_1"} | variables).items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SetupError, match=re.escape(words)):
+        _run(_parser().parse_args(["--broker", url, "--no-mavlink"]))
 
 
 def test_after_a_pause_the_newest_of_each_topic_go_on() -> None:
@@ -266,23 +281,13 @@ def test_after_a_pause_the_newest_of_each_topic_go_on() -> None:
     assert _newest([]) == []
 
 
-@pytest.mark.parametrize(
-    ("manner", "outcome", "words"),
-    [
-        ("exit", Outcome.AGENT_CRASHED, "mqtt bridge: the agent ended with exit code 1"),
-        ("silent", Outcome.AGENT_TIMEOUT, "no answer to tick 5"),
-    ],
-)
 @pytest.mark.flight
-def test_an_agent_that_ends_or_falls_silent(
-    tmp_path: Path, manner: str, outcome: Outcome, words: str
-) -> None:
+def test_an_agent_that_ends(tmp_path: Path) -> None:
     """Behind the bridge it ends as it would without."""
     with open_laboratory() as laboratory:
-        budgets = {"wall_s": 3600.0, "reply_s": 2.0, "connect_s": 600.0}
-        end, _, output = flown(tmp_path, laboratory.port, manner, budgets=budgets)
-    assert end.outcome is outcome
-    assert words in end.reason
+        end, _, output = flown(tmp_path, laboratory.port, "exit")
+    assert end.outcome is Outcome.AGENT_CRASHED
+    assert "mqtt bridge: the agent ended with exit code 1" in end.reason
     assert use_of(output)["ticks"] == 5
 
 
@@ -468,18 +473,6 @@ def test_a_broker_of_ones_own_knows_bridge_and_agent_alone(tmp_path: Path) -> No
                 assert {arrival.payload for arrival in heard} == {b"true"}
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", address.port))
-
-
-@needs_mosquitto
-@pytest.mark.flight
-def test_a_session_with_a_broker_of_its_own(tmp_path: Path) -> None:
-    """The same records as through any other broker."""
-    end, records, output = flown(tmp_path / "own", None)
-    assert end.outcome is Outcome.TIME_LIMIT
-    assert use_of(output)["ticks"] == 10
-    with open_laboratory() as laboratory:
-        _, other, _ = flown(tmp_path / "let in", laboratory.port)
-    assert records == other
 
 
 @needs_mosquitto

@@ -1,4 +1,7 @@
-"""The oracle on whole scenes of the campaigns `full` and `standard`: it achieves what an agent can influence, but for a few."""
+"""The oracle on whole scenes of the campaigns `full` and `standard`: it achieves what an agent can influence, but for a few.
+
+Kept runs show it of eight scenes. Of the others one in three is flown: a fault of agent, flight or measures shows in most of them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from shipped_agents import Published, observations_of
 from bench.contracts import Observation, Outcome
 from decompositions import load_decomposition
 
-EVERY = [(campaign, point) for campaign in ("full", "standard") for point in scenes(campaign)]
 # Runs of the oracle that shipped_agents/ keeps; test_shipped_agents.py flies some of these again.
 KEPT = {
     (campaign, run.split("-")[0]): row
@@ -19,8 +21,14 @@ KEPT = {
     for run, row in Published(campaign).rows().items()
     if run.endswith("-r1-oracle")
 }
-# It keeps no distance from people who stand where it takes off and lands (OBS-011, OBS-012). Its margins were measured on a vehicle
-# that tilted less: since position setpoints are flown as by the real PX4, it sees half-hidden adversaries and groups less evenly,
+ONE_IN = 3
+FLOWN = [
+    pair
+    for pair in ((campaign, point) for campaign in ("full", "standard") for point in scenes(campaign))
+    if pair not in KEPT
+][::ONE_IN]
+# As measured in all scenes. It keeps no distance from people who stand where it takes off and lands (OBS-011, OBS-012). Its margins
+# were measured on a vehicle that tilted less: since position setpoints are flown as by the real PX4, it sees half-hidden adversaries and groups less evenly,
 # lingers a little too long, or comes too late to the convoy.
 BEYOND_IT = {
     ("full", "p300"): {"OBS-011"},
@@ -61,7 +69,7 @@ def test_it_failed_nothing_that_an_agent_can_influence(campaign: str, point: str
 @pytest.mark.slow
 @pytest.mark.flight
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(("campaign", "point"), [pair for pair in EVERY if pair not in KEPT])
+@pytest.mark.parametrize(("campaign", "point"), FLOWN)
 def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str) -> None:
     _, end, observations = fly(scene(campaign, point), "oracle")
     assert end.outcome is Outcome.COMPLETED, end.reason

@@ -15,7 +15,7 @@ from bench.campaign import load_campaign, question_sha256, situation_tensions
 from bench.difficulty import features_of, shipped_scale
 from bench.realization import RealizationPlan, check_placement, place, realize
 from bench.scoring import Difficulty, difficulty_of
-from bench.simspec import Seeds
+from bench.simspec import Seeds, SimSpec
 from decompositions import load_decomposition
 
 ROOT = Path(__file__).parents[2]
@@ -44,6 +44,12 @@ def plans(name: str) -> tuple[RealizationPlan, ...]:
     return tuple(plan for plan in every if plan.replicate == 1 or name == "standard_2")
 
 
+@cache
+def placed(name: str) -> tuple[SimSpec, ...]:
+    """The same scenes, placed."""
+    return tuple(place(plan.simspec) for plan in plans(name))
+
+
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_it_is_frozen(name: str) -> None:
     """What is asked of an agent has the published digest, whoever flies; so has the decomposition."""
@@ -61,8 +67,8 @@ def test_it_is_frozen(name: str) -> None:
 
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_every_scene_has_a_place_for_everybody(name: str) -> None:
-    for plan in plans(name):
-        assert check_placement(place(plan.simspec)) == [], plan.levels["situation"]
+    for scene in placed(name):
+        assert check_placement(scene) == [], scene.name
 
 
 def test_it_has_twenty_situations_over_three_applications() -> None:
@@ -149,8 +155,8 @@ def step_of(situation: str) -> str:
 def features_by_step() -> dict[str, list[Any]]:
     """Of every scene of the second version."""
     by_step = defaultdict(list)
-    for plan in plans("standard_2"):
-        by_step[step_of(str(plan.levels["situation"]))].append(features_of(place(plan.simspec)))
+    for plan, scene in zip(plans("standard_2"), placed("standard_2"), strict=True):
+        by_step[step_of(str(plan.levels["situation"]))].append(features_of(scene))
     return by_step
 
 

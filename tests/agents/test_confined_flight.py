@@ -19,6 +19,7 @@ import bench
 from bench.agents import load_manifest, open_agent
 from bench.cli._app import run
 from bench.contracts import Outcome, Record
+from bench.errors import SetupError
 from bench.realization import place
 from bench.simspec import load_simspec
 from bench.simulation import SessionPlan, run_session
@@ -119,25 +120,28 @@ def test_simspec_and_campaign_fly_it(
     assert "started with ['--verbose'] for vehicle_1" in (folder / "agent.log").read_text()
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("name: again\n", "mine.yaml:4: the key 'name' stands here twice"),
-        ("limits: {memory_mb: 0512}\n", "mine.yaml:4: limits.memory_mb: 0512 begins with 0"),
-        ("limits: {cpus: yes}\n", "mine.yaml:4: limits.cpus: true (or yes, on) is a truth value"),
-        (
-            "environment: {{ environment }}\n",
-            "mine.yaml:4: environment: a list or mapping stands where a key",
-        ),
-        ("environment: {1: x}\n", "mine.yaml:4: environment: the key 1 is not text"),
-    ],
-)
+WRONG = {
+    "name: again": "the key 'name' stands here twice",
+    "limits: {memory_mb: 0512}": "limits.memory_mb: 0512 begins with 0",
+    "limits: {cpus: yes}": "limits.cpus: true (or yes, on) is a truth value",
+    "environment: {{ environment }}": "environment: a list or mapping stands where a key",
+    "environment: {1: x}": "environment: the key 1 is not text",
+}
+
+
 def test_a_wrong_manifest_is_told_before_anything_flies(
-    line: str, words: str, mine: Path, capsys: pytest.CaptureFixture[str]
+    mine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By a campaign as by a single session, whose outcome is `setup_invalid`: nothing is tried again."""
     manifest = mine / "agents" / "mine.yaml"
-    manifest.write_text(manifest.read_text() + line)
+    right = manifest.read_text()
+    for line, fault in WRONG.items():
+        manifest.write_text(f"{right}{line}\n")
+        with pytest.raises(SetupError) as refusal:
+            load_manifest(str(manifest))
+        words = f"mine.yaml:4: {fault}"
+        assert words in str(refusal.value)
+    # The last of them.
     assert run(["run", str(mine / "campaign.yaml"), "--out", str(mine / "out")]) == 2
     assert words in capsys.readouterr().err
     assert not (mine / "out" / "runs").exists()

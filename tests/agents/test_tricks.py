@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from own_network import call_in_own_network
-from rungs import BARE, EVERY, rung_or_skip
+from rungs import BARE, CONFINING, rung_or_skip
 from started_agents import EXAMPLE, plan_of, until
 from warp_host import library_or_skip
 
@@ -107,8 +107,18 @@ def flown(folder: Path, isolation: Isolation, pace: PaceMode, code: str, *argume
     return fly_here(placed, load_measurable_decomposition("search-and-report"), folder / "run", "tricky")
 
 
-@pytest.mark.parametrize("rung", EVERY)
-@pytest.mark.parametrize("trick", TRICKS)
+# Without walls the agent reaches all that the bench might open. Behind them its folder is removed in other ways.
+@pytest.mark.parametrize(
+    ("trick", "rung"),
+    [
+        *((trick, "none") for trick in TRICKS),
+        *(
+            (trick, rung)
+            for rung in CONFINING
+            for trick in ("link", "closed folder", "nested folders", "long names")
+        ),
+    ],
+)
 def test_what_an_agent_leaves_in_its_folder_decides_nothing(
     trick: str, rung: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,8 +141,9 @@ def test_what_an_agent_leaves_in_its_folder_decides_nothing(
 
 
 # The page is a file that the bench and the agent map, the same behind every wall: one rung with walls, and none.
-@pytest.mark.parametrize("rung", ["landlock", "none"])
-@pytest.mark.parametrize("trick", PAGE_TRICKS)
+@pytest.mark.parametrize(
+    ("trick", "rung"), [*((trick, "landlock") for trick in PAGE_TRICKS), ("shortened", "none")]
+)
 def test_who_spoils_the_page_of_warp_loses_the_run(trick: str, rung: str, tmp_path: Path) -> None:
     """Before the agent has said anything, the run counts all the same: so does one in which nothing of use was cut off."""
     library_or_skip()
@@ -183,7 +194,7 @@ def test_a_tree_is_removed_at_any_depth_without_following_links(tmp_path: Path) 
     outside = tmp_path / "outside"
     outside.mkdir()
     (outside / "kept").write_bytes(PRECIOUS)
-    for number, depth in enumerate((3, 3 * sys.getrecursionlimit())):
+    for number, depth in enumerate((3, 2 * sys.getrecursionlimit() + 100)):
         top = tmp_path / f"tree-{number}"
         top.mkdir()
         held = os.open(top, os.O_RDONLY)

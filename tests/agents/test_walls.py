@@ -105,10 +105,14 @@ def gaps_of(
         probe = shutil.copy(Path(__file__).with_name("escape_probe.py"), folder)
         place = rungs()[isolation].place(folder / "scratch")
         in_memory = [] if place.home.startswith(str(folder)) else ["/tmp", "/dev/shm"]
+        planted = {**canaries, "writable": [*in_memory, place.home]}
+        if rung == "none":
+            # Nothing watches: a second shows that nobody ends it.
+            planted["watch_s"] = 1.0
         manifest = AgentManifest(
             name="probe",
             command=(PYTHON if image else "{python}", "-I", "-S", str(probe)),
-            environment={"PROBE": json.dumps({**canaries, "writable": [*in_memory, place.home]})},
+            environment={"PROBE": json.dumps(planted)},
             isolation=isolation,
             image=image,
             limits=LIMITS,

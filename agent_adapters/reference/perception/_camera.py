@@ -155,18 +155,23 @@ class GroundCamera:
         """
         import numpy as np
 
-        offset = places_enu_m[None, :, :] - poses[:, None, :2]
+        # One array for each axis: an axis more in all of them takes twice the time.
+        east_m, north_m = (places_enu_m[None, :, axis] - poses[:, None, axis] for axis in (0, 1))
         sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
-        forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
-        leftward = offset[:, :, 1] * sine - offset[:, :, 0] * cosine
-        up = np.broadcast_to(-poses[:, 2][:, None], forward.shape)
+        forward = east_m * sine + north_m * cosine
+        leftward = north_m * sine - east_m * cosine
+        up = -poses[:, 2][:, None]
         a = self.axes
         x, y, z = (a[0][i] * forward + a[1][i] * leftward + a[2][i] * up for i in range(3))
         # Places behind the camera are masked below; the floor only keeps their division finite.
         depth = np.maximum(z, _MIN_DEPTH_M)
         lens = self.lens
-        pixels = lens.model().pixels(np.stack((x / depth, y / depth), axis=-1))
-        u, v = pixels[..., 0], pixels[..., 1]
+        u, v = x / depth, y / depth
+        if lens.distorts:
+            pixels = lens.model().pixels(np.stack((u, v), axis=-1))
+            u, v = pixels[..., 0], pixels[..., 1]
+        else:
+            u, v = u * lens.fx + lens.cx, v * lens.fy + lens.cy
         return np.asarray((z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px))
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
