@@ -86,11 +86,11 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
-    rows = square(client, (0, 0), 20.0)
+    rows = square(client, (0, 0), 10.0)
     assert upload(client, rows, 1) == 0
     assert [item.frame for item in download(client, 1)] == [5] * 4
     client.offboard(0, 0, -10)
-    while client.vehicle.truth().position_enu_m[1] < 21.5:  # two looks at the fence
+    while client.vehicle.truth().position_enu_m[1] < 11.5:  # two looks at the fence
         client.fly(0.1, lambda: client.setpoint(50, 0, -10))
     assert client.state() == (soon, failsafe)
     hold = ["Failsafe activated: entering Hold for 5 seconds"] if action in (3, 5) else []

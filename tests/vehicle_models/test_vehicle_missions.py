@@ -178,7 +178,7 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
     """Waypoints and speeds, no takeoff item, started by the mode: it climbs, flies, returns, and says so."""
     client = make(simspec(vehicle={"parameters": {"RTL_RETURN_ALT": 12.0}}))
     client.fly(5.0)
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 2e5) == [0]
+    client.ask_for("MISSION_CURRENT")
     rows = [
         to(client, 0, 20, 10),
         bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1),

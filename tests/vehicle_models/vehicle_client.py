@@ -91,6 +91,11 @@ class Client:
         self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
         return [answer.result for answer in of("COMMAND_ACK", self.fly(0.02)) if answer.command == number]
 
+    def ask_for(self, name: str, hz: float = 10.0) -> None:
+        """Messages of this name, so often."""
+        number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+        assert self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz) == [0]
+
     def reposition(
         self, east_m: float, north_m: float, altitude_m: float, frame: int = 0, speed_mps: float = -1.0
     ) -> list[int]:
@@ -178,13 +183,17 @@ class Client:
         assert self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
         altitude = 488.0 + height_m
         assert self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, altitude) == [0]
-        self.fly(5.0 + height_m)
+        for _ in range(50):
+            self.fly(0.5)
+            if self.vehicle.condition().mode == "AUTO_LOITER":
+                break
+        self.fly(1.0)
         assert self.vehicle.condition().mode == "AUTO_LOITER"
 
     def guided(
         self,
         height_m: float = 10.0,
-        risen_s: float = 12.0,
+        risen_s: float = 11.0,
         each: Callable[[], None] | None = None,
     ) -> None:
         """Arm an ArduCopter in GUIDED, take off; `each` as in `fly`."""
@@ -233,9 +242,10 @@ def make() -> Iterator[Make]:
 
 @pytest.fixture
 def px4(make: Make) -> Client:
-    """A PX4 at 10 m, with the streams of a companion."""
-    client = make(streams="onboard")
+    """A PX4 at 10 m, which sends what it is asked for alone."""
+    client = make()
     client.airborne()
+    client.learn_home()
     return client
 
 
