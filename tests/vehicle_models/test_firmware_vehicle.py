@@ -335,7 +335,7 @@ def test_arducopter_has_the_date_of_the_scene(
         assert any(f"--start-time {begins} " in command for command in programs(folder))
 
 
-@pytest.mark.parametrize(("kind", "height_m", "rise_s"), [("px4", 30.0, 11.0), ("ardupilot", 10.0, 4.0)])
+@pytest.mark.parametrize(("kind", "height_m", "rise_s"), [("px4", 30.0, 11.0), ("ardupilot", 6.0, 3.0)])
 def test_a_fall_is_a_crash(
     kind: str, height_m: float, rise_s: float, client: Client, firmware: Firmware
 ) -> None:
@@ -346,7 +346,7 @@ def test_a_fall_is_a_crash(
         flown_up(client, kind, height_m + 3.0)
         client.fly(rise_s)
         assert vehicle.truth().position_enu_m[2] > height_m
-        client.fly(4.0)
+        client.fly(4.5)
         assert vehicle.condition().crashed
 
 
