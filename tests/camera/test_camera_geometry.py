@@ -94,7 +94,7 @@ def test_a_box_of_pixels_is_the_projection_of_the_actor(distortion: Distortion) 
     random = np.random.default_rng(4)
     camera = replace(lens(), distortion=distortion)
     checked = 0
-    for trial in range(14):
+    for trial in range(9):
         view = random_pose(random)
         ahead = view.axes_enu[2] / max(0.2, -view.axes_enu[2, 2]) * view.position_enu_m[2]
         east, north = (view.position_enu_m + ahead)[:2] + random.uniform(-4, 4, 2)
@@ -113,7 +113,7 @@ def test_a_box_of_pixels_is_the_projection_of_the_actor(distortion: Distortion) 
         assert actor.actor == 0
         assert actor.visible == 1.0
         assert actor.box == pytest.approx((*pixels.min(axis=0), *pixels.max(axis=0)), abs=1.3)
-    assert checked >= 5
+    assert checked >= 4
 
 
 def test_a_picture_shows_the_actor_where_the_mask_has_it() -> None:
@@ -235,7 +235,7 @@ def test_depth_on_the_ground_is_that_of_the_plane() -> None:
     below = np.isfinite(expected) & (expected < 1e4)
 
     assert below.mean() > 0.5
-    assert depth[below] == pytest.approx(expected[below], rel=1e-3)
+    assert np.allclose(depth[below], expected[below], rtol=1e-3, atol=0.0)
 
 
 @pytest.mark.parametrize("east_m", [0.0, 40_000.0])

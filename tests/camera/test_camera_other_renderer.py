@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from camera_stages import cast_rays, pose, stage
 
+import bench.camera
 from bench.arrays import Floats, Narrow
 from bench.camera import Conditions, RenderedCamera, actors_in
 from bench.contracts import CameraPose, Labels, Picture, Pixels, Renderer, Stage
@@ -80,9 +81,18 @@ def test_another_renderer_serves_the_same_camera() -> None:
     assert 2.0 < (frames[1].bgr.astype(int) - frames[0].bgr).std() < 8.0
 
 
-def test_only_the_camera_imports_opencv() -> None:
-    """A session without pixels pays nothing for them: no other room of the core imports cv2 when it is imported."""
-    code = "import bench.simulation, bench.campaign, bench.reporting, bench.cli._app, sys; print('cv2' in sys.modules)"
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-
-    assert answer.stdout.strip() == "False"
+def test_opencv_is_imported_where_pixels_are_wanted() -> None:
+    """A session without pixels pays nothing for them: in other rooms of the core a function imports what imports cv2."""
+    core = Path(bench.camera.__file__).parents[1]
+    outside = {
+        path.relative_to(core).as_posix(): path.read_text(encoding="utf-8")
+        for path in core.rglob("*.py")
+        if not path.is_relative_to(core / "camera")
+        and not path.is_relative_to(core / "perception" / "pixels")
+    }
+    pixels = re.compile(
+        r"^(?:from|import) (?:cv2|bench\.camera|\.+camera|\S*\bpixels|\S*_frame_pixels)\b", re.MULTILINE
+    )
+    assert [name for name, text in outside.items() if pixels.search(text)] == [
+        "reporting/pictures/_frame_pixels.py"
+    ]

@@ -1,6 +1,6 @@
 """Every client once: it finds the vehicle, reads a parameter, arms, takes off, is refused, lands.
 
-The rest is `make clients`.
+The rest is `make clients`, with MAVSDK's other interface, which speaks by the same library.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import pytest
 from client_programs import Flown
 
 
-@pytest.mark.parametrize("client", ["mavsdk", "mavsdk-asyncio", "mavsdk-grpc"])
+@pytest.mark.parametrize("client", ["mavsdk", "mavsdk-grpc"])
 def test_a_mavsdk_hops_on_px4(client: str, flown: Flown) -> None:
     logbook = flown(client, "parameters", "hop", speed=8.0)
     assert logbook["parameters"]["before"] == 12.0
@@ -42,7 +42,7 @@ def test_pymavlink_hops_on_ardupilot(flown: Flown) -> None:
 
 
 def test_mavproxy_hops_on_ardupilot(flown: Flown) -> None:
-    logbook = flown("mavproxy", "early", "parameters", "hop", speed=8.0)
+    logbook = flown("mavproxy", "early", "parameters", "hop", speed=4.0)
     assert logbook["early"]["arm"] == "FAILED"
     assert logbook["parameters"] == {"before": 1500.0, "after": 1000.0, "unknown": "Unable to find parameter"}
     assert logbook["hop"]["disarm_in_air"] == "FAILED"
@@ -50,8 +50,7 @@ def test_mavproxy_hops_on_ardupilot(flown: Flown) -> None:
 
 
 def test_dronekit_hops_on_ardupilot(flown: Flown) -> None:
-    logbook = flown("dronekit", "early", "parameters", "hop", speed=5.0)
-    assert logbook["early"]["ack"] == [400, 4]
+    logbook = flown("dronekit", "parameters", "hop", speed=5.0)
     assert logbook["parameters"]["before"] == 1500.0
     assert logbook["parameters"]["after"] == 1200.0
     assert logbook["parameters"]["unknown"] is None

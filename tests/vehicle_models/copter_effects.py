@@ -18,11 +18,11 @@ def level(client: Client) -> float:
 
 def copter_returning_speed(client: Client) -> float:
     """The greatest on a way home of 20 m."""
-    fly.hover(client, 15.0)
-    fly.go(client, 0, 20, 15)
-    client.fly(10.0)
+    fly.hover(client, 5.0)
+    fly.go(client, 0, 20, 5)
+    client.fly(7.0)
     client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    return fly.most(fly.speed_mps, client, 8.0)
+    return fly.most(fly.speed_mps, client, 7.0)
 
 
 def waiting_above_home_s(client: Client) -> float:
@@ -55,26 +55,26 @@ def circling(of: Callable[[Client], float]) -> Measure:
         client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         client.fly(0.5, fly.joystick(client))
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 7)
-        client.fly(15.0, fly.joystick(client))
+        client.fly(10.0, fly.joystick(client))
         return of(client)
 
     return measured
 
 
 def north_of_centre_m(client: Client) -> float:
-    """Widest distance from the start along a whole circle is its diameter."""
+    """Widest distance from the start along more than half a circle is its diameter."""
     start = client.vehicle.truth().position_enu_m
     return 0.5 * fly.most(
         lambda flown: math.dist(start, flown.vehicle.truth().position_enu_m),
         client,
-        20.0,
+        10.0,
         fly.joystick(client),
     )
 
 
 def sticks_kept_s(client: Client) -> float:
     """How long the stick of a fly.joystick that has gone still holds the height."""
-    fly.hover(client, 20.0)
+    fly.hover(client, 10.0)
     client.fly(0.5, fly.joystick(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 2)
     client.fly(1.0, fly.joystick(client))
@@ -89,19 +89,20 @@ def radio_lost(client: Client) -> str:
 
 
 def low_volts(client: Client) -> str:
-    fly.hover(client, 10.0)
+    fly.hover(client, 4.0)
     client.put(SIM_BATT_VOLTAGE=10.0)
-    client.fly(6.0)
+    client.fly(4.0)
     return client.vehicle.condition().mode
 
 
 def ceiling_m(client: Client) -> float:
     fly.hover(client, 5.0)
-    return fly.most(fly.up_m, client, 12.0, fly.velocity(client, down=-2.0))
+    return fly.most(fly.up_m, client, 8.0, fly.velocity(client, down=-2.0))
 
 
 FENCED = ("FENCE_ENABLE", 1.0)
 QUICK = ("BATT_LOW_TIMER", 1.0)
+LOW = (("RTL_ALT", 500.0),)
 ARDUPILOT = (
     Effect("WPNAV_SPEED", (400.0, 800.0), level, (4.0, 8.0)),
     Effect("WPNAV_SPEED_UP", (100.0, 250.0), fly.climbing, (1.0, 2.5)),
@@ -109,12 +110,12 @@ ARDUPILOT = (
     Effect("WPNAV_ACCEL", (100.0, 250.0), fly.speed_after(2.5), (2.35, 5.5), 0.3),
     Effect("PSC_JERK_XY", (1.0, 10.0), fly.speed_after(1.5), (1.1, 3.4), 0.3),
     Effect("WPNAV_ACCEL_Z", (50.0, 200.0), fly.climbing_s, (8.1, 4.1), 0.4),
-    Effect("RTL_SPEED", (300.0, 600.0), copter_returning_speed, (3.0, 4.6), 0.3),
-    Effect("WPNAV_JERK", (1.0, 5.0), copter_returning_speed, (4.6, 6.5), 0.4),
+    Effect("RTL_SPEED", (300.0, 600.0), copter_returning_speed, (3.0, 4.6), 0.3, beside=LOW),
+    Effect("WPNAV_JERK", (1.0, 5.0), copter_returning_speed, (4.6, 6.5), 0.4, beside=LOW),
     Effect("LAND_SPEED", (30.0, 80.0), fly.touching, (0.3, 0.8), 0.12),
-    Effect("RTL_ALT", (1500.0, 2500.0), fly.returning_height(20.0), (15.0, 25.0), 0.5),
-    Effect("RTL_CLIMB_MIN", (0.0, 1000.0), fly.returning_height(20.0), (15.0, 20.0), 0.5),
-    Effect("RTL_LOIT_TIME", (1000.0, 6000.0), waiting_above_home_s, (2.6, 7.6), 0.6),
+    Effect("RTL_ALT", (1500.0, 2000.0), fly.returning_height(12.0), (15.0, 20.0), 0.5),
+    Effect("RTL_CLIMB_MIN", (0.0, 1000.0), fly.returning_height(12.0), (15.0, 20.0), 0.5),
+    Effect("RTL_LOIT_TIME", (1000.0, 6000.0), waiting_above_home_s, (3.0, 8.0), 0.3),
     Effect("DISARM_DELAY", (4.0, 10.0), fly.idling_s, (4.0, 10.0)),
     Effect("GUID_TIMEOUT", (2.0, 5.0), lapse_s, (2.5, 5.5), 0.5),
     Effect("GUID_OPTIONS", (0.0, 8.0), thrust, (2.4, 5.0), 0.8),
@@ -129,7 +130,13 @@ ARDUPILOT = (
     Effect(
         "FS_GCS_TIMEOUT", (3.0, 7.0), fly.station_lost_s("RTL"), (3.0, 7.0), beside=(("FS_GCS_ENABLE", 1.0),)
     ),
-    Effect("FS_GCS_ENABLE", (0.0, 1.0), fly.station_lost, ("GUIDED", "RTL")),
+    Effect(
+        "FS_GCS_ENABLE",
+        (0.0, 1.0),
+        fly.station_lost(6.0),
+        ("GUIDED", "RTL"),
+        beside=(("FS_GCS_TIMEOUT", 3.0),),
+    ),
     Effect("FS_THR_ENABLE", (0.0, 3.0), radio_lost, ("GUIDED", "LAND")),
     Effect(
         "BATT_LOW_VOLT", (9.0, 11.0), low_volts, ("GUIDED", "RTL"), beside=(QUICK, ("BATT_FS_LOW_ACT", 2.0))
@@ -146,6 +153,6 @@ ARDUPILOT = (
     Effect(
         "FENCE_MARGIN", (2.0, 5.0), ceiling_m, (13.0, 10.0), 0.5, beside=(FENCED, ("FENCE_ALT_MAX", 15.0))
     ),
-    Effect("FENCE_ENABLE", (0.0, 1.0), ceiling_m, (27.0, 13.0), 3.0, beside=(("FENCE_ALT_MAX", 15.0),)),
-    Effect("FENCE_TYPE", (7.0, 2.0), ceiling_m, (13.0, 27.0), 3.0, beside=(FENCED, ("FENCE_ALT_MAX", 15.0))),
+    Effect("FENCE_ENABLE", (0.0, 1.0), ceiling_m, (20.0, 13.0), 2.0, beside=(("FENCE_ALT_MAX", 15.0),)),
+    Effect("FENCE_TYPE", (7.0, 2.0), ceiling_m, (13.0, 20.0), 2.0, beside=(FENCED, ("FENCE_ALT_MAX", 15.0))),
 )

@@ -117,18 +117,17 @@ def climbing(client: Client) -> float:
 
 
 def sinking(client: Client) -> float:
-    hover(client, 30.0)
-    go(client, 0, 0, 5)
-    return most(sink_mps, client, 6.0)
+    hover(client, 14.0)
+    go(client, 0, 0, 2)
+    return most(sink_mps, client, 4.0)
 
 
 def speed_after(seconds: float) -> Measure:
     """Speed so long after a reposition to a place 60 m away."""
 
     def measured(client: Client) -> float:
-        hover(client, 10.0)
-        client.fly(2.0)
-        go(client, 0, 60, 10)
+        hover(client, 5.0)
+        go(client, 0, 60, 5)
         client.fly(seconds)
         return speed_mps(client)
 
@@ -137,35 +136,40 @@ def speed_after(seconds: float) -> Measure:
 
 def climbing_s(client: Client) -> float:
     """From the order to go 10 m higher to the last metre."""
-    hover(client, 10.0)
-    client.fly(2.0)
-    go(client, 0, 0, 20)
-    return wait(client, lambda flown: up_m(flown) > 19.0, 40.0)
+    hover(client, 5.0)
+    client.fly(1.0)
+    go(client, 0, 0, 15)
+    return wait(client, lambda flown: up_m(flown) > 14.0, 40.0)
 
 
 def touching(client: Client) -> float:
     """Speed of coming down, at about 1 m."""
-    hover(client, 5.0)
+    hover(client, 3.0)
     client.command(mavlink.MAV_CMD_NAV_LAND)
     wait(client, lambda flown: up_m(flown) < 1.0, 30.0)
     return sink_mps(client)
 
 
-def station_lost_s(mode: str) -> Measure:
+def station_lost_s(mode: str, within_s: float = 20.0) -> Measure:
     """From the last heartbeat of the ground station to a mode."""
 
     def measured(client: Client) -> float:
         hover(client, 5.0)
         client.fly(1.0, client.beat)
         client.is_station = False
-        return wait(client, in_mode(mode), 20.0)
+        return wait(client, in_mode(mode), within_s)
 
     return measured
 
 
-def station_lost(client: Client) -> str:
-    station_lost_s("")(client)
-    return client.vehicle.condition().mode
+def station_lost(within_s: float) -> Measure:
+    """The mode so many seconds after the last heartbeat of the ground station."""
+
+    def measured(client: Client) -> str:
+        station_lost_s("", within_s)(client)
+        return client.vehicle.condition().mode
+
+    return measured
 
 
 def idling_s(client: Client) -> float:
@@ -177,9 +181,9 @@ def returning_height(away_m: float) -> Measure:
     def measured(client: Client) -> float:
         hover(client, 10.0)
         go(client, 0, away_m, 10)
-        client.fly(3.0 + away_m / 3.0)
+        client.fly(2.0 + away_m / 4.0)
         client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-        return most(up_m, client, 12.0)
+        return most(up_m, client, 8.0)
 
     return measured
 
@@ -188,7 +192,7 @@ def sticks(mode: tuple[float, ...], of: Callable[[Client], float], **stick: int)
     """Full stick in a mode, for four seconds."""
 
     def measured(client: Client) -> float:
-        hover(client, 12.0)
+        hover(client, 10.0)
         client.fly(0.5, joystick(client))
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, *mode)
         client.fly(4.0, joystick(client, **stick))

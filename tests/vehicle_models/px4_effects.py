@@ -12,9 +12,9 @@ from vehicle_client import NAN, Client, mavlink
 CURRENT_PLACE = 2**31 - 1
 
 
-def landing_at(height_m: float) -> Measure:
+def landing_at(height_m: float, begins_m: float = 22.0) -> Measure:
     def measured(client: Client) -> float:
-        fly.hover(client, 22.0)
+        fly.hover(client, begins_m)
         client.command(mavlink.MAV_CMD_NAV_LAND)
         fly.wait(client, lambda flown: fly.up_m(flown) < height_m, 60.0)
         return fly.sink_mps(client)
@@ -23,11 +23,11 @@ def landing_at(height_m: float) -> Measure:
 
 
 def returning_speed(client: Client) -> float:
-    fly.hover(client, 30.0)
-    fly.go(client, 0, 120, 30)
-    client.fly(16.0)
+    fly.hover(client, 5.0)
+    fly.go(client, 0, 70, 5)
+    client.fly(12.0)
     client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    return fly.most(fly.speed_mps, client, 12.0)
+    return fly.most(fly.speed_mps, client, 8.0)
 
 
 def take_off(client: Client, altitude_m: float) -> None:
@@ -136,7 +136,7 @@ def waiting_height(client: Client) -> float:
     """Where a return waits before it lands."""
     fly.hover(client, 12.0)
     assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
-    client.fly(15.0)
+    client.fly(8.0)
     return fly.up_m(client)
 
 
@@ -144,9 +144,9 @@ def offboard_step(of: Callable[[Client], float]) -> Measure:
     """The greatest of a step of 15 m."""
 
     def measured(client: Client) -> float:
-        fly.hover(client, 12.0)
-        client.offboard(0.0, 0.0, -12.0)
-        return fly.most(of, client, 6.0, lambda: client.setpoint(15.0, 0.0, -12.0))
+        fly.hover(client, 5.0)
+        client.offboard(0.0, 0.0, -5.0)
+        return fly.most(of, client, 6.0, lambda: client.setpoint(15.0, 0.0, -5.0))
 
     return measured
 
@@ -182,7 +182,7 @@ def nose_deg(client: Client) -> float:
     """Which way it looks after going 15 m east."""
     fly.hover(client, 5.0)
     fly.go(client, 15, 0, 5)
-    client.fly(12.0)
+    client.fly(8.0)
     return math.degrees(client.vehicle.truth().yaw_rad)
 
 
@@ -208,10 +208,10 @@ def following(client: Client, say: Callable[[], None]) -> None:
 
 
 def follow(client: Client) -> tuple[float, float, float]:
-    """East, north and up of the leader, after half a minute of walking north at 1 m/s."""
+    """East, north and up of the leader, after walking north at 1 m/s."""
     say = leader(client, 1.0)
     following(client, say)
-    client.fly(25.0, say)
+    client.fly(12.0, say)
     east, north, up = client.vehicle.truth().position_enu_m
     return east, north - client.vehicle.time.s, up
 
@@ -219,7 +219,7 @@ def follow(client: Client) -> tuple[float, float, float]:
 def follow_speed(client: Client) -> float:
     say = leader(client, 0.0, 60.0)
     following(client, say)
-    return fly.most(fly.speed_mps, client, 15.0, say)
+    return fly.most(fly.speed_mps, client, 9.0, say)
 
 
 POSITION, ALTITUDE = (3,), (2,)
@@ -229,7 +229,7 @@ PX4 = (
     Effect("MPC_Z_V_AUTO_DN", (0.7, 2.0), fly.sinking, (0.7, 2.0)),
     # It creeps to them, because drag is learned.
     Effect("MPC_XY_VEL_MAX", (4.0, 8.0), offboard_velocity(fly.speed_mps, 0.0, 5.0, north=20.0), (3.8, 7.6)),
-    Effect("MPC_XY_CRUISE", (4.0, 8.0), returning_speed, (4.0, 8.0)),
+    Effect("MPC_XY_CRUISE", (4.0, 8.0), returning_speed, (4.0, 7.7), beside=(("RTL_RETURN_ALT", 5.0),)),
     Effect("MPC_Z_VEL_MAX_UP", (1.0, 3.0), offboard_velocity(fly.up_mps, -6.0, 5.0), (1.0, 3.0)),
     Effect("MPC_Z_VEL_MAX_DN", (0.7, 1.5), offboard_velocity(fly.sink_mps, 6.0, 20.0), (0.7, 1.5)),
     Effect("MPC_ACC_HOR", (2.0, 5.0), fly.speed_after(2.0), (3.1, 4.5), 0.2),
@@ -238,19 +238,25 @@ PX4 = (
     Effect("MPC_TKO_RAMP_T", (1.0, 3.0), takeoff_begins_s, (1.9, 2.5), 0.2),
     Effect("MPC_LAND_SPEED", (0.5, 1.0), fly.touching, (0.5, 1.0), 0.15),
     Effect("MPC_LAND_ALT1", (10.0, 20.0), landing_at(10.0), (1.5, 0.97), 0.15),
-    Effect("MPC_LAND_ALT2", (5.0, 9.0), landing_at(7.5), (1.1, 0.7), 0.15),
+    Effect("MPC_LAND_ALT2", (5.0, 9.0), landing_at(7.5, 12.0), (1.1, 0.7), 0.15),
     Effect("COM_DISARM_LAND", (1.0, 4.0), landed_s, (1.0, 4.0)),
     Effect("COM_DISARM_PRFLT", (3.0, 10.0), fly.idling_s, (3.0, 10.0)),
     Effect("COM_OF_LOSS_T", (1.0, 3.0), companion_lost_s, (1.0, 3.0)),
     Effect("COM_OBL_RC_ACT", (0.0, 4.0), companion_lost, ("AUTO_RTL", "AUTO_LAND")),
     Effect(
         "COM_DL_LOSS_T",
-        (5.0, 12.0),
+        (5.0, 8.0),
         fly.station_lost_s("AUTO_RTL"),
-        (11.8, 18.8),
+        (11.8, 14.8),
         beside=(("NAV_DLL_ACT", 2.0),),
     ),
-    Effect("NAV_DLL_ACT", (0.0, 2.0), fly.station_lost, ("AUTO_LOITER", "AUTO_RTL")),
+    Effect(
+        "NAV_DLL_ACT",
+        (0.0, 2.0),
+        fly.station_lost(12.5),
+        ("AUTO_LOITER", "AUTO_RTL"),
+        beside=(("COM_DL_LOSS_T", 5.0),),
+    ),
     Effect("COM_RC_LOSS_T", (0.5, 2.0), joystick_lost_s, (0.5, 2.0)),
     Effect("NAV_RCL_ACT", (2.0, 3.0), joystick_lost_mode, ("AUTO_RTL", "AUTO_LAND")),
     Effect("COM_FAIL_ACT_T", (2.0, 5.0), holding_s, (2.0, 5.0)),
@@ -267,12 +273,19 @@ PX4 = (
     Effect("MC_ORBIT_RAD_MAX", (1000.0, 30.0), wide_orbit, (0.0, 1.0)),
     Effect("MPC_YAW_MODE", (0.0, 3.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("NAV_ACC_RAD", (2.0, 30.0), nose_deg, (90.0, 0.0), 5.0),
-    Effect("RTL_RETURN_ALT", (20.0, 30.0), fly.returning_height(30.0), (20.0, 30.0), 0.5),
+    Effect("RTL_RETURN_ALT", (15.0, 25.0), fly.returning_height(12.0), (15.0, 25.0), 0.5),
     Effect(
         "RTL_DESCEND_ALT", (10.0, 6.0), waiting_height, (10.0, 6.0), 0.5, beside=(("RTL_LAND_DELAY", 60.0),)
     ),
     Effect("RTL_LAND_DELAY", (0.0, 4.0), returning_s, (4.6, 8.6), 0.7),
-    Effect("RTL_MIN_DIST", (2.0, 20.0), fly.returning_height(10.0), (30.0, 10.0), 0.7),
+    Effect(
+        "RTL_MIN_DIST",
+        (2.0, 20.0),
+        fly.returning_height(10.0),
+        (20.0, 10.0),
+        0.7,
+        beside=(("RTL_RETURN_ALT", 20.0),),
+    ),
     Effect(
         "MPC_MAN_TILT_MAX", (15.0, 30.0), fly.sticks(ALTITUDE, fly.tilt_deg, ahead=1000), (15.0, 30.0), 2.5
     ),

@@ -136,7 +136,7 @@ def flown_up(client: Client, kind: str, height_m: float = 10.0) -> FirmwareX500:
     return vehicle
 
 
-def test_a_stand_in_takes_off_to_ten_metres_and_lands(
+def test_a_stand_in_takes_off_and_lands(
     kind: str, client: Client, firmware: Firmware, folder: Path, tmp_path: Path
 ) -> None:
     with opened(kind, firmware[kind], client=client, artefacts=tmp_path / "kept", log=True) as vehicle:
@@ -150,14 +150,14 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         if kind == "px4":
             lock = Path(f"/tmp/px4_lock-{px4_number(folder)}")
             assert lock.exists()
-        flown_up(client, kind)
+        flown_up(client, kind, 3.0)
         if kind == "ardupilot":
             # The SITL aborts where it computes with NaN, unless it is told not to.
             client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, math.nan, math.nan)
-        client.fly(6.5)
+        client.fly(4.5)
         truth = vehicle.truth()
         east, north, up = truth.position_enu_m
-        assert up == pytest.approx(10.0, abs=0.3)
+        assert up == pytest.approx(3.0, abs=0.3)
         # It stands over its home, with the heading of its home: rotors, frames and signs are right.
         assert (east, north) == pytest.approx((20.0, 30.0), abs=0.5)
         assert math.degrees(truth.yaw_rad) == pytest.approx(40.0, abs=3.0)
@@ -169,7 +169,7 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         assert not condition.landed
         assert 0.9 < condition.battery_fraction < 1.0
         client.command(mavlink.MAV_CMD_NAV_LAND)
-        client.fly(11.5)
+        client.fly(8.0)
         assert vehicle.condition().landed
         assert not vehicle.condition().armed
         assert not vehicle.condition().crashed
@@ -242,13 +242,15 @@ def test_an_ardupilot_that_does_not_confirm_a_failure_is_told(
 
 def test_the_autopilot_has_the_battery_of_the_bench(kind: str, client: Client, firmware: Firmware) -> None:
     """Within 3 % in flight, behind a drop and a start with less than all; its own empties by the clock, or is not there."""
-    failures = [{"at_s": 12.0, "kind": "battery_drop", "to_fraction": 0.3}]
-    battery = {"capacity_wh": 4.0, "initial_fraction": 0.7}
-    with opened(kind, firmware[kind], client=client, failures=failures, battery=battery) as vehicle:
+    failures = [{"at_s": 6.0, "kind": "battery_drop", "to_fraction": 0.3}]
+    battery = {"capacity_wh": 2.0, "initial_fraction": 0.7}
+    with opened(
+        kind, firmware[kind], client=client, failures=failures, battery=battery, boot_s=0.2
+    ) as vehicle:
         vehicle.boot()
         flown_up(client, kind)
         told = []
-        for span_s in (2.0, 3.0, 3.0, 4.5, 3.0):
+        for span_s in (1.0, 1.5, 1.5, 2.0, 1.5):
             client.fly(span_s)
             told.append(
                 (client.last("SYS_STATUS").battery_remaining / 100.0, vehicle.condition().battery_fraction)
@@ -267,8 +269,8 @@ def test_a_battery_that_the_user_gave_px4_is_left_to_it(client: Client, firmware
     with opened("px4", firmware["px4"], client=client, parameters=given, boot_s=0.2) as vehicle:
         vehicle.boot()
         flown_up(client, "px4")
-        client.fly(6.0)
-        assert 35 < client.last("SYS_STATUS").battery_remaining < 50
+        client.fly(5.5)
+        assert 35 < client.last("SYS_STATUS").battery_remaining < 60
         assert vehicle.condition().battery_fraction > 0.98
 
 
@@ -289,7 +291,7 @@ def test_no_drop_of_a_battery_that_the_user_gave_px4(firmware: Firmware) -> None
         assert [fault.where for fault in faults] == refused
 
 
-@pytest.mark.parametrize("pace", ["quiet", "one_core", "free"])
+@pytest.mark.parametrize("pace", ["quiet", "free"])
 def test_no_message_of_a_client_ends_the_simulation_of_px4(
     pace: str, client: Client, firmware: Firmware
 ) -> None:
@@ -301,21 +303,20 @@ def test_no_message_of_a_client_ends_the_simulation_of_px4(
         vehicle.boot()
         client.fly(1.1)
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
-        client.fly(7.0)
+        client.fly(3.0)
         assert vehicle.condition().mode == "OFFBOARD"
-        assert vehicle.counters()["firmware_unanswered"] > 1000
+        assert vehicle.counters()["firmware_unanswered"] > 400
         assert vehicle.condition().landed
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
         flown_up(client, "px4")
         client.fly(5.0)
-        height_m = vehicle.truth().position_enu_m[2]
-        assert height_m > 8.0
+        assert vehicle.truth().position_enu_m[2] > 8.0
         assert vehicle.condition().armed
         client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1)
         client.fly(0.5)
         velocity = vehicle.truth().velocity_enu_mps
         assert velocity[2] < -2.5, "it falls freely, a fifth of a second later at most"
-        client.fly(6.0)
+        client.fly(2.5)
         condition = vehicle.condition()
         assert condition.crashed
         assert condition.mode == "TERMINATION"
@@ -323,26 +324,29 @@ def test_no_message_of_a_client_ends_the_simulation_of_px4(
 
 
 @pytest.mark.parametrize(
-    ("start", "begins"), [("2026-06-21T11:30:00Z", 1_782_041_396), ("2099-01-01T00:00:00Z", 2**31 - 1)]
+    ("start", "begins"), [("2026-06-21T11:30:00Z", 1_782_041_399), ("2099-01-01T00:00:00Z", 2**31 - 1)]
 )
 def test_arducopter_has_the_date_of_the_scene(
     start: str, begins: int, firmware: Firmware, folder: Path
 ) -> None:
-    """Its receiver's clock begins 3.2 s of boot before the session, in whole seconds that 32 bits hold."""
-    with opened("ardupilot", firmware["ardupilot"], start_utc=start) as vehicle:
+    """Its receiver's clock begins 0.2 s of boot before the session, in whole seconds that 32 bits hold."""
+    with opened("ardupilot", firmware["ardupilot"], start_utc=start, boot_s=0.2) as vehicle:
         vehicle.boot()
         assert any(f"--start-time {begins} " in command for command in programs(folder))
 
 
-def test_a_fall_from_thirty_metres_is_a_crash(kind: str, client: Client, firmware: Firmware) -> None:
-    """The impact has more g than the 16 bits of PX4's truth hold."""
-    failures = [{"at_s": 15.0, "kind": "motor_off", "instance": number} for number in (1, 2, 3, 4)]
+@pytest.mark.parametrize(("kind", "height_m", "rise_s"), [("px4", 30.0, 11.0), ("ardupilot", 6.0, 3.0)])
+def test_a_fall_is_a_crash(
+    kind: str, height_m: float, rise_s: float, client: Client, firmware: Firmware
+) -> None:
+    """From thirty metres the impact has more g than the 16 bits of PX4's truth hold."""
+    failures = [{"at_s": rise_s + 1.5, "kind": "motor_off", "instance": number} for number in (1, 2, 3, 4)]
     with opened(kind, firmware[kind], client=client, failures=failures, boot_s=0.2) as vehicle:
         vehicle.boot()
-        flown_up(client, kind, 40.0)
-        client.fly(13.5)
-        assert vehicle.truth().position_enu_m[2] > 30.0
-        client.fly(6.0)
+        flown_up(client, kind, height_m + 3.0)
+        client.fly(rise_s)
+        assert vehicle.truth().position_enu_m[2] > height_m
+        client.fly(4.5)
         assert vehicle.condition().crashed
 
 

@@ -42,7 +42,11 @@ def client_of() -> Iterator[Callable[..., Client]]:
 
 
 # To the height where something is measured.
-QUICK = {"px4": {"MPC_TKO_SPEED": 4.0}, "ardupilot": {"WPNAV_SPEED_UP": 400.0}, "wing": {}}
+QUICK = {
+    "px4": {"MPC_TKO_SPEED": 4.0, "MPC_TKO_RAMP_T": 1.0},
+    "ardupilot": {"WPNAV_SPEED_UP": 400.0, "WPNAV_ACCEL_Z": 250.0},
+    "wing": {},
+}
 EFFECTS = {"px4": PX4, "ardupilot": ARDUPILOT, "wing": WING}
 
 

@@ -201,8 +201,8 @@ def status(client: Client) -> tuple[bool, int, int]:
     return client.vehicle.condition().armed, heartbeat.base_mode, heartbeat.system_status
 
 
-# Up to ten standard deviations, which make the estimate move at 10 m/s before the landing.
-@pytest.mark.parametrize("drift_mps2", [(0.0, 0.0), (0.05, -0.03), (-0.3, 0.3)])
+# Ten standard deviations make the estimate move at 10 m/s before the landing.
+@pytest.mark.parametrize("drift_mps2", [(0.0, 0.0), (-0.3, 0.3)])
 @pytest.mark.parametrize(
     ("autopilot", "disarmed_s", "after_s"), [("px4", 22.4, 2.0), ("ardupilot", 35.0, 0.3)]
 )
@@ -215,7 +215,6 @@ def test_a_landing_without_satellites_ends_disarmed(
     """
     client = flying(make, autopilot)
     lose_satellites(client, drift_mps2)
-    begun_s = client.vehicle.time.s
     landed_s, off_s = fly_until_disarmed(client, 45.0)
     assert off_s == pytest.approx(disarmed_s, abs=0.7)
     assert off_s - landed_s == pytest.approx(after_s, abs=0.15)
@@ -223,7 +222,7 @@ def test_a_landing_without_satellites_ends_disarmed(
     east_m, north_m, _ = client.vehicle.truth().position_enu_m
     if drift_mps2 == (0.0, 0.0):
         assert math.hypot(east_m, north_m) < 0.1
-    client.fly(60.0 - (client.vehicle.time.s - begun_s))
+    client.fly(2.0)
     if autopilot == "px4":
         assert status(client)[2] != 5
         assert client.vehicle.condition().failsafe == ""

@@ -86,11 +86,11 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
-    rows = square(client, (0, 0), 20.0)
+    rows = square(client, (0, 0), 10.0)
     assert upload(client, rows, 1) == 0
     assert [item.frame for item in download(client, 1)] == [5] * 4
     client.offboard(0, 0, -10)
-    while client.vehicle.truth().position_enu_m[1] < 21.5:  # two looks at the fence
+    while client.vehicle.truth().position_enu_m[1] < 11.5:  # two looks at the fence
         client.fly(0.1, lambda: client.setpoint(50, 0, -10))
     assert client.state() == (soon, failsafe)
     hold = ["Failsafe activated: entering Hold for 5 seconds"] if action in (3, 5) else []
@@ -273,17 +273,18 @@ def test_ardupilot_polygons(guided: Client) -> None:
     assert "Polygon fence breached" in guided.texts()
 
 
-@pytest.mark.parametrize(("kind", "east"), [(0, 60.0), (3, 0.0)])
+@pytest.mark.parametrize(("kind", "east"), [(0, 24.0), (3, 0.0)])
 def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: float) -> None:
     """RTL_TYPE 0 counts rally points and home; another type goes home."""
-    client = make(simspec(vehicle={"parameters": {"RTL_TYPE": kind}}))
+    low = {"RTL_RETURN_ALT": 12.0, "RTL_DESCEND_ALT": 8.0}
+    client = make(simspec(vehicle={"parameters": {"RTL_TYPE": kind, **low}}))
     client.airborne()
-    rally = (5100, 3, 0, 0, 0, 0, *client.vehicle_goal(60, 0), 20)
+    rally = (5100, 3, 0, 0, 0, 0, *client.vehicle_goal(24, 0), 12)
     assert upload(client, [rally], 2) == 0
-    client.reposition(45, 0, 498.0, speed_mps=8.0)
-    client.fly(12.0)
+    client.reposition(18, 0, 498.0)
+    client.fly(7.0)
     assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
-    client.fly(80.0)
+    client.fly(40.0)
     assert client.vehicle.condition().landed
     assert math.dist(client.vehicle.truth().position_enu_m[:2], (east, 0.0)) < 1.0
 
@@ -291,13 +292,13 @@ def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: flo
 def test_ardupilot_rally_points(guided: Client) -> None:
     """Accepted without a text; RTL goes to the nearest, home among them."""
     text_count = len(guided.texts())
-    assert upload(guided, [(5100, 3, 0, 0, 0, 0, *guided.vehicle_goal(0, 50), 15)], 2) == 0
+    assert upload(guided, [(5100, 3, 0, 0, 0, 0, *guided.vehicle_goal(0, 24), 15)], 2) == 0
     assert len(guided.texts()) == text_count
-    outwards(guided, 8.0)
+    outwards(guided, 4.0)
     assert guided.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     guided.fly(50.0)
     assert guided.vehicle.condition().landed
-    assert math.dist(guided.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0
+    assert math.dist(guided.vehicle.truth().position_enu_m[:2], (0.0, 24.0)) < 1.0
 
 
 # The rest calls the boundary without a flight: hundreds of random places against shapely.

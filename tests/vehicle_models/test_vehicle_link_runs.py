@@ -20,7 +20,7 @@ from vehicle_models import open_x500
 
 
 def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
-    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each."""
+    """What the tap saw of 5 s with two UDP links and a TCP link, a client on each."""
     log: list[tuple[str, str, bytes]] = []
     with ExitStack() as stack:
         udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
@@ -35,12 +35,12 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
         tcp = stack.enter_context(socket.create_connection(("127.0.0.1", ports["c"])))
         speakers = [mavlink.MAVLink(None, srcSystem=system, srcComponent=190) for system in (255, 245, 7)]
         counts = {"a": 0, "b": 0, "c": 0}
-        for step in range(1000):
+        for step in range(250):
             if step % 10 == 0:
                 for name, sock, mav in zip("abc", (*udp, tcp), speakers, strict=True):
                     for frame in (
                         mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3),
-                        mavlink.MAVLink_command_long_message(1, 1, 400, 0, step // 300, 0, 0, 0, 0, 0, 0),
+                        mavlink.MAVLink_command_long_message(1, 1, 400, 0, step // 75, 0, 0, 0, 0, 0, 0),
                         mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1),
                         mavlink.MAVLink_ping_message(step, step, 0, 0),
                     ):
@@ -87,7 +87,7 @@ def test_ten_times_as_fast() -> None:
         client.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
         acknowledged = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=10)
         assert acknowledged.result == 0
-        host_later, own_later = at(25000)
+        host_later, own_later = at(18000)
         # Never ahead; behind as the machine is loaded.
         assert own_later - simulated <= 10.0 * (host_later - host) + 2.0
         beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=10)

@@ -48,10 +48,11 @@ def test_a_leg_to_the_north_turns_the_nose(px4: Client) -> None:
 @pytest.mark.parametrize("radius", [20.0, -10.0])
 def test_orbit(px4: Client, radius: float) -> None:
     """Mode 3.1, on the circle within 0.5 m at its speed and sense, nose inwards, status streamed."""
+    px4.ask_for("ORBIT_EXECUTION_STATUS")
     place = px4.vehicle_goal(5.0, 15.0)
     assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, *place, 500.0) == [ACCEPTED]
     px4.fly(15.0)
-    for _ in range(40):
+    for _ in range(20):
         px4.fly(0.5)
         truth = px4.vehicle.truth()
         east, north = truth.position_enu_m[0] - 5.0, truth.position_enu_m[1] - 15.0

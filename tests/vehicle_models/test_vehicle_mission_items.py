@@ -84,7 +84,7 @@ def test_faults_have_the_verdict_of_the_first_check_that_finds_one() -> None:
     commands = [*TAKEN, 0, 1, 176, 200, 400, 44999]
     odd = [0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 3e38]
     seen = set()
-    for _ in range(20_000):
+    for _ in range(5_000):
         command = int(random.choice(commands))
         params = [float(value) for value in random.choice(odd, 4, p=[0.6, 0.2, 0.12, 0.02, 0.02, 0.02, 0.02])]
         odd_x = [473_000_000, 900_000_000, 900_000_001, -950_000_000]

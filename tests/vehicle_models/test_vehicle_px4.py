@@ -221,6 +221,7 @@ def test_a_return_says_how_high_it_flies(make: Make) -> None:
     """In two pieces, as the real one; the text of the command comes with the command alone."""
     client = make()
     client.airborne(10.0)
+    client.fly(5.0)
     client.received.clear()
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5)
     assert client.texts()[:2] == ["RTL: start return at 499 m (11 m above destination", ")\t"]

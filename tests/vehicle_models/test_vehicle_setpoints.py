@@ -130,6 +130,7 @@ def test_px4_force_bit(px4: Client) -> None:
 
 def test_px4_attitude_flies(px4: Client) -> None:
     """Level at 0.8 climbs, -20 degrees of pitch flies forward; the target is streamed; Hold works again."""
+    px4.ask_for("ATTITUDE_TARGET")
     stream(px4, 2.0, lambda: attitude(px4, 7, 0, 0, 0, 0.8))
     assert px4.vehicle.truth().position_enu_m[2] > 13.0
     stream(px4, 3.0, lambda: attitude(px4, 7, 0, -20, 0, 0.62))

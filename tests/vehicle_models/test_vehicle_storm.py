@@ -72,7 +72,7 @@ def flying(request: pytest.FixtureRequest, make: Make, make_wing: MakeWing) -> C
     if request.param == "px4":
         client.airborne(20.0)
     else:
-        client.guided(20.0, risen_s=20.0)
+        client.guided(20.0, risen_s=13.0)
     return client
 
 
@@ -132,11 +132,11 @@ def test_rubbish_leaves_it_flying(flying: Client) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_half_a_million_datagrams_leave_it_flying(flying: Client) -> None:
-    """And a hundred rounds of extreme values."""
-    rubbish(flying, 500_000, 50)
-    assert flying.vehicle.counters()["mavlink_dropped"] > 100_000
-    extreme(flying, 100)
+def test_two_hundred_thousand_datagrams_leave_it_flying(flying: Client) -> None:
+    """And forty rounds of extreme values."""
+    rubbish(flying, 200_000, 50)
+    assert flying.vehicle.counters()["mavlink_dropped"] > 40_000
+    extreme(flying, 40)
 
 
 @pytest.mark.parametrize("flying", ["px4", "ardupilot"], indirect=True)

@@ -426,7 +426,7 @@ def test_every_streamed_field_is_the_truth_it_is_made_from(make: Make, autopilot
     take_off(client, autopilot)
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, 255, 190, -1, -1) == [0]
     for number in supported:
-        assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 100_000) == [0]
+        assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 200_000) == [0]
     seen: dict[str, dict[str, Seen]] = defaultdict(lambda: defaultdict(Seen))
     for message, truth in legs(client):
         name = message.get_type()

@@ -76,7 +76,7 @@ def test_px4_streams_what_the_real_one_does(make: Make, streams: str, rates: dic
     """On the ground, disarmed: every message at its rate, and no others (texts and events aside)."""
     client = make(streams=streams)
     client.fly(5.0)
-    measured = counted(client, 60.0)
+    measured = counted(client, 30.0)
     for aside in ("STATUSTEXT", "EVENT"):
         measured.pop(aside, None)
     assert set(measured) == set(rates)

@@ -62,7 +62,7 @@ def test_a_straight_line_keeps_its_limits_and_arrives() -> None:
     """
     random = np.random.default_rng(2)
     reached = []
-    for length, speed, accel, jerk in random.uniform((0.05, 0.5, 0.5, 0.5), (80.0, 12.0, 4.0, 8.0), (60, 4)):
+    for length, speed, accel, jerk in random.uniform((0.05, 0.5, 0.5, 0.5), (80.0, 12.0, 4.0, 8.0), (24, 4)):
         line = StraightLine(length, speed, accel, jerk)
         times, step = np.linspace(0.0, line.duration_s, 1001, retstep=True)
         ways, speeds, accels = np.array([line.at(time) for time in times]).T
@@ -75,7 +75,7 @@ def test_a_straight_line_keeps_its_limits_and_arrives() -> None:
         assert np.abs(accels).max() <= accel * (1 + 1e-9)
         assert np.abs(np.diff(accels)).max() <= jerk * step * (1 + 1e-6)
         reached.append(speeds.max() > 0.999 * speed)
-    assert 5 < sum(reached) < 55
+    assert 3 < sum(reached) < 21
 
 
 def test_a_line_of_no_length_is_over_at_once() -> None:

@@ -8,7 +8,7 @@ from vehicle_client import NAN, Client, mavlink
 
 def circling_mps(client: Client) -> float:
     get_up(client)
-    client.fly(20.0)
+    client.fly(12.0)
     return speed_mps(client)
 
 
@@ -21,16 +21,14 @@ def get_up(client: Client) -> None:
 def wing_climbing(client: Client) -> float:
     get_up(client)
     go(client, 0, 300, 120)
-    client.fly(12.0)
+    client.fly(10.0)
     return up_mps(client)
 
 
 def wing_sinking(client: Client) -> float:
     get_up(client)
-    go(client, 0, 300, 120)
-    client.fly(25.0)
-    go(client, 0, 300, 50)
-    client.fly(10.0)
+    go(client, 0, 300, 20)
+    client.fly(8.0)
     return sink_mps(client)
 
 
