@@ -192,10 +192,12 @@ class Design(Document):
     def _count(self, method: Method, place: int) -> int:
         if isinstance(method, Stratified):
             return method.points
+        if not self.factors:
+            return 1
         if isinstance(method, LatinHypercube) and self.space.unruled:
             # Optimised, it takes seconds to draw.
             return method.points
-        return len(method.combinations(self.space, self._seed(place))) if self.factors else 1
+        return len(method.combinations(self.space, self._seed(place)))
 
     def _seed(self, place: int) -> int:
         """The design's seed for its first method, and a derived seed for each further one."""
