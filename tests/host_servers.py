@@ -50,8 +50,11 @@ def server(serve: Callable[[socket.socket], None], address: str = LOCALHOST, por
         try:
             yield int(listener.getsockname()[1])
         finally:
-            # Closing alone does not wake the threads that wait for these.
-            for sock in (listener, *connections):
-                with suppress(OSError):
-                    sock.shutdown(socket.SHUT_RDWR)
+            # Closing alone does not wake the threads that wait for these. The listener first: what it accepts as the block
+            # ends is then among the connections.
+            with suppress(OSError):
+                listener.shutdown(socket.SHUT_RDWR)
             thread.join()
+            for connection in connections:
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
