@@ -26,6 +26,7 @@ class Talk:
         if self.link.wait_heartbeat(timeout=PATIENCE_S) is None:
             sys.exit(f"no heartbeat on {url}")
         self.link.target_component = 1
+        self.listen()  # and beat: PX4 sends its texts to stations that it hears
 
     @property
     def target(self) -> tuple[int, int]:
