@@ -114,6 +114,19 @@ def test_the_runs_of_a_text_are_found() -> None:
     assert is_flown("", "p017-r2-reference-naive")
 
 
+def test_every_page_stands_in_the_site() -> None:
+    """Where Sphinx is not installed, too: a page that no tree holds fails `make docs`."""
+    index = ROOT / "docs" / "site" / "index.rst"
+    held = {(index.parent / f"{line.strip()}.md").resolve() for line in index.read_text().splitlines()}
+    pages = {
+        *ROOT.glob("*.md"),
+        *ROOT.glob("docs/*.md"),
+        *ROOT.glob("docker/*.md"),
+        *ROOT.glob("examples/*/*.md"),
+    }
+    assert pages - held == set()
+
+
 MISSING = [name for name in ("furo", "myst_parser", "sphinx") if find_spec(name) is None]
 
 
