@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -219,24 +220,29 @@ def test_a_mean_of_ratings_has_no_ranges(tmp_path: Path, rebar: Rebar) -> None:
     assert "factor_rule: mean" in rebar.refused("tension", "KA-03", "2", "--decomposition", file)
 
 
-@pytest.mark.parametrize(("node", "wanted"), [("KA-20", 3), ("KA-24", 4)])
+@pytest.mark.parametrize(("node", "wanted", "form"), [("KA-20", 3, "--json"), ("KA-24", 4, "text")])
 def test_situations_of_a_measured_tension_are_drawn_from_a_campaign(
-    node: str, wanted: int, tmp_path: Path, rebar: Rebar
+    node: str, wanted: int, form: str, tmp_path: Path, rebar: Rebar
 ) -> None:
     out = tmp_path / "drawn.yaml"
     line = ["tension", node, str(wanted), "--campaign", PANEL, "--points", "2", "--out", str(out)]
-    printed = rebar.json(*line)
-    assert (printed["node"], printed["tension"]) == (node, wanted)
+    printed = rebar(*line, *([form] if form == "--json" else ()))
     campaign = load_campaign(out)
     assert campaign.study == (node,)
     scale = shipped_scale(load_decomposition(campaign.decomposition))
     assert scale is not None
     plans = {plan.design_point: plan for plan in realizations(campaign)}
     assert len(plans) == 2
+    situations = {}
     for name, plan in plans.items():
         measured = scale.measure(node, features_of(place(plan.situation)))
         assert measured.tension == wanted
-        assert printed["situations"][name] == measured.difficulty
+        situations[name] = measured.difficulty
+    if form == "--json":
+        assert json.loads(printed) == {"node": node, "tension": wanted, "situations": situations}
+    else:
+        assert f"2 situations of tension {wanted} for {node} by measured difficulty, in" in printed
+        assert printed.splitlines()[-2:] == [f"  {name}: {value:.0f}" for name, value in situations.items()]
     # What is there stays, and neither option stands alone.
     assert run(line) == 2
     assert run(line[:-2]) == 2

@@ -346,8 +346,8 @@ RUBBISH = (b"\xfd\xff\x00" * 400, b"\x00" * 1400, b"\xfe\x21\x00\x01\x01\x00" * 
 
 @pytest.mark.parametrize("rubbish", [*RUBBISH, beat(9) * 60])
 def test_a_flood_costs_little(opened: Open, peer: Join, rubbish: bytes) -> None:
-    """A second of steps, each with as many datagrams as a socket holds, costs half of what as many heartbeats cost, and
-    certainly not three times that: compared in one run, whatever the host.
+    """Steps that each meet as much rubbish as a socket holds cost less than three times those that meet as many
+    heartbeats, whatever the host; measured, they cost half.
     """
     spent_s = {rubbish: 0.0, beat(9): 0.0}
     vehicles = {flood: opened(LinkSpec("air", "udp_in", streams="none")) for flood in spent_s}

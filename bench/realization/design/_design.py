@@ -194,7 +194,7 @@ class Design(Document):
             return method.points
         if not self.factors:
             return 1
-        if isinstance(method, LatinHypercube) and self.space.unruled:
+        if isinstance(method, LatinHypercube) and self.space.unconstrained:
             # Optimised, it takes seconds to draw.
             return method.points
         return len(method.combinations(self.space, self._seed(place)))

@@ -63,7 +63,7 @@ class FactorSpace:
         return not self._forbidden and not any(factor.when for factor in self.factors)
 
     @property
-    def unruled(self) -> bool:
+    def unconstrained(self) -> bool:
         """Whether nothing is forbidden, conditional or derived, so that every choice is a point."""
         return not self._forbidden and not self._expressions
 

@@ -50,7 +50,7 @@ class OneByOne(Document):
 
 def _distinct(space: FactorSpace, chosen: list[FactorLevels]) -> list[FactorLevels]:
     """The allowed points without repetition: combinations that differ in inactive factors alone are equal."""
-    if space.plain and len(space.free) == len(space.factors):
+    if space.unconstrained:
         # No factor has a level twice, so all differ as they are. A campaign counts its points each time it is read.
         return chosen
     distinct = {tuple(map(repr, levels.values())): levels for levels in reversed(list(space.whole(chosen)))}
